@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from tominpmp.viz.surroundings import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
 INSTANTS = 15
 PATH_POINTS = 300
@@ -105,16 +106,16 @@ def plot_motion(
         surroundings.append(things(problem, motion, times))
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
-    outlines = [_outlines(found, view) for found in surroundings]
     goal = _goal_point(problem, frame)
     with figures.styled():
+        outlines = [_outlines(found, view) for found in surroundings]
         low, high = _window(view, poses, outlines, goal)
         figure, axes = _panels(len(motions), high - low)
         for panel, (label, motion), pose, shown in zip(
             axes, trajectories.items(), poses, outlines, strict=True
         ):
             for outline in shown:
-                _draw_outline(panel, outline)
+                panel.add_patch(outline)
             _draw_arm(panel, view, pose)
             times = np.linspace(0.0, motion.duration, PATH_POINTS)
             path_ends = skeleton(problem.robot, motion(times).q, frame).end
@@ -129,48 +130,42 @@ def plot_motion(
             title = f"{label}: $T$ = {motion.duration:.4g} s"
             panel.set(title=title, aspect="equal", xlim=xlim, ylim=ylim)
         _label_axes(axes, view)
-        edges = {outline.edge for shown in outlines for outline in shown}
+        edges = set(map(_edge, itertools.chain(*surroundings)))
         segments = bool(ends_on_the_way(motions[0]).size)
         figures.add_legend(figure, _handles(edges, segments), 5)
         return figures.finish(figure, path)
 
 
-class Outline(NamedTuple):
-    """Outline of an obstacle or a load.
-
-    Attributes:
-        points: Corners of a polygon, or the centre of a circle, shape (k, 2) [m].
-        radius: Radius of the circle; 0 for a polygon [m].
-        edge: Colour.
-        shade: Opacity of what moves, at one instant; None for what rests.
-    """
-
-    points: Array
-    radius: float
-    edge: str
-    shade: float | None
+def _edge(thing: Thing) -> str:
+    return LOAD_COLOR if thing.load else obstacle_color(thing.shape)
 
 
-def _outlines(found: Sequence[Thing], view: View) -> list[Outline]:
+def _outline_look(edge: str) -> dict[str, Any]:
+    return {"facecolor": f"{edge}40", "edgecolor": edge}
+
+
+def _outlines(found: Sequence[Thing], view: View) -> list[Patch]:
     """Outlines of what is around, at all instants at which it is there if it moves."""
+    from matplotlib.patches import Circle, Polygon
     from scipy.spatial import ConvexHull
 
-    outlines = []
+    outlines: list[Patch] = []
     for thing in found:
-        edge = LOAD_COLOR if thing.load else obstacle_color(thing.shape)
+        surface, look = obstacle_surface(thing.shape), _outline_look(_edge(thing))
         shades: list[float | None] = [None]
         if thing.moves:
             shades = np.linspace(LIGHTEST, 1.0, thing.there.size).tolist()
-        surface = obstacle_surface(thing.shape)
+            look["facecolor"] = "none"
         for k, shade in enumerate(shades):
             place = thing.placements[k]
-            radius, points = 0.0, view.project(moved(surface, place).vertices)
+            points = view.project(moved(surface, place).vertices)
+            look |= {"alpha": shade, "zorder": 1.5}
+            outline: Patch = Polygon(points[ConvexHull(points).vertices], **look)
             if isinstance(thing.shape, Sphere):
-                radius, points = thing.shape.radius, view.project(place[:3, 3])[None]
-            else:
-                points = points[ConvexHull(points).vertices]
+                x, y = view.project(place[:3, 3]).tolist()
+                outline = Circle((x, y), thing.shape.radius, **look)
             if thing.there[k] or not thing.moves:
-                outlines.append(Outline(points, radius, edge, shade))
+                outlines.append(outline)
     return outlines
 
 
@@ -189,13 +184,13 @@ def _goal_point(problem: Problem, frame: str) -> Array | None:
 def _window(
     view: View,
     poses: Sequence[Skeleton],
-    outlines: Sequence[Sequence[Outline]],
+    outlines: Sequence[Sequence[Patch]],
     goal: Array | None,
 ) -> tuple[Array, Array]:
     """Lowest and highest coordinates to show, shapes (2,)."""
     points = [view.project(pose.points).reshape(-1, 2) for pose in poses]
     for outline in itertools.chain(*outlines):
-        points += [outline.points - outline.radius, outline.points + outline.radius]
+        points.append(outline.get_extents().get_points())
     if goal is not None:
         points.append(view.project(goal)[None])
     everything = np.concatenate(points)
@@ -231,24 +226,6 @@ def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
     for extra in flat[count:]:
         extra.set_axis_off()
     return figure, flat[:count]
-
-
-def _draw_outline(panel: Axes, outline: Outline) -> None:
-    from matplotlib.patches import Circle, Patch, Polygon
-
-    look = _outline_look(outline.edge)
-    if outline.shade is not None:
-        look |= {"facecolor": "none", "alpha": outline.shade}
-    shape: Patch = Polygon(outline.points, closed=True, **look)
-    if outline.radius:
-        x, y = outline.points[0].tolist()
-        shape = Circle((x, y), outline.radius, **look)
-    shape.set_zorder(1.5)
-    panel.add_patch(shape)
-
-
-def _outline_look(edge: str) -> dict[str, Any]:
-    return {"facecolor": f"{edge}40", "edgecolor": edge}
 
 
 def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:

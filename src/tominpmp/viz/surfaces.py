@@ -115,15 +115,10 @@ def _surface(mesh: Any) -> Surface:
 def capsule(radius: float, length: float) -> Surface:
     """Capsule along z about the origin; the length is that of the straight part [m]."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 2)
-    lower, upper = angle[angle < 0.0], angle[angle >= 0.0]
+    cap = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    half = np.array([0.0, length / 2])
     middle = [[radius, -length / 2], [radius, length / 2]] if length > 0.0 else []
-    return _lathe(
-        [
-            *([radius * np.cos(a), radius * np.sin(a) - length / 2] for a in lower),
-            *middle,
-            *([radius * np.cos(a), radius * np.sin(a) + length / 2] for a in upper),
-        ]
-    )
+    return _lathe([*(cap[angle < 0.0] - half), *middle, *(cap[angle >= 0.0] + half)])
 
 
 def sphere(radius: float) -> Surface:
@@ -434,16 +429,10 @@ def geometry_bodies(
         surface = _body_surface(item)
         if surface is None:
             continue
-        own = tuple(float(value) for value in item.meshColor)
-        bodies.append(
-            Body(
-                item.name,
-                int(item.parentJoint),
-                np.array(item.placement.homogeneous),
-                surface,
-                color or (own[0], own[1], own[2], own[3]),
-            )
-        )
+        red, green, blue, opacity = map(float, item.meshColor)
+        shown = color or (red, green, blue, opacity)
+        joint, place = int(item.parentJoint), np.array(item.placement.homogeneous)
+        bodies.append(Body(item.name, joint, place, surface, shown))
     return bodies
 
 

@@ -8,6 +8,7 @@ one body, whoever carries it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -95,21 +96,20 @@ def things(problem: Problem, trajectory: Trajectory, times: Array) -> list[Thing
     scenes = [item.scene for item in (problem.phases if segments else (problem,))]
     inside = np.minimum(times, trajectory.duration)
     within = (spans[:, :1] <= inside) & (inside <= spans[:, 1:])
-    found: list[tuple[Obstacle, BoolArray]] = []
+    shown: list[Thing] = []
+    names: Counter[str] = Counter()
     for scene, now in zip(scenes, within, strict=True):
         for obstacle in scene:
-            before = next((there for one, there in found if one == obstacle), None)
-            if before is None:
-                found.append((obstacle, now.copy()))
-            else:
-                before |= now
-    shown = []
-    names: dict[str, int] = {}
-    for obstacle, there in found:
-        count = names[obstacle.name] = names.get(obstacle.name, 0) + 1
-        name = obstacle.name if count == 1 else f"{obstacle.name} ({count})"
-        rotations, positions = obstacle.poses(times)
-        shown.append(Thing(name, obstacle, placed(positions, rotations), there))
+            before = next((one for one in shown if one.shape == obstacle), None)
+            if before is not None:
+                before.there[now] = True
+                continue
+            names[obstacle.name] += 1
+            count = names[obstacle.name]
+            name = obstacle.name if count == 1 else f"{obstacle.name} ({count})"
+            rotations, positions = obstacle.poses(times)
+            places = placed(positions, rotations)
+            shown.append(Thing(name, obstacle, places, now.copy()))
     return shown + _loads(problem.robot, trajectory, segments, spans, inside)
 
 
