@@ -15,7 +15,7 @@ from tominpmp.checks import instance, whole
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.scene import Sphere
-from tominpmp.viz import figures
+from tominpmp.viz import figures, surroundings
 from tominpmp.viz.skeleton import (
     Skeleton,
     View,
@@ -25,14 +25,6 @@ from tominpmp.viz.skeleton import (
     skeleton,
 )
 from tominpmp.viz.surfaces import moved, obstacle_surface
-from tominpmp.viz.surroundings import (
-    FURNITURE_COLOR,
-    HAZARD_COLOR,
-    Thing,
-    ends_on_the_way,
-    obstacle_color,
-    things,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -99,16 +91,16 @@ def plot_motion(
     instants = whole(instants, "instants", least=2, expected="2 or more")
     motions = list(trajectories.values())
     frame = frame or end_frame(problem)
-    poses, surroundings = [], []
+    poses, around = [], []
     for motion in motions:
         times = np.linspace(0.0, motion.duration, instants)
         poses.append(skeleton(problem.robot, motion(times).q, frame))
-        surroundings.append(things(problem, motion, times))
+        around.append(surroundings.things(problem, motion, times))
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
     goal = _goal_point(problem, frame)
     with figures.styled():
-        outlines = [_outlines(found, view) for found in surroundings]
+        outlines = [_outlines(found, view) for found in around]
         low, high = _window(view, poses, outlines, goal)
         figure, axes = _panels(len(motions), high - low)
         for panel, (label, motion), pose, shown in zip(
@@ -120,7 +112,7 @@ def plot_motion(
             times = np.linspace(0.0, motion.duration, PATH_POINTS)
             path_ends = skeleton(problem.robot, motion(times).q, frame).end
             panel.plot(*view.project(path_ends).T, **PATH_LOOK, zorder=2.4)
-            times = ends_on_the_way(motion)
+            times = surroundings.ends_on_the_way(motion)
             if times.size:
                 ends = skeleton(problem.robot, motion(times).q, frame).end
                 panel.plot(*view.project(ends).T, **END_LOOK, zorder=2.6)
@@ -130,21 +122,21 @@ def plot_motion(
             title = f"{label}: $T$ = {motion.duration:.4g} s"
             panel.set(title=title, aspect="equal", xlim=xlim, ylim=ylim)
         _label_axes(axes, view)
-        edges = set(map(_edge, itertools.chain(*surroundings)))
-        segments = bool(ends_on_the_way(motions[0]).size)
+        edges = set(map(_edge, itertools.chain(*around)))
+        segments = bool(surroundings.ends_on_the_way(motions[0]).size)
         figures.add_legend(figure, _handles(edges, segments), 5)
         return figures.finish(figure, path)
 
 
-def _edge(thing: Thing) -> str:
-    return LOAD_COLOR if thing.load else obstacle_color(thing.shape)
+def _edge(thing: surroundings.Thing) -> str:
+    return LOAD_COLOR if thing.load else surroundings.obstacle_color(thing.shape)
 
 
 def _outline_look(edge: str) -> dict[str, Any]:
     return {"facecolor": f"{edge}40", "edgecolor": edge}
 
 
-def _outlines(found: Sequence[Thing], view: View) -> list[Patch]:
+def _outlines(found: Sequence[surroundings.Thing], view: View) -> list[Patch]:
     """Outlines of what is around, at all instants at which it is there if it moves."""
     from matplotlib.patches import Circle, Polygon
     from scipy.spatial import ConvexHull
@@ -254,7 +246,7 @@ def _handles(edges: set[str], segments: bool) -> list[Any]:
     ]
     if segments:
         handles.append(figures.line_key("end of a segment", **END_LOOK))
-    for edge in (HAZARD_COLOR, FURNITURE_COLOR):
+    for edge in (surroundings.HAZARD_COLOR, surroundings.FURNITURE_COLOR):
         if edge in edges:
             handles.append(figures.area_key("obstacle", **_outline_look(edge)))
             break

@@ -7,6 +7,7 @@ import html
 import json
 import math
 import os
+import re
 import tempfile
 import threading
 import webbrowser
@@ -198,13 +199,8 @@ def build_page(
         "LICENCES": licences.replace("--", "- -"),
         "VIEWER": viewer,
     }
-    # Piece by piece, as what is put in may contain what looks like a field.
-    head, *rest = template.split("{{")
-    pieces = [head]
-    for part in rest:
-        name, _, text = part.partition("}}")
-        pieces += [fields[name], text]
-    return "".join(pieces)
+    # In one pass, as what is put in may contain what looks like a field.
+    return re.sub(r"{{(\w+)}}", lambda field: fields[field[1]], template)
 
 
 def _text(command: meshcat_scene.Command) -> str:
