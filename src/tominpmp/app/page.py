@@ -323,7 +323,6 @@ class Readout:
         panel.set_width(340)
         self._playing.on_update(lambda _: self._pause())
         self._share = 0.0
-        self._outcome: Outcome | None = None
 
     def _pause(self) -> None:
         self._slider.visible = not self._playing.value
@@ -352,7 +351,7 @@ class Readout:
             outcome: The outcome.
             goes_on: Whether there is a motion before it, which goes on playing.
         """
-        self._outcome, busy = outcome, self._controller.busy
+        busy = self._controller.busy
         self._headline.content = pictures.headline(outcome, busy, goes_on)
         if outcome.shown is not None:
             self._curves.content = pictures.curves(outcome.shown)
@@ -361,9 +360,9 @@ class Readout:
 
     def show_headline(self) -> None:
         """Say whether planning goes on, beside a motion."""
-        if self._outcome is not None and self._outcome.shown is not None:
-            busy = self._controller.busy
-            self._headline.content = pictures.headline(self._outcome, busy)
+        outcome, busy = self._controller.outcome, self._controller.busy
+        if outcome is not None and outcome.shown is not None:
+            self._headline.content = pictures.headline(outcome, busy)
 
     def show_bars(self, shown: Shown, time: float) -> None:
         """Show speeds and torques at a time [s]."""

@@ -149,24 +149,22 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
     """
     model, data = robot.model, robot.model.createData()
     index = robot.frame_id(frame)
-    joints = list(range(1, model.njoints))
-    leaves = [joint for joint in joints if not len(model.children[joint])]
-    tips = {joint: _tip(robot, joint) for joint in leaves}
-    if model.frames[index].parentJoint in tips:
-        tips[model.frames[index].parentJoint] = index
     placements = np.tile(np.eye(4), (len(q), model.njoints, 1, 1))
-    tip_points = {joint: np.empty((len(q), 3)) for joint in leaves}
-    end = np.empty((len(q), 3))
     for i, row in enumerate(robot.expand(q)):
         pin.forwardKinematics(model, data, row)
-        pin.updateFramePlacements(model, data)
-        for joint in joints:
+        for joint in range(1, model.njoints):
             placements[i, joint] = data.oMi[joint].homogeneous
-        for joint in leaves:
-            tip_points[joint][i] = data.oMf[tips[joint]].translation
-        end[i] = data.oMf[index].translation
+
+    def points_of(number: int) -> Array:
+        """Where a frame is, shape (m, 3)."""
+        found = model.frames[number]
+        local = np.append(found.placement.translation, 1.0)
+        return np.asarray(placements[:, found.parentJoint, :3] @ local)
+
     chains, arms = [], []
-    for joint in leaves:
+    for joint in range(1, model.njoints):
+        if len(model.children[joint]):
+            continue
         origins = placements[:, list(model.supports[joint])][..., :3, 3]
         name = str(model.names[joint])
         own = [part for part in robot.parts if name.startswith(f"{part}/")]
@@ -174,8 +172,10 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
             # From its own base, not from the origin of the room.
             origins[:, 0] = _base(robot, max(own, key=len))
         arms.append(robot.parts.index(max(own, key=len)) if own else 0)
-        chains.append(np.concatenate([origins, tip_points[joint][:, None]], axis=1))
-    return Skeleton(placements, end, frame, tuple(chains), tuple(arms))
+        at_end = model.frames[index].parentJoint == joint
+        tip = points_of(index if at_end else _tip(robot, joint))
+        chains.append(np.concatenate([origins, tip[:, None]], axis=1))
+    return Skeleton(placements, points_of(index), frame, tuple(chains), tuple(arms))
 
 
 def _base(robot: Robot, arm: str) -> Array:

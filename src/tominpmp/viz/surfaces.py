@@ -246,16 +246,12 @@ def joined(surfaces: list[Surface]) -> Surface:
         [surface.vertices for surface in surfaces],
         [surface.faces for surface in surfaces],
     )
-    colors = [
-        np.full((len(s.faces), 3), LIGHT) if s.colors is None else s.colors
-        for s in surfaces
-    ]
-    plain = all(surface.colors is None for surface in surfaces)
-    return Surface(
-        points.astype(np.float64),
-        faces.astype(np.int64),
-        None if plain else np.concatenate(colors),
-    )
+    colors = None
+    if any(surface.colors is not None for surface in surfaces):
+        light = [np.full((len(s.faces), 3), LIGHT) for s in surfaces]
+        pairs = zip(surfaces, light, strict=True)
+        colors = np.concatenate([a if s.colors is None else s.colors for s, a in pairs])
+    return Surface(points.astype(np.float64), faces.astype(np.int64), colors)
 
 
 def placed(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
