@@ -11,6 +11,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.least_squares import each, least_squares
 from tominpmp.robot import Robot
 
 # Configurations to begin with, steps from each, and what counts as kept.
@@ -75,39 +76,20 @@ def nearest(
     limits, rng = robot.limits, np.random.default_rng(0)
     low = np.maximum(limits.position_lower, q - np.pi)
     high = np.minimum(limits.position_upper, q + np.pi)
+    one = np.ones(q.size)
+
+    def beyond(_: int, q: Array) -> tuple[Array, Array]:
+        values, slopes = zip(*(item.excess_at_rest(q) for item in items), strict=True)
+        return np.concatenate(values), np.concatenate(slopes)
+
     best, least = q, np.inf
     for number in range(STARTS):
         start = q if number == 0 else rng.uniform(low, high)
-        found, left = _descended(items, start, low, high)
+        (found,), (left,) = least_squares(
+            each(beyond), start[None], (low, high), one, one, reached=KEPT, steps=STEPS
+        )
         if left < least:
-            best, least = found, left
+            best, least = found, float(left)
         if least <= KEPT:
             break
     return best, least
-
-
-def _beyond(items: Sequence[PathConstraint], q: Array) -> tuple[Array, Array]:
-    every = [item.excess_at_rest(q) for item in items]
-    values, slopes = zip(*every, strict=True)
-    return np.concatenate(values), np.concatenate(slopes)
-
-
-def _descended(
-    items: Sequence[PathConstraint], q: Array, low: Array, high: Array
-) -> tuple[Array, float]:
-    """Steps by Levenberg and Marquardt within the position limits."""
-    value, slope = _beyond(items, q)
-    error, damping = float(value @ value), 1e-2
-    for _ in range(STEPS):
-        if error <= KEPT**2 or damping > 1e6:
-            break
-        normal = slope.T @ slope + damping * np.eye(q.size)
-        trial = np.clip(q - np.linalg.solve(normal, slope.T @ value), low, high)
-        new_value, new_slope = _beyond(items, trial)
-        new_error = float(new_value @ new_value)
-        if new_error < error:
-            q, value, slope, error = trial, new_value, new_slope, new_error
-            damping = max(0.2 * damping, 1e-9)
-        else:
-            damping *= 10.0
-    return q, float(np.sqrt(error))

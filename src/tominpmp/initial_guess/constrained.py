@@ -15,8 +15,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints import States
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.least_squares import each, least_squares
 from tominpmp.problem import Problem
-from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Configurations of a path that are shifted, and steps for each of them.
@@ -222,28 +222,20 @@ def _off_points(
 def _shifted(system: ProblemFunctions, line: Array, residual: Residual) -> Array | None:
     """A line whose configurations are shifted until nothing is left of a residual.
 
-    Each begins with the shift of the one before it. None if one cannot be shifted so,
-    or has to be far from its neighbour.
+    None if one cannot be shifted so, or has to be far from its neighbour.
     """
-    limits = system.problem.robot.limits
-    low, high = limits.position_lower, limits.position_upper
-    out, shift = line.copy(), np.zeros(line.shape[1])
-    for k in range(1, len(line) - 1):
-        check()
-        q = np.clip(line[k] + shift, low, high)
-        for _ in range(STEPS):
-            value, slope = residual(k / (len(line) - 1), q)
-            if not value.size or float(np.abs(value).max()) <= CLOSE:
-                break
-            # Least change in units of the joints, damped where the arm is singular.
-            scaled = slope * system.step_scale
-            normal = scaled @ scaled.T + 1e-8 * np.eye(value.size)
-            step = -system.step_scale * (scaled.T @ np.linalg.solve(normal, value))
-            largest = float(np.abs(step / system.step_scale).max())
-            step *= min(1.0, STEP / max(largest, 1e-12))
-            q = np.clip(q + step, low, high)
-        else:
-            return None
-        out[k], shift = q, q - line[k]
+    limits, shares = system.problem.robot.limits, np.linspace(0.0, 1.0, len(line))
+    inner, left = least_squares(
+        each(lambda row, q: residual(float(shares[row + 1]), q)),
+        line[1:-1],
+        (limits.position_lower, limits.position_upper),
+        system.step_scale,
+        STEP * system.step_scale,
+        reached=CLOSE,
+        steps=STEPS,
+    )
+    if np.any(left > CLOSE):
+        return None
+    out = np.concatenate([line[:1], inner, line[-1:]])
     steps = np.abs(np.diff(out, axis=0) - np.diff(line, axis=0)) / system.step_scale
     return None if float(steps.max()) > JUMP else out

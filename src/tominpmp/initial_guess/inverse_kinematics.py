@@ -14,7 +14,7 @@ from tominpmp.initial_guess.at_goal import AtGoal
 from tominpmp.initial_guess.nearest import led_nearer
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.stopping import check
+from tominpmp.least_squares import each, least_squares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 STEPS = 60
@@ -23,11 +23,6 @@ LONGEST_STEP = 0.5
 # Residuals that end the steps, and that count as none [m, rad]; of arms shorter than a
 # metre shares of their length.
 TOLERANCE, REACHED = 1e-8, 1e-6
-# Keeps a system of equations regular that lacks some, as a share of its diagonal.
-REGULAR = 1e-12
-# A start is given up when this many steps have not halved the residual; most of the
-# time would go into those that get nowhere.
-PATIENCE = 12
 # Two solutions closer than this are one, and solutions at least so far apart go before
 # those near to one of them [rad, or shares of the length that counts as 1 rad].
 DISTINCT, SPREAD = 1e-2, 0.5
@@ -70,8 +65,6 @@ def solve_inverse_kinematics(
 
     What a problem asks for at all times is to hold there, too.
 
-    Levenberg-Marquardt steps, clipped to the limits (Sugihara, 2011).
-
     Args:
         system: Kinematics and limits.
         goal: The goal.
@@ -84,49 +77,22 @@ def solve_inverse_kinematics(
         Configuration, shape (n,), and the norm of the residual left there.
     """
     asked = AtGoal(system, goal, alone=alone, beyond=beyond, apart=apart)
-    q, _ = _solved(asked, q)
+    (q,), _ = _solved(asked, q[None])
     return q, asked.missing(q)
 
 
-def _solved(asked: AtGoal, q: Array) -> tuple[Array, float]:
-    """The steps, in joint displacements of which each counts as 1 rad."""
+def _solved(asked: AtGoal, q: Array) -> tuple[Array, Array]:
+    """Configurations led to the goal, shape (m, n), and the norms of what is left."""
     limits = asked.system.problem.robot.limits
-    low, high = limits.position_lower, limits.position_upper
-    q = np.clip(q, low, high)
-    value, jacobian = asked.residual(q)
-    damping = 1e-2
-    error = mark = float(value @ value)
-    for number in range(STEPS):
-        check()
-        if error < TOLERANCE**2:
-            break
-        if number % PATIENCE == PATIENCE - 1:
-            if error > 0.25 * mark:
-                break
-            mark = error
-        gradient = jacobian.T @ value
-        pinned = ((q <= low) & (gradient > 0.0)) | ((q >= high) & (gradient < 0.0))
-        free = ~pinned
-        if not np.any(free):
-            break
-        J = (jacobian * asked.scales.joints)[:, free]
-        normal = J.T @ J
-        least = REGULAR * max(float(normal.diagonal().max()), np.finfo(float).tiny)
-        normal += (damping * error + least) * np.eye(len(normal))
-        step = np.zeros_like(q)
-        step[free] = -np.linalg.solve(normal, J.T @ value)
-        step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-12))
-        trial = np.clip(q + asked.scales.joints * step, low, high)
-        new_value, new_jacobian = asked.residual(trial)
-        new_error = float(new_value @ new_value)
-        if new_error < error:
-            q, value, jacobian, error = trial, new_value, new_jacobian, new_error
-            damping = max(0.3 * damping, 1e-6)
-        else:
-            damping *= 5.0
-            if damping > 1e8:
-                break
-    return q, float(np.sqrt(error))
+    return least_squares(
+        each(lambda _, q: asked.residual(q)),
+        q,
+        (limits.position_lower, limits.position_upper),
+        asked.scales.joints,
+        LONGEST_STEP * asked.scales.joints,
+        reached=TOLERANCE,
+        steps=STEPS,
+    )
 
 
 def find_configurations(
@@ -153,18 +119,12 @@ def find_configurations(
     around = AROUND * asked.scales.joints
     low = np.maximum(limits.position_lower, problem.q_start - around)
     high = np.minimum(limits.position_upper, problem.q_start + around)
-    found: list[Array] = []
-    least, nearest = np.inf, problem.q_start
     wide = [rng.uniform(low, high) for _ in range(count)]
     near = [problem.q_start + NEARER * (q - problem.q_start) for q in wide]
-    for start in (problem.q_start, *wide, *near):
-        q, error = _solved(asked, start)
-        if error < least:
-            least, nearest = error, q
-        if _is_new(asked, q, error, found):
-            found.append(q)
+    found, nearest = _led(asked, [problem.q_start, *wide, *near])
     if not alone:
-        found += _nearer(asked, found)
+        movable = [q for q in found if not isolated(asked, q)]
+        found += _led(asked, led_nearer(asked, movable), found)[0]
     weights = speed_weights(limits.velocity)
     found.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
     clear = [is_free(system, q) for q in found]
@@ -172,37 +132,27 @@ def find_configurations(
     blocked = _spread(asked, [q for q, ok in zip(found, clear, strict=True) if not ok])
     if not free and system.clearance is not None:
         apart = AtGoal(system, goal, alone=alone, beyond=beyond, apart=True)
-        free = _led_out(apart, blocked[:LED_OUT])
+        movable = [q for q in blocked[:LED_OUT] if not isolated(asked, q)]
+        free = [q for q in _led(apart, movable)[0] if is_free(system, q)]
     return GoalSearch(free, blocked, 0.0 if found else asked.missing(nearest))
 
 
-def _is_new(asked: AtGoal, q: Array, error: float, others: list[Array]) -> bool:
-    """Whether a configuration reaches the goal, and none of the others is near it."""
-    return error < REACHED and not _near(asked, q, others, DISTINCT)
+def _led(
+    asked: AtGoal, starts: Sequence[Array], known: Sequence[Array] = ()
+) -> tuple[list[Array], Array]:
+    """Configurations that starts are led to and that reach the goal, and the nearest.
 
-
-def _nearer(asked: AtGoal, found: list[Array]) -> list[Array]:
-    """Configurations that reach a goal nearer to the start than those found."""
-    nearer = list[Array]()
-    for q in found:
-        if isolated(asked, q):
-            continue
-        moved, error = _solved(asked, led_nearer(asked, q))
-        if _is_new(asked, moved, error, [*found, *nearer]):
-            nearer.append(moved)
-    return nearer
-
-
-def _led_out(asked: AtGoal, blocked: Sequence[Array]) -> list[Array]:
-    """Configurations that reach a goal beside those that collide there."""
-    found: list[Array] = []
-    for q in blocked:
-        if isolated(asked, q):
-            continue
-        moved, error = _solved(asked, q)
-        if _is_new(asked, moved, error, found) and is_free(asked.system, moved):
-            found.append(moved)
-    return found
+    Those near to one that is known, or to one before them, are left out. The nearest is
+    the one that misses the goal by least.
+    """
+    found = list[Array]()
+    if not starts:
+        return found, asked.system.problem.q_start
+    ends, errors = _solved(asked, np.stack(starts))
+    for q, error in zip(ends, errors, strict=True):
+        if error < REACHED and not _near(asked, q, [*known, *found], DISTINCT):
+            found.append(q)
+    return found, np.asarray(ends[np.argmin(errors)])
 
 
 def isolated(asked: AtGoal, q: Array) -> bool:

@@ -8,67 +8,71 @@ of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.at_goal import AtGoal
 from tominpmp.initial_guess.path import speed_weights
+from tominpmp.least_squares import damped_step, each
 
 # Steps at most, how far each of them may go, and one that is none [rad].
 STEPS, LONGEST_STEP, SHORTEST_STEP = 25, 0.2, 1e-3
 # The largest displacement counts: the sum of their fourth powers is near enough to it.
 # Those below this share of the largest one are weighed as if they were that large.
 POWER, LEAST_SHARE = 4, 0.05
-# Keeps a system of equations regular that lacks some, as a share of the largest one.
-REGULAR = 1e-10
 
 
-def led_nearer(asked: AtGoal, q: Array) -> Array:
-    """Lead a configuration to where the slowest joint has least to go.
+def led_nearer(asked: AtGoal, found: Sequence[Array]) -> list[Array]:
+    """Lead configurations to where the slowest joint has least to go.
 
     Newton's steps for the sum of the powers, with the goal to first order.
 
     Args:
-        asked: What is asked of the configuration.
-        q: A configuration that reaches the goal, shape (n,) [rad or m].
+        asked: What is asked of the configurations.
+        found: Configurations that reach the goal, each of shape (n,) [rad or m].
 
     Returns:
-        A configuration near to one that reaches it, shape (n,).
+        As many near to some that reach it.
     """
     problem = asked.system.problem
     limits, start = problem.robot.limits, problem.q_start
     low, high = limits.position_lower, limits.position_upper
     weights, scale = speed_weights(limits.velocity), asked.scales.joints
+    out, rows = np.array(found), np.arange(len(found))
+    residual = each(lambda _, q: asked.residual(q))
     for _ in range(STEPS):
-        value, jacobian = asked.residual(q)
+        if not rows.size:
+            break
+        q = out[rows]
+        value, slope = residual(q, rows)
         share = weights * np.abs(q - start)
-        share = np.maximum(share / max(float(share.max()), 1e-12), LEAST_SHARE)
-        inverse = 1.0 / (weights**2 * share ** (POWER - 2))
+        largest = np.maximum(share.max(axis=1, keepdims=True), 1e-12)
+        share = np.maximum(share / largest, LEAST_SHARE)
+        unit = 1.0 / (weights * share ** (POWER / 2 - 1))
         # The whole way would be the step if its weighted square were all that counts.
         way = (q - start) / (POWER - 1)
-        step = _step(value, jacobian, inverse, way)
+        step = _step(value, slope, unit, way)
         pinned = ((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))
         if np.any(pinned):
-            step = _step(value, jacobian, np.where(pinned, 0.0, inverse), way)
-        far = float(np.max(np.abs(step) / scale))
-        q = np.clip(q + min(1.0, LONGEST_STEP / max(far, 1e-12)) * step, low, high)
-        if far < SHORTEST_STEP:
-            break
-    return q
+            step = _step(value, slope, unit * ~pinned, way * ~pinned)
+        far = np.max(np.abs(step) / scale, axis=1)
+        step *= np.minimum(1.0, LONGEST_STEP / np.maximum(far, 1e-12))[:, None]
+        out[rows] = np.clip(q + step, low, high)
+        rows = rows[far >= SHORTEST_STEP]
+    return list(out)
 
 
-def _step(value: Array, jacobian: Array, inverse: Array, way: Array) -> Array:
-    """The step that leaves least of a way, and to first order nothing missing.
+def _step(value: Array, slope: Array, unit: Array, way: Array) -> Array:
+    """The steps that leave least of a way, and to first order nothing missing.
 
     Args:
-        value: What is missing, shape (k,).
-        jacobian: Its derivative, shape (k, n).
-        inverse: Inverse weights of the joints, shape (n,); zero for one that stays.
-        way: What the step is to undo as far as it can, shape (n,).
+        value: What is missing, shape (m, k).
+        slope: Its derivatives, shape (m, k, n).
+        unit: Displacements that count as much as each other, shape (m, n); zero for
+            joints that stay.
+        way: What the steps are to undo as far as they can, shape (m, n).
     """
-    moving = np.where(inverse > 0.0, way, 0.0)
-    normal = (jacobian * inverse) @ jacobian.T
-    largest = float(np.max(np.diag(normal), initial=0.0))
-    normal += max(REGULAR * largest, np.finfo(float).tiny) * np.eye(value.size)
-    force = np.linalg.solve(normal, jacobian @ moving - value)
-    return np.asarray(inverse * (jacobian.T @ force) - moving)
+    left = value - (slope @ way[:, :, None])[:, :, 0]
+    return damped_step(left, slope, unit, np.zeros(len(value))) - way

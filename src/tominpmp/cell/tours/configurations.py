@@ -13,6 +13,7 @@ together are found by dynamic programming, and the next ones are looked for near
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -23,9 +24,9 @@ from tominpmp.collision.placements import Placements
 from tominpmp.goals import Goal, Scales
 from tominpmp.goals.targets import FrameTarget, frame_target
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.least_squares import least_squares
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.stopping import check
 
 
 class GoalRows:
@@ -208,11 +209,24 @@ class Configurations:
             Configurations, shape (m, n), and which of them meet their goals.
         """
         which = self._aimed_at(q, which, in_turn)
-        out, good = np.array(q), np.zeros(len(q), dtype=bool)
+        out, left = np.array(q), np.zeros(len(q))
         for begin in range(0, len(q), CHUNK):
             part = slice(begin, begin + CHUNK)
-            out[part], good[part] = self._projected(out[part], which[part])
-        return out, good
+            out[part], left[part] = least_squares(
+                partial(self._residual, which[part]),
+                q[part],
+                self.limits,
+                self._scales[which[part]] / self.weights,
+                LONGEST_STEP * self._scales[which[part]],
+                reached=REACHED,
+                steps=STEPS,
+            )
+        return out, left < REACHED
+
+    def _residual(
+        self, which: IntArray, q: Array, rows: IntArray
+    ) -> tuple[Array, Array]:
+        return self._rows(q, which[rows])
 
     def _aimed_at(self, q: Array, which: IntArray, in_turn: bool) -> IntArray:
         """Of each goal one of its alternatives, as an index of all, shape (m,)."""
@@ -230,52 +244,6 @@ class Configurations:
             least[rows] = np.minimum(least[rows], missed)
             best[nearer] = k
         return first + best
-
-    def _projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
-        low, high = self.limits
-        q = np.clip(q, low, high)
-        metric = (self._scales / self.weights) ** 2
-        good, left = np.zeros(len(q), dtype=bool), np.arange(len(q))
-        mark = np.full(len(q), np.inf)
-        for step in range(STEPS):
-            check()
-            value, J = self._rows(q[left], which[left])
-            error = np.max(np.abs(value), axis=1)
-            good[left[error < REACHED]] = True
-            stay = error >= REACHED
-            if step % 10 == 9:
-                # Most of the time would go into those that get nowhere.
-                stay &= error < 0.5 * mark[left]
-                mark[left] = error
-            left, value, J, error = left[stay], value[stay], J[stay], error[stay]
-            if not left.size:
-                break
-            # A joint at its limit that would go beyond is held there.
-            held = np.zeros((left.size, len(low)), dtype=bool)
-            for _ in range(2):
-                D = metric[which[left]] * ~held
-                JD = J * D[:, None]
-                normal = JD @ np.swapaxes(J, 1, 2)
-                size = np.trace(normal, axis1=1, axis2=2) / normal.shape[1]
-                damping = size * np.minimum(1e-2, error**2) + 1e-12 + 1e-10 * size
-                normal[:, range(normal.shape[1]), range(normal.shape[1])] += damping[
-                    :, None
-                ]
-                found = np.linalg.solve(normal, value[:, :, None])[:, :, 0]
-                move = -np.einsum("mrn,mr->mn", JD, found)
-                beyond = (q[left] + move < low - 1e-12) | (
-                    q[left] + move > high + 1e-12
-                )
-                at = (q[left] <= low) | (q[left] >= high)
-                more = beyond & at & ~held
-                if not np.any(more):
-                    break
-                held |= more
-            far = np.abs(move) / self._scales[which[left]]
-            longest = np.max(far, axis=1, initial=0.0)
-            move *= np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-12))[:, None]
-            q[left] = np.clip(q[left] + move, low, high)
-        return q, good
 
     def free(self, q: Array, g: int | None) -> BoolArray:
         """At which configurations a station can be, shape (m,).

@@ -1,0 +1,67 @@
+"""Damped least squares lead rows to roots within bounds, each as if it were alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tominpmp.least_squares import each, least_squares
+
+LIMITS = np.full(3, -2.0), np.full(3, 2.0)
+ONE = np.ones(3)
+SETTINGS = {"reached": 1e-9, "steps": 40}
+
+
+def on_spheres(row: int, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """On a sphere of radius 1 or 2, and in a plane besides where the row is odd."""
+    value, slope = [q @ q - (1.0 + row % 2) ** 2], [2.0 * q]
+    if row % 2:
+        value.append(q[0] - 0.5)
+        slope.append(np.array([1.0, 0.0, 0.0]))
+    return np.array(value), np.array(slope)
+
+
+def test_rows_of_several_lengths_are_led_to_roots_as_if_each_were_alone():
+    starts = np.random.default_rng(0).uniform(-1.5, 1.5, (8, 3))
+    found, left = least_squares(
+        each(on_spheres), starts, LIMITS, ONE, 0.5 * ONE, **SETTINGS
+    )
+    assert left.max() < 1e-9
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), [1.0, 2.0] * 4)
+    for row, start in enumerate(starts):
+        alone, _ = least_squares(
+            each(lambda _, q, row=row: on_spheres(row, q)),
+            start[None],
+            LIMITS,
+            ONE,
+            0.5 * ONE,
+            **SETTINGS,
+        )
+        np.testing.assert_allclose(found[row], alone[0], atol=1e-9)
+
+
+def test_the_step_is_least_in_the_units_that_count_alike():
+    plane = each(lambda _, q: (q[:1] + q[1:2] - 1.0, np.array([[1.0, 1.0, 0.0]])))
+    scale = np.array([2.0, 1.0, 1.0])
+    found, _ = least_squares(
+        plane, np.zeros((1, 3)), LIMITS, scale, 9.0 * ONE, **SETTINGS
+    )
+    np.testing.assert_allclose(found, [[0.8, 0.2, 0.0]], atol=1e-6)
+
+
+def test_joints_at_bounds_leave_the_way_to_the_others():
+    plane = each(lambda _, q: (q[:1] + q[1:2] - 3.0, np.array([[1.0, 1.0, 0.0]])))
+    found, left = least_squares(
+        plane, np.array([[2.0, 0.0, 0.0]]), LIMITS, ONE, 9.0 * ONE, **SETTINGS
+    )
+    np.testing.assert_allclose(found, [[2.0, 1.0, 0.0]], atol=1e-6)
+    assert left[0] < 1e-9
+
+
+def test_what_no_joint_can_change_is_left():
+    beyond = each(lambda _, q: (q - 5.0, np.eye(3)))
+    found, left = least_squares(
+        beyond, np.zeros((2, 3)), LIMITS, ONE, 9.0 * ONE, **SETTINGS
+    )
+    np.testing.assert_allclose(found, 2.0)
+    assert left == pytest.approx(3.0 * np.sqrt(3.0))
