@@ -59,9 +59,9 @@ def test_joints_at_bounds_leave_the_way_to_the_others():
 
 
 def test_what_no_joint_can_change_is_left():
-    beyond = each(lambda _, q: (q - 5.0, np.eye(3)))
+    beyond = each(lambda _, q: (q - 50.0, np.eye(3)))
     found, left = least_squares(
         beyond, np.zeros((2, 3)), LIMITS, ONE, 9.0 * ONE, **SETTINGS
     )
     np.testing.assert_allclose(found, 2.0)
-    assert left == pytest.approx(3.0 * np.sqrt(3.0))
+    assert left == pytest.approx(48.0 * np.sqrt(3.0))
