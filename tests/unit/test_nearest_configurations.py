@@ -6,13 +6,13 @@ import numpy as np
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod
-from tominpmp.initial_guess.at_goal import AtGoal
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.initial_guess.inverse_kinematics import (
+    AtGoal,
     find_configurations,
+    led_nearer,
     solve_inverse_kinematics,
 )
-from tominpmp.initial_guess.nearest import led_nearer
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints import ClearanceConstraint
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.goals import Goal
-from tominpmp.initial_guess.at_goal import AtGoal
-from tominpmp.initial_guess.nearest import led_nearer
+from tominpmp.goals import Goal, Scales
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.least_squares import each, least_squares
+from tominpmp.least_squares import damped_step, each, least_squares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 STEPS = 60
@@ -36,6 +35,83 @@ LED_OUT = 10
 NEARER = 0.4
 # Singular values of a goal's Jacobian below this share of the largest are none.
 RANK = 1e-6
+# Steps that lead nearer at most, how far each of them may go, and one that is none
+# [rad].
+STEPS_NEARER, STEP_NEARER, SHORTEST_STEP = 25, 0.2, 1e-3
+# The largest displacement counts: the sum of their fourth powers is near enough to it.
+# Those below this share of the largest one are weighed as if they were that large.
+POWER, LEAST_SHARE = 4, 0.05
+# How far beyond what is asked for bodies are led apart [m].
+BEYOND = 1e-3
+
+
+class AtGoal:
+    """What is asked of the configuration in which a segment ends.
+
+    Attributes:
+        scales: What counts as 1 rad, of joints and of errors.
+
+    Args:
+        system: Kinematics and limits.
+        goal: The goal.
+        alone: Whether nothing but the goal is asked for.
+        beyond: Constraints on positions that hold from there on.
+        apart: Whether bodies are to keep their distances, too.
+    """
+
+    def __init__(
+        self,
+        system: ProblemFunctions,
+        goal: Goal,
+        *,
+        alone: bool = False,
+        beyond: Sequence[PathConstraint] = (),
+        apart: bool = False,
+    ) -> None:
+        self.system, self.goal = system, goal
+        place = goal.place(system.kinematics, system.problem.q_start)
+        self.scales = Scales.of(system.kinematics, place)
+        self.clearance = system.clearance if apart else None
+        rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
+        self.constraints = tuple(
+            item
+            for item in (*system.problem.ready_constraints, *beyond)
+            if not alone
+            and (item.order == 0 or rests)
+            and (item.window is None or np.isinf(item.window.end))
+        )
+
+    def residual(self, q: Array) -> tuple[Array, Array]:
+        """How far a configuration is from all of it, and the Jacobian of that.
+
+        Returns:
+            Shapes (k,) and (k, n), with lengths of the goal in units of their scale;
+            zero where it is met.
+        """
+        place = self.goal.place(self.system.kinematics, q)
+        value, by_q = place.residual()
+        share = np.where(place.lengths, 1.0 / self.scales.lengths, 1.0)
+        every = [(share * value, share[:, None] * by_q)]
+        every += [item.excess_at_rest(q) for item in self.constraints]
+        if self.clearance is not None:
+            every.append(self._overlap(self.clearance, q))
+        values, slopes = zip(*every, strict=True)
+        return np.concatenate(values), np.concatenate(slopes)
+
+    def missing(self, q: Array) -> float:
+        """How far a configuration is from all of it, as a norm [m, rad]."""
+        value, _ = self.residual(q)
+        place = self.goal.place(self.system.kinematics, q)
+        value[: place.value.size] = place.excess
+        return float(np.linalg.norm(value))
+
+    def _overlap(self, clearance: ClearanceConstraint, q: Array) -> tuple[Array, Array]:
+        """What bodies lack of their distances [m], of those that lack anything."""
+        lack = clearance.length * clearance.values(q[None])[0] + BEYOND
+        near = np.flatnonzero(lack > 0.0)
+        first = np.zeros(near.size, dtype=np.int64)
+        found = clearance.derivatives_at(q[None], first, near)
+        return lack[near], clearance.length * found.gradients
 
 
 class GoalSearch(NamedTuple):
@@ -153,6 +229,65 @@ def _led(
         if error < REACHED and not _near(asked, q, [*known, *found], DISTINCT):
             found.append(q)
     return found, np.asarray(ends[np.argmin(errors)])
+
+
+def led_nearer(asked: AtGoal, found: Sequence[Array]) -> list[Array]:
+    """Lead configurations to where the slowest joint has least to go.
+
+    Damped least squares end anywhere on the set of configurations that reach a goal,
+    which has as many dimensions as the goal leaves joints free. What takes the least
+    time is mostly near the point of it that speed limits let the arm reach soonest, in
+    that branch of it.
+
+    Newton's steps for the sum of the powers, with the goal to first order.
+
+    Args:
+        asked: What is asked of the configurations.
+        found: Configurations that reach the goal, each of shape (n,) [rad or m].
+
+    Returns:
+        As many near to some that reach it.
+    """
+    problem = asked.system.problem
+    limits, start = problem.robot.limits, problem.q_start
+    low, high = limits.position_lower, limits.position_upper
+    weights, scale = speed_weights(limits.velocity), asked.scales.joints
+    out, rows = np.array(found), np.arange(len(found))
+    residual = each(lambda _, q: asked.residual(q))
+    for _ in range(STEPS_NEARER):
+        if not rows.size:
+            break
+        q = out[rows]
+        value, slope = residual(q, rows)
+        share = weights * np.abs(q - start)
+        largest = np.maximum(share.max(axis=1, keepdims=True), 1e-12)
+        share = np.maximum(share / largest, LEAST_SHARE)
+        unit = 1.0 / (weights * share ** (POWER / 2 - 1))
+        # The whole way would be the step if its weighted square were all that counts.
+        way = (q - start) / (POWER - 1)
+        step = _step(value, slope, unit, way)
+        pinned = ((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))
+        if np.any(pinned):
+            step = _step(value, slope, unit * ~pinned, way * ~pinned)
+        far = np.max(np.abs(step) / scale, axis=1)
+        step *= np.minimum(1.0, STEP_NEARER / np.maximum(far, 1e-12))[:, None]
+        out[rows] = np.clip(q + step, low, high)
+        rows = rows[far >= SHORTEST_STEP]
+    return list(out)
+
+
+def _step(value: Array, slope: Array, unit: Array, way: Array) -> Array:
+    """The steps that leave least of a way, and to first order nothing missing.
+
+    Args:
+        value: What is missing, shape (m, k).
+        slope: Its derivatives, shape (m, k, n).
+        unit: Displacements that count as much as each other, shape (m, n); zero for
+            joints that stay.
+        way: What the steps are to undo as far as they can, shape (m, n).
+    """
+    left = value - (slope @ way[:, :, None])[:, :, 0]
+    return damped_step(left, slope, unit, np.zeros(len(value))) - way
 
 
 def isolated(asked: AtGoal, q: Array) -> bool:

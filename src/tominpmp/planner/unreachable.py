@@ -9,9 +9,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints import PathConstraint
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.at_goal import AtGoal
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
-from tominpmp.initial_guess.inverse_kinematics import find_configurations
+from tominpmp.initial_guess.inverse_kinematics import AtGoal, find_configurations
 from tominpmp.initial_guess.segments import following, unreached
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
