@@ -1,23 +1,32 @@
-"""The command ``batch``: plan many scenarios, and keep the results."""
+"""The command ``batch``: plan the scenarios of a folder or a list, keep the results."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tominpmp.cell.batch.folder import scenarios_in, summary
-from tominpmp.cell.batch.outcome import Outcome
-from tominpmp.cell.batch.plan_many import Progress, plan_many
-from tominpmp.cell.options import BatchOptions
+from tominpmp.cell.batch import Progress, plan_many
+from tominpmp.cell.commands import BatchOptions
 from tominpmp.cli.json_text import json_text
 from tominpmp.cli.report import rows_text
 from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, complain, say
+from tominpmp.description.fields import Field
+from tominpmp.description.paths import checked_path
+from tominpmp.exceptions import ScenarioError
+from tominpmp.files.scenario import SECTIONS, read_toml
 
+ENDING = ".toml"
 # Problems without a motion that are named.
 NAMED = 20
+# What a report in JSON says of each problem.
+REPORTED = (
+    *("index", "name", "success", "status", "message", "gap", "verified", "T"),
+    *("path", "seconds", "resumed"),
+)
 
 
 def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> int:
@@ -32,56 +41,50 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         TominpmpError: If anything given is wrong; a broken scenario among others is
             reported instead, and the others are planned.
     """
-    begin = time.perf_counter()
-    problems = scenarios_in(source)
-
-    def tell(state: Progress) -> None:
-        last: Outcome = state.last
-        found = f"T = {last.T:.4f} s" if last.success else f"{last.status}, no motion"
-        more = ", from a former run" if last.resumed else ""
-        line = f"{state.done}/{state.total}  {last.name}: {found}{more}"
-        say(line, err=True)
-
-    given = dict(options)
-    seed = given.pop("seed", 0)
-    found = plan_many(
-        problems,
+    begin, given = time.perf_counter(), dict(options)
+    outcomes = plan_many(
+        _scenarios_in(source),
         workers=args.workers,
         backend=args.backend,
         results=args.output,
-        seed=0 if seed is None else seed,
+        seed=given.pop("seed", None) or 0,
         warm_start=args.warm_start,
-        progress=None if args.quiet or args.json else tell,
+        progress=None if args.quiet or args.json else _show,
         **given,
     )
-    # Motions are in files; thousands of them need not be in memory, too.
     rows = []
-    for outcome in found:
-        rows.append(_light(outcome))
+    for outcome in outcomes:
+        # Motions are in files; thousands of them need not be in memory, too.
+        rows.append(replace(outcome, solution=None))
         present().check()
-    data = summary(rows) | {"seconds": time.perf_counter() - begin}
+    found = [row for row in rows if row.success]
     failed = [row for row in rows if not row.success]
-    for row in failed[:NAMED] if not args.json else ():
-        complain("no motion", f"{row.name}: {row.message}", "bold yellow")
+    data = {
+        "problems": len(rows),
+        "found": len(found),
+        "verified": sum(row.verified for row in found),
+        "resumed": sum(row.resumed for row in rows),
+        "T": sum(row.T for row in found),
+        "planning_time": sum(row.seconds for row in rows),
+        "seconds": time.perf_counter() - begin,
+    }
     if args.json:
-        say(json_text(data | {"outcomes": [_told(row) for row in rows]}))
+        names = {name: "file" if name == "path" else name for name in REPORTED}
+        each = [{names[k]: getattr(row, k) for k in names} for row in rows]
+        say(json_text(data | {"outcomes": each}))
     else:
+        for row in failed[:NAMED]:
+            complain("no motion", f"{row.name}: {row.message}", "bold yellow")
         say(_text(data, args))
     return NO_PLAN if failed else PLANNED
 
 
-def _light(outcome: Any) -> Any:
-    from dataclasses import replace
-
-    return replace(outcome, solution=None)
-
-
-def _told(row: Any) -> dict[str, Any]:
-    names = ("index", "name", "success", "status", "message", "gap", "verified")
-    found = {name: getattr(row, name) for name in names}
-    found["T"] = row.T if row.success else None
-    found["file"] = None if row.path is None else str(row.path)
-    return found | {"seconds": row.seconds, "resumed": row.resumed}
+def _show(state: Progress) -> None:
+    """Show that a problem is done."""
+    last = state.last
+    found = f"T = {last.T:.4f} s" if last.success else f"{last.status}, no motion"
+    more = ", from a former run" if last.resumed else ""
+    say(f"{state.done}/{state.total}  {last.name}: {found}{more}", err=True)
 
 
 def _text(data: Mapping[str, Any], args: BatchOptions) -> str:
@@ -94,6 +97,54 @@ def _text(data: Mapping[str, Any], args: BatchOptions) -> str:
     ]
     if data["resumed"]:
         rows.append(("former run", f"{data['resumed']} results"))
-    if args.output is not None:
-        rows.append(("results", str(args.output)))
-    return rows_text("The batch is done.", rows)
+    return rows_text("The batch is done.", [*rows, ("results", str(args.output))])
+
+
+def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
+    """Scenario files that a batch is made of, each with a name of its own.
+
+    Args:
+        source: A folder, in which and below which every ``.toml`` is one; a list of
+            them, a TOML file with ``problems = ["a.toml", "cells/*.toml"]``, whose
+            paths are relative to its folder; or one scenario.
+
+    Returns:
+        Names, which are paths without their endings, and paths, in their order.
+
+    Raises:
+        ScenarioError: If there is no such file or folder, or nothing in it, or a list
+            has other keys.
+    """
+    path = checked_path(source, "source", ScenarioError)
+    folder, found = path.parent, list[Path]()
+    if path.is_dir():
+        folder, found = path, sorted(path.rglob(f"*{ENDING}"))
+    else:
+        content = read_toml(path)
+        if "problems" not in content and any(key in content for key in SECTIONS):
+            return [(path.stem, path)]
+        document = Field(content, path)
+        document.only("problems")
+        for item in document.need("problems").items():
+            files = _matching(folder, item.text())
+            if not files:
+                item.fail(f"is {item.text()!r}, which no file matches")
+            found += files
+    if not found:
+        raise ScenarioError(f"{path} holds no scenario ({ENDING})", path)
+    return [(_name(file, folder), file) for file in dict.fromkeys(found)]
+
+
+def _matching(folder: Path, pattern: str) -> list[Path]:
+    """Files of a pattern; a plain path need not be there, which is told later."""
+    if not any(sign in pattern for sign in "*?["):
+        return [folder / pattern]
+    try:
+        return sorted(path for path in folder.glob(pattern) if path.is_file())
+    except (ValueError, NotImplementedError):
+        return []
+
+
+def _name(path: Path, folder: Path) -> str:
+    inside = path.relative_to(folder) if path.is_relative_to(folder) else path
+    return inside.with_suffix("").as_posix()

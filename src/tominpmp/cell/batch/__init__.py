@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tominpmp.cell.batch.dataset import Dataset
-from tominpmp.cell.batch.outcome import Outcome
+from tominpmp.cell.batch.dataset import Dataset, Outcome
 from tominpmp.cell.batch.plan_many import Progress, plan_many
 
 __all__ = ["Dataset", "Outcome", "Progress", "plan_many"]

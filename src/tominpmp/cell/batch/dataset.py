@@ -13,7 +13,7 @@ import json
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -21,11 +21,10 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record
 from tominpmp.bounds.result import LowerBound
-from tominpmp.cell.batch.outcome import Outcome
 from tominpmp.checks import whole
 from tominpmp.description.paths import checked_path
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ScenarioError, optional
+from tominpmp.exceptions import BRIEF, ScenarioError, brief, optional, shortened
 from tominpmp.files.scenario import Scenario, load_scenario
 from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
@@ -43,6 +42,80 @@ KEPT = (
     *("index", "name", "seed", "status", "message", "gap", "verified", "seconds"),
     "began_with",
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome(Record):
+    """What became of one problem of a batch; true if there is a motion.
+
+    Attributes:
+        index: Its number in the batch, from 0.
+        name: Its name: that of its file, or its number.
+        seed: The seed that it was planned with.
+        success: Whether there is a motion that keeps all constraints.
+        status: Name of the status of the solution; "BROKEN" where the problem could not
+            be made or sent, "LOST" where the process that planned it was killed.
+        message: How it ended, or what is wrong with it.
+        T: Duration of the motion [s]; infinite without one.
+        gap: T over what no motion can beat, less one; None if that is not known.
+        verified: Whether the independent replay of the motion passed.
+        seconds: Time that planning took [s].
+        began_with: Number of the problem whose motion it began with; None for none.
+        solution: The solution; None where there is none. One that was read from a
+            folder of results has neither history nor replay.
+        path: File that holds it; None without a folder of results.
+        resumed: Whether it was read from there.
+    """
+
+    index: int
+    name: str
+    seed: int
+    success: bool
+    status: str
+    message: str
+    T: float = math.inf
+    gap: float | None = None
+    verified: bool = False
+    seconds: float = 0.0
+    began_with: int | None = None
+    solution: Solution | None = field(default=None, repr=False)
+    path: Path | None = None
+    resumed: bool = False
+
+    def __bool__(self) -> bool:
+        """Whether there is a motion."""
+        return self.success
+
+    def __repr__(self) -> str:
+        """Name, status and time, on one line."""
+        found = f"T = {self.T:.6g} s" if self.success else shortened(self.message)
+        return f"<Outcome {brief(self.name, BRIEF)}: {self.status}, {found}>"
+
+    @classmethod
+    def of(
+        cls,
+        solution: Solution,
+        index: int,
+        name: str,
+        seed: int,
+        began_with: int | None = None,
+    ) -> Outcome:
+        """Of a solution."""
+        judged = solution.verification
+        return cls(
+            index=index,
+            name=name,
+            seed=seed,
+            success=solution.success,
+            status=solution.status.name,
+            message=solution.message,
+            T=solution.T,
+            gap=solution.gap,
+            verified=judged is not None and judged.ok,
+            seconds=solution.planning_time,
+            began_with=began_with,
+            solution=solution,
+        )
 
 
 def file_of(folder: Path, index: int, name: str) -> Path:

@@ -1,36 +1,44 @@
-"""Many plans: lazily, in several processes, and such that nothing is lost."""
+"""Many plans: lazily, in several processes, and such that nothing is lost.
+
+Thousands of problems share a few robots. A robot is pickled once; a process that has
+it already neither unpickles it nor reads its meshes again. Nothing that depends on a
+problem is kept with it.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import io
 import math
+import os
 import pickle
 import tempfile
 import time
+import warnings
+import zlib
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
 
 from tominpmp.arrays import Record
+from tominpmp.cell.batch.dataset import Entry, Outcome, file_of, write_outcome
 from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
-from tominpmp.cell.batch.outcome import Outcome
-from tominpmp.cell.batch.task import (
-    BROKEN,
-    LOST,
-    Item,
-    Settings,
-    Start,
-    item_of,
-    pack,
-    ready,
-    run_packed,
-)
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ScenarioError, brief
+from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError, brief
+from tominpmp.files.scenario import Scenario, load_scenario, scenario_text
+from tominpmp.initial_guess.parallel import end_with
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
+from tominpmp.planner.planning import plan
+from tominpmp.problem import Problem
+from tominpmp.robot import Robot
 
 MOST_WORKERS = 100_000
 
@@ -125,13 +133,13 @@ def plan_many(
         instance(backend, str, "backend", "the name of a backend of joblib")
     if progress is not None and not callable(progress):
         raise wrong(progress, "progress", "a function")
-    executor = Executor(run_packed, workers, backend)
+    executor = Executor(_run_packed, workers, backend)
     total = len(problems) if isinstance(problems, Sized) else None
-    numbered = (item_of(index, given, first_seed) for index, given in enumerate(items))
+    tasks = (_task(index, given, first_seed) for index, given in enumerate(items))
     if warm_start:
-        found = _in_rounds(executor, settings, numbered)
+        found = _in_rounds(executor, settings, tasks)
     else:
-        found = _outcomes(executor, settings, numbered, {})
+        found = _outcomes(executor, settings, tasks, {})
     if progress is not None:
         found = _watched(found, progress, total)
     return _in_order(found) if ordered else found
@@ -181,50 +189,51 @@ def _make_folder(folder: Path) -> None:
 def _outcomes(
     executor: Executor,
     settings: Settings,
-    items: Iterable[Item],
+    tasks: Iterable[Task],
     starts: Mapping[int, Start],
 ) -> Iterator[Outcome]:
-    """Outcomes as they finish, of items of which some begin with motions."""
-    sent: dict[int, Item] = {}
+    """Outcomes as they finish, of tasks of which some begin with motions."""
+    sent: dict[int, Task] = {}
     bad: list[Outcome] = []
 
     def work() -> Iterator[tuple[int, bytes]]:
-        for item in items:
+        for task in tasks:
             try:
-                packed = pack((item, settings, starts.get(item.index)))
+                packed = _packed((task, settings, starts.get(task.index)))
             except Exception as error:  # whatever the caller's object does
                 reason = f"the problem cannot be sent: {brief(str(error), 300)}"
-                bad.append(item.failed(BROKEN, reason))
+                bad.append(task.failed(BROKEN, reason))
                 continue
-            sent[item.index] = item
-            yield item.index, packed
+            sent[task.index] = task
+            yield task.index, packed
 
     for index, result in executor.results(work()):
         while bad:
             yield bad.pop(0)
-        item = sent.pop(index)
+        task = sent.pop(index)
         if result is None:
-            yield item.failed(LOST, "the process that planned it was killed, twice")
+            yield task.failed(LOST, "the process that planned it was killed, twice")
         else:
             yield pickle.loads(result)
     yield from bad
 
 
 def _in_rounds(
-    executor: Executor, settings: Settings, items: Iterable[Item]
+    executor: Executor, settings: Settings, tasks: Iterable[Task]
 ) -> Iterator[Outcome]:
-    """Outcomes of items that begin with the motions of their neighbours."""
-    every = list(items)
-    problems = [ready(item, Settings(None, {}, None)).problem for item in every]
+    """Outcomes of tasks that begin with the motions of their neighbours."""
+    every, problems = list(tasks), list[Problem | None]()
+    for task in every:
+        try:
+            problems.append(_problem(task.given, Options())[0])
+        except TominpmpError:
+            problems.append(None)
     rounds = rounds_of(problems)
     motions: dict[int, Trajectory] = {}
     for numbers in rounds.rounds:
         chosen, fresh = [every[k] for k in numbers.tolist()], dict[int, Trajectory]()
-        starts: dict[int, Start] = {}
-        for item in chosen:
-            first = rounds.start(item.index, motions)
-            if first is not None:
-                starts[item.index] = Start(first, motions[first])
+        near = {task.index: rounds.start(task.index, motions) for task in chosen}
+        starts = {k: (j, motions[j]) for k, j in near.items() if j is not None}
         for outcome in _outcomes(executor, settings, chosen, starts):
             solution = outcome.solution
             if outcome.success and solution is not None and solution.trajectory:
@@ -256,3 +265,199 @@ def _watched(
         seconds = time.perf_counter() - begin
         progress(Progress(done, found, total, seconds, outcome))
         yield outcome
+
+
+BROKEN, LOST = "BROKEN", "LOST"
+# A motion to begin with: the number of the problem that it solves, and the motion.
+Start = tuple[int, Trajectory]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A problem of a batch, as the caller gave it.
+
+    Attributes:
+        index: Its number, from 0.
+        name: Its name.
+        seed: The seed of its plan.
+        given: A Problem, a Scenario or the path of a scenario file; or what is wrong.
+    """
+
+    index: int
+    name: str
+    seed: int
+    given: Any
+
+    def failed(self, status: str, message: str) -> Outcome:
+        """The outcome of a task that was not planned."""
+        return Outcome(self.index, self.name, self.seed, False, status, message)
+
+
+def _task(index: int, given: Any, seed: int) -> Task:
+    """Name a problem, and give it a seed of its own.
+
+    Args:
+        index: Its number.
+        given: What the caller gave: a problem, a path, or a name and one of these.
+        seed: The seed of the batch.
+    """
+    named = isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
+    name, what = given if named else (None, given)
+    if name is None and isinstance(what, str | Path):
+        name = Path(what).stem
+    own = index if name is None else zlib.crc32(name.encode())
+    numbers = np.random.SeedSequence([seed, own]).generate_state(1)
+    return Task(index, name or f"problem {index}", int(numbers[0]), what)
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What all plans of a batch have in common.
+
+    Attributes:
+        options: Options of the plans; None for those of scenarios, or the defaults.
+        changes: Options by name, which go before these.
+        folder: Folder of the results, if they are kept.
+        parent: Number of the process that hands out the work.
+    """
+
+    options: Options | None
+    changes: Mapping[str, Any]
+    folder: Path | None
+    parent: int = field(default_factory=os.getpid)
+
+
+# Robots that a process keeps.
+MOST_ROBOTS = 16
+# These by what they are pickled to, the one used last at the end.
+_kept: OrderedDict[bytes, Robot] = OrderedDict()
+# Those that were read back; by their numbers, which others may get once they are gone:
+# so they are compared.
+_checked_robots: WeakValueDictionary[int, Robot] = WeakValueDictionary()
+# Processes that this one ends with.
+_watched_parents: set[int] = set()
+
+
+def _keep(content: bytes, robot: Robot) -> None:
+    _kept[content] = robot
+    _kept.move_to_end(content)
+    while len(_kept) > MOST_ROBOTS:
+        _kept.popitem(last=False)
+
+
+def _robot(content: bytes) -> Robot:
+    """The robot of a pickle, which is read once."""
+    robot = _kept.get(content)
+    robot = pickle.loads(content) if robot is None else robot
+    _keep(content, robot)
+    return robot
+
+
+class _Pickler(pickle.Pickler):
+    def reducer_override(self, item: Any) -> Any:
+        """Robots as their pickles, of which each process reads one once."""
+        if not isinstance(item, Robot):
+            return NotImplemented
+        known = [content for content, robot in _kept.items() if robot is item]
+        content = known[0] if known else pickle.dumps(item)
+        _keep(content, item)
+        return _robot, (content,)
+
+
+def _packed(item: Any) -> bytes:
+    """Pickle an object.
+
+    Raises:
+        Exception: If there is something in it that cannot be pickled.
+    """
+    file = io.BytesIO()
+    _Pickler(file, protocol=pickle.HIGHEST_PROTOCOL).dump(item)
+    return file.getvalue()
+
+
+def _run_packed(packed: bytes) -> bytes:
+    """In a process of a batch: plan what was sent, and send the outcome.
+
+    What is sent is a task, the settings and a motion to begin with.
+    """
+    task, settings, start = pickle.loads(packed)
+    if os.getpid() != settings.parent and settings.parent not in _watched_parents:
+        _watched_parents.add(settings.parent)
+        if hasattr(os, "getppid") and os.getppid() == settings.parent:
+            end_with(settings.parent)
+    return _packed(_planned(task, settings, start))
+
+
+def _planned(task: Task, settings: Settings, start: Start | None) -> Outcome:
+    """Plan a problem and keep the result, unless a former run has kept it."""
+    folder, text, reason, digest = settings.folder, "", "", ""
+    try:
+        problem, options = _problem(task.given, settings.options)
+        options = options.changed(settings.changes)
+        options = replace(options, callback=None, processes=1, seed=task.seed)
+        if folder is not None:
+            text, reason = _written(problem, options, folder)
+        if folder is not None and text:
+            about = f"{task.name}\n{None if start is None else start[0]}\n{text}"
+            digest = hashlib.sha256(about.encode()).hexdigest()
+            path = file_of(folder, task.index, task.name)
+            former = _former(path, digest)
+            if former is not None:
+                return former.outcome(problem, options)
+        number, motion = (None, None) if problem.segments else start or (None, None)
+        solution = plan(problem, options, motion)
+        outcome = Outcome.of(solution, task.index, task.name, task.seed, number)
+    except TominpmpError as error:
+        outcome = task.failed(BROKEN, str(error))
+    if folder is None:
+        return outcome
+    path = file_of(folder, task.index, task.name)
+    write_outcome(path, outcome, digest, text, reason)
+    return replace(outcome, path=path)
+
+
+def _problem(given: Any, options: Options | None) -> tuple[Problem, Options]:
+    """The problem, with the options of its file unless there are others.
+
+    Raises:
+        TominpmpError: If there is none.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they are in the problem's own messages
+        if isinstance(given, str | Path):
+            given = load_scenario(given)
+    if isinstance(given, Scenario):
+        return given.problem, given.options if options is None else options
+    if isinstance(given, Problem):
+        return given, Options.of(options)
+    raise ProblemError(
+        f"the problem is {brief(given)}, expected a Problem, a Scenario or the path of "
+        "a scenario file",
+        "problems",
+    )
+
+
+def _written(problem: Problem, options: Options, folder: Path) -> tuple[str, str]:
+    """A problem as the text of a scenario, or why no file can hold it."""
+    robot = problem.robot
+    try:
+        # To read a robot back takes longer than many a plan.
+        known = _checked_robots.get(id(robot)) is robot
+        place = folder / "problem.toml"
+        text = scenario_text(place, problem, options, check=not known)
+    except ScenarioError as error:
+        return "", str(error)
+    _checked_robots[id(robot)] = robot
+    return text, ""
+
+
+def _former(path: Path, digest: str) -> Entry | None:
+    """The result of a former run, if there is one of this very problem."""
+    if not path.is_file():
+        return None
+    try:
+        entry = Entry.read(path)
+    except ScenarioError:
+        return None  # a broken one is made again
+    same = entry.about.get("digest") == digest and entry.about["status"] != LOST
+    return entry if same else None
