@@ -164,7 +164,7 @@ def test_examples_of_files_are_read(name: str, load: Any, tmp_path: Path) -> Non
     path = tmp_path / "example.toml"
     path.write_text(text.partition("```toml\n")[2].partition("```")[0])
     found = load(path)
-    robot = found.robot if name == "tour_keys" else found.problem.robot
+    robot = found["robot"] if name == "tour_keys" else found.problem.robot
     assert f'name = "{robot.name}"' in text
 
 

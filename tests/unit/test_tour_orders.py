@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tominpmp.bounds.least_time import OneWay, Ramp
-from tominpmp.cell.tours.leg_times import JointTimes, LegTable
+from tominpmp.cell.tours.legs import JointTimes, LegTable
 from tominpmp.cell.tours.lower_bound import _one_tree
 from tominpmp.cell.tours.orders import Found, exact_order, search_order
 from tominpmp.cell.tours.station import Rules, Station, checked_stations

@@ -7,7 +7,7 @@ import pytest
 
 import tests.sample_arms as arms
 import tominpmp as tm
-from tominpmp.cell.tours.leg_times import JointTimes
+from tominpmp.cell.tours.legs import JointTimes
 
 HOME = np.array([0.3, 0.9])
 PLACES = {"far": np.array([0.1, 1.6]), "near": np.array([-0.9, 0.7])}

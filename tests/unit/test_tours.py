@@ -12,8 +12,7 @@ import pytest
 import tests.sample_arms as arms
 import tominpmp as tm
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.leg_times import JointTimes
-from tominpmp.cell.tours.legs import direct_motion
+from tominpmp.cell.tours.legs import JointTimes, direct_motion
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.station import Rules
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError

@@ -7,7 +7,7 @@ import pytest
 
 import tests.sample_arms as arms
 import tominpmp as tm
-from tominpmp.cell.tours.assembly import least_stays, together
+from tominpmp.cell.tours.station import least_stays, together
 from tominpmp.kinematics import RobotKinematics
 
 LIMITS = tm.MotionLimits(acceleration=6.0)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from tominpmp.bounds.result import USELESS, LowerBound
 from tominpmp.cell.commands import TourOptions
-from tominpmp.cell.tours import Tour
-from tominpmp.cell.tours.tour_file import blamed, load_tour
+from tominpmp.cell.tours import Tour, plan_tour
+from tominpmp.cell.tours.tour_file import load_tour
 from tominpmp.cli.json_text import json_text
 from tominpmp.cli.output_files import (
     MOTION_ENDINGS,
@@ -50,16 +51,19 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
         if path is not None:
             check_target(path, option, endings)
     check_period(args.dt)
-    changes = {} if args.max_time is None else {"max_planning_time": args.max_time}
+    changes: dict[str, Any] = {}
+    if args.max_time is not None:
+        changes["max_planning_time"] = args.max_time
     Options().changed(changes)
-    task = load_tour(scenario)
+    arguments = load_tour(scenario)
     with logged(args.verbose, error_console()):
         try:
-            tour = task.plan(**changes)
+            tour = plan_tour(**arguments, **changes)
         except ScenarioError:
             raise
         except TominpmpError as error:
-            raise blamed(scenario, error) from error
+            field = getattr(error, "field", None)
+            raise ScenarioError(f"{scenario}: {error}", scenario, field) from error
     files = _write(tour, args) if tour.success else []
     if args.json:
         data = {name: getattr(tour, name) for name in REPORTED}

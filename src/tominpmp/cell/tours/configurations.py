@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.cell.tours.leg_times import LegTable
+from tominpmp.cell.tours.legs import LegTable
 from tominpmp.collision.placements import Placements
 from tominpmp.goals import Goal, Scales
 from tominpmp.goals.targets import FrameTarget, frame_target

@@ -18,10 +18,9 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.bounds import LowerBound, lower_bound
-from tominpmp.cell.tours.assembly import least_stays
-from tominpmp.cell.tours.leg_times import JointTimes
+from tominpmp.cell.tours.legs import JointTimes
 from tominpmp.cell.tours.orders import exact_order
-from tominpmp.cell.tours.station import Rules, Station
+from tominpmp.cell.tours.station import Rules, Station, least_stays
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints

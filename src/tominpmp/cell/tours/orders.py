@@ -17,7 +17,7 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.cell.tours.leg_times import LegTable
+from tominpmp.cell.tours.legs import LegTable
 from tominpmp.cell.tours.station import Rules
 from tominpmp.stopping import check
 

@@ -21,19 +21,33 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.cell.tours.assembly import assembled, failed
 from tominpmp.cell.tours.configurations import Configurations, refined
-from tominpmp.cell.tours.leg_times import JointTimes, Leg, LegTable
-from tominpmp.cell.tours.legs import Legs, carrying
+from tominpmp.cell.tours.legs import (
+    DIRECT,
+    JointTimes,
+    Leg,
+    Legs,
+    LegTable,
+    carrying,
+)
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.orders import best_order
-from tominpmp.cell.tours.station import Rules, Station, called, checked_stations
+from tominpmp.cell.tours.station import (
+    Rules,
+    Station,
+    Visit,
+    arm_of,
+    called,
+    checked_stations,
+    together,
+)
 from tominpmp.cell.tours.tour import Tour
 from tominpmp.checks import JointsLike, flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of, warn_caller
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.goals.targets import place_of
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
@@ -41,8 +55,10 @@ from tominpmp.problem.segments import known_names
 from tominpmp.problem.state_checks import onto_limits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
+from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
+from tominpmp.transcription.ticks import whole_periods
 
 # Configurations of a station that differ by less in all joints are the same [rad or m]:
 # what they differ by is how exactly the goal is met, and their legs would be planned
@@ -121,7 +137,8 @@ class TourSearch:
                     f"stations[{number}]",
                 )
         if not exact:
-            times = times.with_acceleration(_torque_limited(problem, found))
+            most = np.minimum(times.acceleration, _torque_limited(problem, found))
+            times = replace(times, acceleration=most)
         last = [] if q_end is None else [q_end[None]]
         nodes = [problem.q_start[None], *found, *last]
         rests = [True, *(station.stop for station in stations), *(True for _ in last)]
@@ -163,10 +180,7 @@ class TourSearch:
             status = Status.INTERRUPTED if requested else Status.TIME_LIMIT
             if best is None:
                 raise
-        if best is None:
-            return failed(self.legs)
-        order, chosen = best[1]
-        return assembled(self.legs, self.table.way(order), chosen, status)
+        return self._failed() if best is None else self._assembled(best[1], status)
 
     # -- order and configurations ------------------------------------------------------
 
@@ -248,6 +262,117 @@ class TourSearch:
             self.table.scaled(self.legs.factor())
         # As estimated: no other order can be better by these estimates.
         return missed <= 1e-9 and sooner <= SOONER
+
+    # -- the tour ----------------------------------------------------------------------
+
+    def _assembled(self, way: Way, status: Status) -> Tour:
+        """Put the motions of a way together."""
+        legs, table, nodes = self.legs, self.table, self.table.way(way[0])
+        places = list(zip(nodes, way[1], strict=True))
+        q = [table.nodes[node][c] for node, c in places]
+        motions, visits = list[Solution](), list[Visit]()
+        # When the robot comes to rest [s], and which arm stays there how long [s], None
+        # for all of them: several arms may work at once.
+        halts: list[tuple[float, list[tuple[str | None, float]]]] = [(0.0, [])]
+
+        def visit(place: int, there: Array) -> None:
+            """Visit the station of a place, as soon as its arm is free."""
+            number = table.station(nodes[place])
+            if number is None:
+                return
+            station, (begin, stays) = legs.stations[number], halts[-1]
+            arm = arm_at(legs.problem.robot, station.goal, there)
+            before = [item for item in stays if arm is None or item[0] in (arm, None)]
+            arrival = begin + together(before)
+            stay = whole_periods(station.dwell, legs.options.control_period)
+            stays.append((arm, stay))
+            visits.append(Visit(station.name, there, arrival, arrival + stay))
+
+        first = 0
+        for last in _stops(table, nodes):
+            found = _run(legs, places, q, first, last)
+            if found is None:
+                return self._failed()
+            if not found:
+                visit(last, q[last])  # it is there already
+            for motion, reached in found:
+                begin = halts[-1][0] + together(halts[-1][1])
+                motions.append(motion)
+                for k, part in zip(reached, motion.segments, strict=True):
+                    if k != reached[0]:
+                        halts.pop()
+                    halts.append((begin + part.arrival, []))
+                    visit(k, motion.trajectory(part.arrival).q)
+            first = last
+        what = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
+        count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
+        return Tour(
+            legs.problem,
+            legs.stations,
+            status,
+            f"{what} over {count} was found, each motion of it verified.",
+            tuple(visit.station for visit in visits),
+            tuple(visits),
+            tuple(motions),
+            direct=sum(m.message.endswith(DIRECT) for m in motions),
+            legs_planned=legs.planned,
+            stays=tuple(together(stays) for _, stays in halts),
+        )
+
+    def _failed(self) -> Tour:
+        """What is returned where no tour was found."""
+        legs, status = self.legs, Status.INFEASIBLE
+        reason = "no order of the stations keeps what was said of it"
+        reason += " (after, then, precedence)"
+        if legs.errors:
+            reason = f"of the legs, {legs.errors[-1].rstrip('.')}"
+        text = f"{status.value} No tour was found: {reason}."
+        planned = legs.planned
+        return Tour(legs.problem, legs.stations, status, text, legs_planned=planned)
+
+
+# Legs without a stop between them that are planned as one motion.
+MOST_TOGETHER = 8
+
+
+def _stops(table: LegTable, nodes: Sequence[int]) -> list[int]:
+    """Places at which motions end: stops, and some between if these are rare."""
+    stops = [0]
+    for place in range(1, len(nodes)):
+        final = place == len(nodes) - 1
+        if table.rests[nodes[place]] or final or place - stops[-1] >= MOST_TOGETHER:
+            stops.append(place)
+    return stops[1:]
+
+
+def _run(
+    legs: Legs,
+    way: Sequence[tuple[int, int]],
+    q: Sequence[Array],
+    first: int,
+    last: int,
+) -> list[tuple[Solution, list[int]]] | None:
+    """Motions from one stop to the next, and the places that each one reaches."""
+    if last == first + 1:
+        leg = (*way[first], *way[last])
+        if legs.stays(leg):
+            return []
+        found = legs.motion(leg)
+        return None if found is None else [(found, [last])]
+    stretch = slice(first, last + 1)
+    passing = legs.passing([node for node, _ in way[stretch]], q[stretch])
+    if passing is not None:
+        return [(passing, list(range(first + 1, last + 1)))]
+    each = [_run(legs, way, q, k, k + 1) for k in range(first, last)]
+    parts = [part for part in each if part is not None]
+    return None if len(parts) < len(each) else [item for part in parts for item in part]
+
+
+def arm_at(robot: Robot, goal: Goal, q: Array) -> str | None:
+    """Name of the arm that meets a goal at a configuration; None for all of them."""
+    if not robot.parts:
+        return None
+    return arm_of(robot, goal.nearest(RobotKinematics(robot), q, np.zeros(robot.n)))
 
 
 def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:

@@ -1,25 +1,63 @@
-"""What planning a tour returns: the order, the motions and what bounds the cycle."""
+"""What planning a tour returns: the order, the motions and what bounds the cycle.
+
+The whole cycle is its motions and stays joined to one motion. What a motor or an
+obstacle costs is the sum over the motions. The legs of a tour end at configurations,
+which tell nothing of the place of a station: for that the two motions that meet there
+are looked at as one, with the goal of the station between them, so that the arm may
+reach a place that is moved in another way.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tominpmp.cell.tours.cycle import joined
+import numpy as np
+
+from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
-from tominpmp.motion.trajectory import Trajectory
+from tominpmp.files.export import export
+from tominpmp.motion.trajectory import InverseDynamics, Trajectory
 from tominpmp.problem import Problem
+from tominpmp.problem.segments import Segment, known_names, segments_of
+from tominpmp.sensitivities import Sensitivities, analyse
+from tominpmp.sensitivities.records import Sensitivity
 from tominpmp.solution import Solution
 from tominpmp.status import Status
+from tominpmp.viz.figures import (
+    GOAL_COLOR,
+    add_legend,
+    color,
+    finish,
+    new_figure,
+    styled,
+)
+from tominpmp.viz.playback import play
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from tominpmp.sensitivities.records import Sensitivities
+# Nodes that a motion of degree 5 is given where others are of lower degree [s].
+FINE = 0.01
+# Times that are the same [s].
+SAME = 1e-9
+# Where small changes of two motions promise more than this share of their time, what
+# the place between them is worth is not known.
+MOST_PROMISE = 0.02
+# Stations of a picture whose names are written; of more only some are.
+MOST_NAMES = 40
+# Points at which speeds are drawn.
+POINTS = 3_000
+MOTION_COLOR = "#8fa3b8"
+# A stay that takes no time is drawn as long as this share of the cycle.
+LEAST_BAR = 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +157,34 @@ class Tour:
         Raises:
             ProblemError: If there is no tour, or a motion has no multipliers.
         """
-        from tominpmp.cell.tours.cycle import cycle_sensitivities
-
         self._motion()  # there has to be one
-        arrivals = [(visit.station, visit.arrival) for visit in self.visits]
-        return cycle_sensitivities(
-            self.problem, self.stations, self.motions, self.stays, arrivals
-        )
+        parts = []
+        for motion in self.motions:
+            found = motion.sensitivities
+            kept = tuple(item for item in found if item.kind != "goal")
+            parts.append(replace(found, records=kept))
+        whole = Sensitivities.of_cycle(parts, T=self.cycle_time)
+        return replace(whole, records=(*whole.records, *self._places()))
+
+    def _places(self) -> list[Sensitivity]:
+        """What the places of stations at which the arm stops are worth."""
+        named = {station.name: station for station in self.stations}
+        last: Station | None = None
+        places, end = list[Sensitivity](), self.stays[0]
+        pairs = zip(self.motions, self.motions[1:], self.stays[1:], strict=False)
+        for before, after, stay in pairs:
+            end += before.T
+            first, until = end - SAME, end + stay + SAME
+            here = [v.station for v in self.visits if first <= v.arrival <= until]
+            end += stay
+            alone = not before.problem.segments and not after.problem.segments
+            if len(here) == 1 and alone:
+                place = _place(self.problem, last, named[here[0]], before, after)
+                if place is not None:
+                    share = (before.T + after.T) / self.cycle_time
+                    places.append(place.scaled(share))
+            last = named[here[-1]] if here else last
+        return places
 
     def raise_if_failed(self) -> Tour:
         """Return itself, or raise if planning failed.
@@ -154,8 +213,6 @@ class Tour:
             ProblemError: If there is no tour.
             MissingDependency: If Meshcat is not installed.
         """
-        from tominpmp.viz.playback import play
-
         motion = self._motion()
         name = self.problem.robot.name
         options.setdefault(
@@ -177,9 +234,17 @@ class Tour:
             ProblemError: If there is no tour.
             MissingDependency: If matplotlib is not installed.
         """
-        from tominpmp.cell.tours.tour_plot import plot_tour
-
-        return plot_tour(self.problem, self._motion(), self.visits, path=path)
+        problem, motion, visits = self.problem, self._motion(), self.visits
+        height = 1.0 + 0.17 * min(len(visits), MOST_NAMES)
+        with styled():
+            figure = new_figure(8.0, height + 2.4)
+            panels = figure.subplots(2, 1, sharex=True, height_ratios=(height, 2.0))
+            _draw_bars(panels[0], motion.duration, visits)
+            _draw_speeds(panels[1], problem, motion)
+            panels[1].set_xlabel("time [s]")
+            panels[1].set_xlim(0.0, motion.duration)
+            add_legend(figure, panels[1].get_lines()[: problem.robot.n], 6)
+            return finish(figure, path)
 
     gantt = plot
 
@@ -207,8 +272,6 @@ class Tour:
                 wrong.
             ScenarioError: If the file cannot be written.
         """
-        from tominpmp.files.export import export
-
         return export(
             self._motion(), path, dt=dt, with_effort=with_effort, message=message
         )
@@ -223,3 +286,180 @@ class Tour:
             for visit in self.visits
         ]
         return "\n".join(rows)
+
+
+def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
+    """Join motions that begin where the one before ends, at rest.
+
+    Args:
+        motions: The motions.
+        stays: How long the arm stays at the start, and at the end of each [s].
+
+    Returns:
+        One motion; its segments are the motions, each with the stay at its end.
+    """
+    pieces = [[p.trajectory for p in segments_of(motion, ())] for motion in motions]
+    parts = [part for some in pieces for part in some]
+    waits = [
+        stay if part is some[-1] else 0.0
+        for some, stay in zip(pieces, stays[1:], strict=True)
+        for part in some
+    ]
+    if len({part.degree for part in parts}) > 1:
+        parts = [_cubic(part) for part in parts]
+    ends, now = list[float](), 0.0
+    rows: dict[str, list[Array]] = {name: [] for name in ("t", "q", "v", "u", "a")}
+    for number, (part, wait) in enumerate(zip(parts, waits, strict=True)):
+        found = _with_stays(part, stays[0] if number == 0 else 0.0, wait)
+        nodes, first = found["t"].size, now
+        now += float(found["t"][-1])
+        found["t"] = first + found["t"]
+        ends.append(now)
+        for name, values in found.items():
+            # Where one part ends, the nodes of the next one begin.
+            every = len(values) < nodes or number == len(parts) - 1
+            rows[name].append(values if every else values[:-1])
+    dynamics = [p.inverse_dynamics for p in parts if p.inverse_dynamics is not None]
+    known = len(dynamics) == len(parts)
+    several = len({id(_robot_of(function)) for function in dynamics}) > 1
+    arrays: dict[str, Any] = {
+        name: np.concatenate(some) for name, some in rows.items() if some
+    }
+    return Trajectory(
+        parts[0].joint_names,
+        **arrays,
+        inverse_dynamics=dynamics[0] if known else None,
+        segment_ends=np.array(ends),
+        segment_dynamics=tuple(dynamics) if known and several else (),
+    )
+
+
+def _robot_of(dynamics: InverseDynamics) -> object:
+    """The robot whose torques a function gives; itself where that is not known."""
+    owner = getattr(dynamics, "__self__", None)
+    return getattr(owner, "robot", dynamics)
+
+
+def _with_stays(part: Trajectory, before: float, after: float) -> dict[str, Array]:
+    """Arrays of a motion with stays before and after it [s]."""
+    found = {"t": part.t, "q": part.q, "v": part.v, "u": part.u}
+    if part.a is not None:
+        found["a"] = part.a
+    dynamics = part.inverse_dynamics or part.holding
+    for stay, row in ((before, 0), (after, -1)):
+        if stay <= 0.0:
+            continue
+        q, rest = part.q[row][None], np.zeros_like(part.q[row])[None]
+        u = part.u[row][None] if dynamics is None else dynamics(q, rest, rest)
+        if row == 0:
+            t = np.append(-stay, found["t"]) + stay
+        else:
+            t = np.append(found["t"], found["t"][-1] + stay)
+            # Just after the arrival the arm is held.
+            found["u"] = np.concatenate([found["u"][:-1], u])
+        for name, value in {"q": q, "v": rest, "u": u, "a": rest}.items():
+            if name in found:
+                both = [value, found[name]] if row == 0 else [found[name], value]
+                found[name] = np.concatenate(both)
+        found["t"] = t
+    return found
+
+
+def _cubic(part: Trajectory) -> Trajectory:
+    """A motion by positions and velocities alone: exact up to degree 3."""
+    if part.degree < 5:
+        return replace(part, a=None)
+    fine = [
+        np.linspace(a, b, 2 + int((b - a) / FINE))[:-1]
+        for a, b in zip(part.t[:-1], part.t[1:], strict=True)
+    ]
+    t = np.append(np.concatenate(fine), part.t[-1])
+    state = part(t)
+    return replace(part, t=t, q=state.q, v=state.v, u=state.u, a=None)
+
+
+def _place(
+    problem: Problem,
+    last: Station | None,
+    station: Station,
+    before: Solution,
+    after: Solution,
+) -> Sensitivity | None:
+    """What the place of a station is worth to the motions that meet there.
+
+    None where the goal is a configuration, or nothing is known.
+    """
+    if station.goal.configuration is not None:
+        return None
+    one, other = before.trajectory, after.trajectory
+    assert one is not None and other is not None  # noqa: S101 (of a tour)
+    begin = Segment(
+        station.goal,
+        payload=None if last is None else last.payload,
+        may_touch=_touching(before, last, station),
+        stop=True,
+    )
+    then = Segment(
+        after.problem.goal,
+        payload=station.payload,
+        may_touch=_touching(after, station),
+    )
+    both = replace(
+        problem,
+        q_start=before.problem.q_start,
+        goal=then.goal,
+        segments=[begin, then],
+    )
+    try:
+        found = analyse(both, joined([one, other], [0.0, 0.0, 0.0]))
+    except ProblemError:
+        return None  # no multipliers, or a goal that is none of a segment
+    if found.promise > MOST_PROMISE:
+        return None
+    places = [r for r in found if r.kind == "goal" and r.joint is None]
+    own = [r for r in places if r.subject.endswith("of segment 1")]
+    return replace(own[0], subject=station.name) if own else None
+
+
+def _touching(motion: Solution, *stations: Station | None) -> list[tuple[str, str]]:
+    """Pairs that may touch on a motion, of what is there."""
+    known = known_names(motion.problem.robot, motion.problem.scene)
+    given = chain.from_iterable(s.may_touch for s in stations if s is not None)
+    return [pair for pair in given if set(pair) <= known]
+
+
+def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
+    """A row for each station: the way there, then the stay."""
+    least, before = LEAST_BAR * duration, 0.0
+    for row, bar in enumerate(bars):
+        axes.barh(row, bar.arrival - before, left=before, color=MOTION_COLOR)
+        stay = max(bar.departure - bar.arrival, least)
+        axes.barh(row, stay, left=bar.arrival, color=GOAL_COLOR)
+        before = bar.departure
+    home = duration - before
+    names = [bar.station for bar in bars]
+    if home > least:
+        axes.barh(len(bars), home, left=before, color=MOTION_COLOR)
+        names.append("end")
+    every = 1 + len(names) // MOST_NAMES
+    shown = list(range(0, len(names), every))
+    axes.set_yticks(shown, [names[row] for row in shown])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.grid(False, axis="y")
+
+
+def _draw_speeds(axes: Axes, problem: Problem, trajectory: Trajectory) -> None:
+    """Speeds as shares of their limits, or of the largest where there is none."""
+    t = np.unique(
+        np.concatenate([np.linspace(0.0, trajectory.duration, POINTS), trajectory.t])
+    )
+    v = trajectory(t).v
+    top = problem.robot.limits.velocity
+    largest = np.maximum(np.max(np.abs(v), axis=0), 1e-9)
+    scale = np.where(np.isfinite(top), top, largest)
+    for joint, name in enumerate(problem.robot.joint_names):
+        axes.plot(t, v[:, joint] / scale[joint], color=color(joint), lw=0.8, label=name)
+    for limit in (-1.0, 1.0):
+        axes.axhline(limit, color="0.6", lw=0.6, ls="--")
+    axes.set_ylabel("speed / limit")
+    axes.set_ylim(-1.15, 1.15)
