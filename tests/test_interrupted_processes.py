@@ -72,7 +72,7 @@ PLAN = """
 COMMAND = """
     if __name__ == "__main__":
         from tominpmp.cli.app import main
-        from tominpmp.cli.progress import Progress
+        from tominpmp.cli.plan import Progress
         usual = Progress.__call__
 
         def call(self, record):

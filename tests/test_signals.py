@@ -96,7 +96,7 @@ COMMAND = """
     import tominpmp.cli.problem
     from tominpmp.cli.app import main
     from tominpmp.cli.output_files import OutputFiles
-    from tominpmp.cli.progress import Progress
+    from tominpmp.cli.plan import Progress
     number, count, where = int(sys.argv[1]), [0], sys.argv[2]
     usual = Progress.__call__
 

@@ -20,8 +20,7 @@ from tables import entries, field_rows, kinds, plain, summary
 
 import tominpmp as tm
 from tominpmp import exceptions
-from tominpmp.cli.app import run
-from tominpmp.cli.front import COMMANDS
+from tominpmp.cli.app import COMMANDS, run
 from tominpmp.constraints import PathConstraint
 from tominpmp.datasheets import datasheets
 from tominpmp.files.records import classes, motions

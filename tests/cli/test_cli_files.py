@@ -77,7 +77,7 @@ def test_play_a_scenario(
         shown.append((problem, trajectory))
         return path
 
-    monkeypatch.setattr("tominpmp.cli.play.play", play)
+    monkeypatch.setattr("tominpmp.viz.playback.play", play)
     result = run("play", "motion.yaml", "--robot", "scenario.toml", "-o", "a.html")
     assert result.exit_code == 0, result.stderr
     ((problem, trajectory),) = shown

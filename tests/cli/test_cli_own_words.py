@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from cli_samples import Run
 
-from tominpmp.cli.own_words import in_own_words
+from tominpmp.cli.terminal import in_own_words
 
 URDF = """<robot name="a"><link name="base"/><link name="arm"><inertial>
 <mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>

@@ -22,7 +22,7 @@ from cli_samples import (
 from record_samples import record
 from rich.console import Console
 
-from tominpmp.cli.progress import Progress
+from tominpmp.cli.plan import Progress
 from tominpmp.cli.report import limit_shares, report_data
 from tominpmp.cli.terminal import error_console, guarded
 from tominpmp.exceptions import (

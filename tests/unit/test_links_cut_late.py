@@ -17,7 +17,7 @@ import pytest
 from rich.console import Console
 
 import tominpmp as tm
-from tominpmp.cli.progress import LOGGER, Progress
+from tominpmp.cli.plan import LOGGER, Progress
 from tominpmp.collision import CollisionChecker, decomposition, decomposition_cache
 from tominpmp.stopping import Stop
 from tominpmp.verification.nearest import closest

@@ -14,8 +14,7 @@ import pytest
 from command_line import invoke
 
 import tominpmp as tm
-from tominpmp.cli.json_text import json_text
-from tominpmp.cli.report import report_data, report_text
+from tominpmp.cli.report import json_text, report_data, report_text
 from tominpmp.files.export_check import check_file
 from tominpmp.files.scenario import tomllib
 from tominpmp.viz.skeleton import end_frame

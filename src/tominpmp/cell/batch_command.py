@@ -10,8 +10,7 @@ from typing import Any
 
 from tominpmp.cell.batch import Progress, plan_many
 from tominpmp.cell.commands import BatchOptions
-from tominpmp.cli.json_text import json_text
-from tominpmp.cli.report import rows_text
+from tominpmp.cli.report import json_text, rows_text
 from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, complain, say
 from tominpmp.description.fields import Field

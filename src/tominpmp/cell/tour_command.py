@@ -9,7 +9,6 @@ from tominpmp.bounds.result import USELESS, LowerBound
 from tominpmp.cell.commands import TourOptions
 from tominpmp.cell.tours import Tour, plan_tour
 from tominpmp.cell.tours.tour_file import load_tour
-from tominpmp.cli.json_text import json_text
 from tominpmp.cli.output_files import (
     MOTION_ENDINGS,
     PAGE_ENDINGS,
@@ -17,6 +16,7 @@ from tominpmp.cli.output_files import (
     check_period,
     check_target,
 )
+from tominpmp.cli.report import json_text
 from tominpmp.cli.terminal import (
     INTERRUPTED,
     NO_PLAN,
@@ -42,14 +42,9 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     Raises:
         TominpmpError: If anything given is wrong.
     """
-    targets = {
-        "--output": (args.output, MOTION_ENDINGS),
-        "--plot": (args.plot, PLOT_ENDINGS),
-        "--html": (args.html, PAGE_ENDINGS),
-    }
-    for option, (path, endings) in targets.items():
-        if path is not None:
-            check_target(path, option, endings)
+    check_target(args.output, "--output", MOTION_ENDINGS)
+    check_target(args.plot, "--plot", PLOT_ENDINGS)
+    check_target(args.html, "--html", PAGE_ENDINGS)
     check_period(args.dt)
     changes: dict[str, Any] = {}
     if args.max_time is not None:

@@ -118,9 +118,21 @@ def verify(
 
 def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     """Show a motion in the browser, or write a page that plays it without network."""
-    from tominpmp.cli.play import run_play
+    from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
+    from tominpmp.cli.problem import load_scene
+    from tominpmp.files.export import load_motion
+    from tominpmp.goals import JointGoal
+    from tominpmp.motion.joining import recorded_motion
+    from tominpmp.problem import Problem
+    from tominpmp.viz.playback import play
 
-    say(f"page  {run_play(motion, args)}")
+    check_target(args.output, "--output", PAGE_ENDINGS)
+    samples = load_motion(motion)
+    arm, scene = load_scene(args)
+    found = recorded_motion(samples, arm, motion)
+    goal = JointGoal(found.q[-1], found.v[-1])
+    problem = Problem(arm, found.q[0], goal, scene=scene, v_start=found.v[0])
+    say(f"page  {Path(play(problem, found, path=args.output))}")
 
 
 def info(

@@ -8,9 +8,9 @@ from typing import Any, cast
 
 from rich.console import Console
 
-from tominpmp.cli.json_text import json_text, plain
 from tominpmp.cli.options import RobotOptions
 from tominpmp.cli.problem import load_changed_robot
+from tominpmp.cli.report import json_text, plain
 from tominpmp.cli.terminal import say
 from tominpmp.motion_limits import UNITS
 from tominpmp.robot import Robot

@@ -26,7 +26,6 @@ from typing import (
 from cyclopts import Group, Parameter, Token
 
 from tominpmp.cli.completion import COMPLETIONS, supported, words
-from tominpmp.cli.help import labelled
 from tominpmp.exceptions import OptionsError
 
 # What the options are listed under in the help, in this order.
@@ -49,6 +48,22 @@ ENTRY = re.compile(r"^    (\w+)(?: \((.*)\))?: (.*(?:\n(?:     .*|$))*)", re.MUL
 REFERENCE = re.compile(r",? see :\w+:`[^`]*`|:\w+:`~?(?:\w+\.)*(\w+)`|``(.*?)``")
 
 Record = TypeVar("Record")
+
+# Stands between what a value is called and the text of its option.
+BETWEEN = "\x1f"
+
+
+def labelled(value: str, text: str) -> str:
+    """A help text with what the value of an option is called, empty for a flag.
+
+    Cyclopts has a place of its own for that from version 5 on only.
+    """
+    return f"{value}{BETWEEN}{text}" if value else text
+
+
+def value_name(text: str) -> str:
+    """What the value is called in a text of :func:`labelled`."""
+    return text.partition(BETWEEN)[0] if BETWEEN in text else ""
 
 
 def attribute_texts(kind: type[Any]) -> dict[str, tuple[str, str]]:

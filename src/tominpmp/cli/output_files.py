@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -25,13 +25,21 @@ STDOUT = "-"
 MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json", ".mcap")
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
-# Options that name a file, and how that must end.
-FILES = {
-    "save_scenario": (".toml",),
-    "plot": PLOT_ENDINGS,
-    "html": PAGE_ENDINGS,
-    "certificate": PLOT_ENDINGS,
-    "sensitivities": PLOT_ENDINGS,
+# Options that name a file beside the motion: what it holds, how it must end, and what
+# writes it.
+FILES: dict[str, tuple[str, Sequence[str], Callable[[Solution, Path], object]]] = {
+    "plot": ("plot", PLOT_ENDINGS, lambda found, path: found.plot(path)),
+    "html": ("page", PAGE_ENDINGS, lambda found, path: found.play(path)),
+    "certificate": (
+        "certificate plot",
+        PLOT_ENDINGS,
+        lambda found, path: found.plot_certificate(path),
+    ),
+    "sensitivities": (
+        "sensitivities plot",
+        PLOT_ENDINGS,
+        lambda found, path: found.sensitivities.plot(path),
+    ),
 }
 
 
@@ -67,12 +75,11 @@ class OutputFiles:
         motion = None
         if not options.no_output and name != STDOUT:
             motion = _free_name() if name is None else Path(name)
-            check_target(motion, "--output", MOTION_ENDINGS)
+        check_target(motion, "--output", MOTION_ENDINGS)
         _check_message(options, motion)
-        for name, endings in FILES.items():
-            path, flag = getattr(options, name), f"--{name.replace('_', '-')}"
-            if path is not None:
-                check_target(path, flag, endings)
+        check_target(options.save_scenario, "--save-scenario", (".toml",))
+        for field, (_, endings, _) in FILES.items():
+            check_target(getattr(options, field), f"--{field}", endings)
         return cls(options, motion)
 
     @property
@@ -87,29 +94,20 @@ class OutputFiles:
             What was written, by what it holds; and what the file of the motion was
             found to do, None if there is none.
         """
-        args, found = self.options, None
-        files = {
-            "motion": self.motion,
-            "plot": args.plot,
-            "page": args.html,
-            "certificate plot": args.certificate,
-            "sensitivities plot": args.sensitivities,
-        }
+        written, found = dict[str, str](), None
         if self.motion is not None:
+            written["motion"] = str(self.motion)
             with self._rescued(solution, self.motion):
                 found = self._export(solution, self.motion)
         elif self.to_stdout:
             with self._rescued(solution, Path(DEFAULT_MOTION)):
                 found = self._stream(solution)
-        if args.plot is not None:
-            solution.plot(args.plot)
-        if args.html is not None:
-            solution.play(args.html)
-        if args.certificate is not None:
-            solution.plot_certificate(args.certificate)
-        if args.sensitivities is not None:
-            solution.sensitivities.plot(args.sensitivities)
-        return {k: str(path) for k, path in files.items() if path is not None}, found
+        for field, (kind, _, write) in FILES.items():
+            path = getattr(self.options, field)
+            if path is not None:
+                write(solution, path)
+                written[kind] = str(path)
+        return written, found
 
     @contextmanager
     def _rescued(self, solution: Solution, path: Path) -> Iterator[None]:
@@ -182,29 +180,29 @@ def _free_name() -> Path:
     return next(name for name in names if not os.path.lexists(name))
 
 
-def check_target(path: Path, option: str, endings: Sequence[str]) -> None:
-    """Check ending and folder of a file to write, and the package that writes it.
+def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None:
+    """Check ending and folder of a file to write, if any, and what writes it.
 
     Raises:
         ScenarioError: If it cannot be written.
-        MissingDependency: If that package is not installed.
+        MissingDependency: If a package is not installed that it takes.
     """
-    if path.suffix.lower() not in endings:
-        raise ScenarioError(
-            f"{option}: {str(path)!r} must end in {' or '.join(endings)}", path
-        )
-    if not path.parent.is_dir():
-        raise ScenarioError(f"{option}: there is no folder {str(path.parent)!r}", path)
-    if path.is_dir():
-        raise ScenarioError(f"{option}: {str(path)!r} is a folder", path)
-    if not os.access(path.parent, os.W_OK):
-        raise ScenarioError(
-            f"{option}: the folder {str(path.parent)!r} cannot be written to", path
-        )
-    if path.suffix.lower() == ".mcap":
-        _need_package("rosbags", "ros", f"{option} with .mcap")
-    if endings == PLOT_ENDINGS:
-        _need_package("matplotlib", "plots", option)
+    if path is None:
+        return
+    ending, folder = path.suffix.lower(), str(path.parent)
+    wrong = {
+        f"{str(path)!r} must end in {' or '.join(endings)}": ending not in endings,
+        f"there is no folder {folder!r}": not path.parent.is_dir(),
+        f"{str(path)!r} is a folder": path.is_dir(),
+        f"the folder {folder!r} cannot be written to": not os.access(folder, os.W_OK),
+    }
+    for reason, holds in wrong.items():
+        if holds:
+            raise ScenarioError(f"{option}: {reason}", path)
+    if ending == ".mcap" and find_spec("rosbags") is None:
+        raise MissingDependency("rosbags", "ros", f"{option} with .mcap")
+    if endings == PLOT_ENDINGS and find_spec("matplotlib") is None:
+        raise MissingDependency("matplotlib", "plots", option)
 
 
 def check_period(dt: float | None) -> None:
@@ -215,11 +213,6 @@ def check_period(dt: float | None) -> None:
     """
     if dt is not None and not 0.0 < dt < float("inf"):
         raise OptionsError(f"--dt is {dt}, expected a positive time [s]", "dt")
-
-
-def _need_package(package: str, extra: str, purpose: str) -> None:
-    if find_spec(package) is None:
-        raise MissingDependency(package, extra, purpose)
 
 
 def _check_message(options: PlanOptions, motion: Path | None) -> None:

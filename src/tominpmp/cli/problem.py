@@ -102,6 +102,21 @@ def load_problem(
     return replace(problem, **beside) if beside else problem, chosen
 
 
+def check_given(problem_args: ProblemArguments) -> None:
+    """Check that there is a problem: in a file, or in options.
+
+    Raises:
+        ProblemError: If there is a robot alone.
+    """
+    args, robot = problem_args.options, problem_args.robot
+    if not is_scenario(robot) and args.request is None and args.start is None:
+        raise ProblemError(
+            f"{robot!r} is no scenario file (.toml): expected one, or a robot with "
+            "--scene and --request, or with --start and a goal",
+            "scenario",
+        )
+
+
 def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None:
     """The motion limits of the command line over those of its file."""
     path, limits = problem_args.options.motion_limits, None
@@ -182,22 +197,17 @@ def _typed_problem(
         raise ProblemError(
             "there is no start: give --start, or a --scene and a --request", "start"
         )
-    flags = [_flag(name) for name in GOALS]
-    values = [getattr(args, name) for name in GOALS]
-    given = [f for f, value in zip(flags, values, strict=True) if value is not None]
+    given = [_flag(name) for name in GOALS if getattr(args, name) is not None]
     if not given:
-        raise ProblemError(f"there is no goal: give {' or '.join(flags)}", "goal")
+        flags = " or ".join(map(_flag, GOALS))
+        raise ProblemError(f"there is no goal: give {flags}", "goal")
     if len(given) > 1:
         raise ProblemError(
             f"{' and '.join(given)} are given, expected one of them", "goal"
         )
     scene = _obstacles(args, robot)
     q_start = positions(args.start, "--start", robot, degrees=args.degrees)
-    v_start = None
-    if args.start_velocity is not None:
-        v_start = velocities(
-            args.start_velocity, "--start-velocity", robot, degrees=args.degrees
-        )
+    v_start = _velocities(args, "start_velocity", robot)
     goal, limits = _goal(args, robot, q_start), _limits(problem_args, robot)
     try:
         return Problem(
@@ -223,19 +233,25 @@ def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> s
 
 
 def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
-    name, text = "--goal-velocity", args.goal_velocity
+    text = args.goal_velocity
     if args.goal is not None:
         q = positions(args.goal, "--goal", robot, base=q_start, degrees=args.degrees)
-        if text is None:
-            return JointGoal(q)
-        return JointGoal(q, velocities(text, name, robot, degrees=args.degrees))
-    v = None if text is None else np.array(vector(text, name))
+        return JointGoal(q, _velocities(args, "goal_velocity", robot))
+    v = None if text is None else np.array(vector(text, "--goal-velocity"))
     if args.goal_position is not None:
         frame, *point = args.goal_position
         return PositionGoal(frame, np.array(point), v)
     assert args.goal_pose is not None  # noqa: S101
     frame, *numbers = args.goal_pose
     return PoseGoal(frame, _placement(numbers), v)
+
+
+def _velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
+    """The joint velocities of an option; None where it is not given."""
+    text = getattr(args, name)
+    if text is None:
+        return None
+    return velocities(text, _flag(name), robot, degrees=args.degrees)
 
 
 def _placement(numbers: Sequence[float]) -> pin.SE3:

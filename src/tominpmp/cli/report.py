@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from collections.abc import Mapping, Sequence
+from enum import Enum
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from tominpmp.bounds import LowerBound
-from tominpmp.cli.json_text import plain
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
@@ -53,18 +55,13 @@ def report_data(
         "tominpmp": metadata.version("tominpmp"),
         "robot": problem.robot.name,
         "joint_names": problem.robot.joint_names,
-        "status": solution.status,
-        "message": solution.message,
-        "success": solution.success,
-        "T": solution.T if solution.success else None,
-        "method": options.method,
-        "intervals": options.intervals,
-        "lp_solver": options.lp_solver,
+        **_named(solution, "status", "message", "success"),
+        "T": solution.T,
+        **_named(options, "method", "intervals", "lp_solver"),
         "iterations": solution.iterations,
         "starts": len({record.start for record in solution.history}),
         "programs": sum(record.programs for record in solution.history),
-        "planning_time": solution.planning_time,
-        "violations": solution.violations,
+        **_named(solution, "planning_time", "violations"),
     }
     trajectory, found = solution.trajectory, solution.verification
     if trajectory is not None:
@@ -97,20 +94,18 @@ def report_data(
     return cast("dict[str, Any]", plain(data))
 
 
+def _named(record: object, *names: str) -> dict[str, Any]:
+    return {name: getattr(record, name) for name in names}
+
+
 def _sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
     """What there is to report of what holds a motion, the largest effect first."""
+    names = ("kind", "joint", "subject", "value", "unit", "limit", "limit_unit")
     return [
-        {
-            "kind": item.kind,
-            "joint": item.joint,
-            "subject": item.subject,
-            "value": item.value,
-            "unit": item.unit,
-            "limit": item.limit,
-            "limit_unit": item.limit_unit,
-            "vector": item.vector,
+        _named(item, *names, "vector")
+        | {
             "text": f"{item.label}, {item.more} more: "
-            f"{1e3 * item.effect * solution.T:+.3g} ms",
+            f"{1e3 * item.effect * solution.T:+.3g} ms"
         }
         for item in solution.sensitivities
     ]
@@ -126,17 +121,12 @@ def _segments_data(solution: Solution) -> list[dict[str, Any]]:
     asked = solution.problem.segments
     return [
         {
-            "begin": found.begin,
-            "arrival": found.arrival,
-            "end": found.end,
-            "duration": found.duration,
-            "stop": segment.stop or number == len(asked) - 1,
+            **_named(found, "begin", "arrival", "end", "duration"),
+            "stop": segment.stop or segment is asked[-1],
             "dwell": segment.dwell,
             "stay": found.stay,
         }
-        for number, (found, segment) in enumerate(
-            zip(solution.segments, asked, strict=True)
-        )
+        for found, segment in zip(solution.segments, asked, strict=True)
     ]
 
 
@@ -205,3 +195,32 @@ def rows_text(message: str, rows: Sequence[tuple[str, str]]) -> str:
     """Write a message and, below it, texts with their labels."""
     width = max(len(label) for label, _ in rows) + 2
     return "\n".join([message, "", *(f"  {k:<{width}}{text}" for k, text in rows)])
+
+
+def plain(value: Any) -> Any:
+    """Turn records, arrays and paths into types that JSON knows.
+
+    Infinite numbers, and those that are none, are None. Of a record, fields that are
+    not shown by ``repr`` are left out: they are too long for a report.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        items = (item.name for item in dataclasses.fields(value) if item.repr)
+        return {name: plain(getattr(value, name)) for name in items}
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value if isinstance(value, str | int | None) else str(value)
+
+
+def json_text(data: Any) -> str:
+    """Write data as JSON for people and programs."""
+    return json.dumps(plain(data), indent=2, allow_nan=False)

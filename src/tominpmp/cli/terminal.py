@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -12,7 +13,6 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from typing import TYPE_CHECKING, TextIO
 
-from tominpmp.cli.own_words import in_own_words
 from tominpmp.exceptions import TominpmpError, TominpmpWarning
 
 if TYPE_CHECKING:
@@ -25,6 +25,17 @@ BAD_INPUT = 2
 DEFECT = 70
 INTERRUPTED = 130
 CLOSED_PIPE = 141
+
+# Arguments that take values by joint name, and are flags that do.
+_BY_JOINT = re.compile(
+    r"\b(effort|velocity|position_lower|position_upper|damping|armature|friction)"
+    r"=\{([^{}]*)\}"
+)
+_WORDS = {
+    "self_collision=False": "--no-self-collision",
+    "limits='datasheet'": "--limits datasheet",
+    "package_dirs": "--package-dir",
+}
 
 
 class Exit(Exception):
@@ -53,6 +64,24 @@ def error_console() -> Console:
     from rich.console import Console
 
     return Console(stderr=True, markup=False, highlight=False, emoji=False)
+
+
+def in_own_words(message: str) -> str:
+    """A message with flags in the place of arguments of Python.
+
+    What is said of a scenario file stays as it is: there they are keys.
+    """
+    if ".toml:" in message:
+        return message
+
+    def flag(found: re.Match[str]) -> str:
+        values = re.sub(r"'([^']*)':\s*", r"\1=", found[2]).replace(", ", ",")
+        return f"--{found[1].replace('_', '-')} {values}"
+
+    message = _BY_JOINT.sub(flag, message)
+    for words, own in _WORDS.items():
+        message = re.sub(rf"(?<![\w.]){re.escape(words)}(?!\w)", own, message)
+    return message
 
 
 def complain(prefix: str, message: str, style: str = "bold red") -> None:
@@ -84,12 +113,12 @@ def guarded(debug: bool = False) -> Iterator[None]:
     except KeyboardInterrupt as error:
         complain("error", "interrupted")
         raise Exit(INTERRUPTED) from error
-    except TominpmpError as error:
-        _explain(str(error), debug)
-        raise Exit(BAD_INPUT) from error
-    except OSError as error:
-        where = "" if error.filename is None else f"{error.filename}: "
-        _explain(f"{where}{error.strerror or error}", debug)
+    except (TominpmpError, OSError) as error:
+        said = str(error)
+        if isinstance(error, OSError):
+            where = "" if error.filename is None else f"{error.filename}: "
+            said = f"{where}{error.strerror or error}"
+        _explain(said, debug)
         raise Exit(BAD_INPUT) from error
     except Exception as error:
         hint = "" if debug else "; --debug shows where"

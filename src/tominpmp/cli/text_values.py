@@ -40,13 +40,11 @@ def vector(text: str, name: str) -> list[float]:
     Raises:
         OptionsError: If a word is no number.
     """
-    result = []
-    for word in words(text):
-        value = number(word)
+    found = [(word, number(word)) for word in words(text)]
+    for word, value in found:
         if value is None:
             raise OptionsError(f"{name}: {word!r} is not a number", name)
-        result.append(value)
-    return result
+    return [value for _, value in found if value is not None]
 
 
 def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:

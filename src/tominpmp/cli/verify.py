@@ -8,12 +8,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from tominpmp.cli.json_text import json_text, plain
-from tominpmp.cli.options import ProblemArguments, VerifyOptions, is_scenario
-from tominpmp.cli.problem import load_problem
-from tominpmp.cli.report import rows_text
+from tominpmp.cli.options import ProblemArguments, VerifyOptions
+from tominpmp.cli.problem import check_given, load_problem
+from tominpmp.cli.report import json_text, plain, rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
-from tominpmp.exceptions import ProblemError
 from tominpmp.files.export_check import ExportCheck, check_file
 from tominpmp.motion.samples import Interpolation
 
@@ -49,21 +47,6 @@ def run_verify(
     )
     say(json_text(_data(found)) if how.json else _text(found))
     return PLANNED if found.ok else NO_PLAN
-
-
-def check_given(problem_args: ProblemArguments) -> None:
-    """Check that there is a problem: in a file, or in options.
-
-    Raises:
-        ProblemError: If there is a robot alone.
-    """
-    args, robot = problem_args.options, problem_args.robot
-    if not is_scenario(robot) and args.request is None and args.start is None:
-        raise ProblemError(
-            f"{robot!r} is no scenario file (.toml): expected one, or a robot with "
-            "--scene and --request, or with --start and a goal",
-            "scenario",
-        )
 
 
 def _data(found: ExportCheck) -> dict[str, Any]:

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.cli.json_text import json_text, plain
 from tominpmp.cli.options import ProblemArguments
-from tominpmp.cli.problem import load_problem
-from tominpmp.cli.report import rows_text
+from tominpmp.cli.problem import check_given, load_problem
+from tominpmp.cli.report import json_text, plain, rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
-from tominpmp.cli.verify import check_given
 from tominpmp.exceptions import OptionsError
 from tominpmp.files.export import load_motion
 from tominpmp.motion.joining import recorded_motion
