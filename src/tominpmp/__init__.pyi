@@ -88,11 +88,11 @@ from .robot import (
     load_robot as load_robot,
 )
 from .motion.samples import Samples as Samples
-from .files.joint_limits import (
+from .files.limits import (
     MoveItLimits as MoveItLimits,
     load_joint_limits as load_joint_limits,
 )
-from .files.motion_limits import load_motion_limits as load_motion_limits
+from .files.limits import load_motion_limits as load_motion_limits
 from .files.moveit import (
     load_moveit as load_moveit,
     load_moveit_scene as load_moveit_scene,

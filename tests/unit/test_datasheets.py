@@ -223,7 +223,7 @@ def test_loading_with_a_sheet_warns_of_nothing() -> None:
 
 
 def test_robots_are_listed_with_them(panda: Robot) -> None:
-    from tominpmp.cli.info import robot_data
+    from tominpmp.cli.report import robot_data
 
     data = robot_data(panda)
     assert [joint["acceleration"] for joint in data["joints"]][:2] == [15.0, 7.5]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.files import ros_reader, tables
+from tominpmp.files import ros, tables
 from tominpmp.scene import mesh_files
 
 HEAD = b"time,q_a\n"
@@ -94,7 +94,7 @@ def test_a_wrong_word_far_down_is_named(tmp_path: Path) -> None:
 
 
 def test_messages_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ros_reader, "MAX_VALUES", 1000)
+    monkeypatch.setattr(ros, "MAX_VALUES", 1000)
     for content in (b"[" + b"[]," * 1000 + b"0]", b"[" + b'{"a":0},' * 400 + b"0]"):
         with pytest.raises(tm.ScenarioError, match="more than 1000 values"):
             read(tmp_path / "a.json", content)

@@ -18,7 +18,7 @@ import tominpmp as tm
 from tominpmp.exceptions import ScenarioError
 from tominpmp.files.records import classes
 from tominpmp.files.scenario import load_scenario, save_scenario, tomllib
-from tominpmp.files.toml_writer import toml_text
+from tominpmp.files.writing import toml_text
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options

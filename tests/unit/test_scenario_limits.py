@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tominpmp.exceptions import ScenarioError
-from tominpmp.files.joint_limits import load_joint_limits
+from tominpmp.files.limits import load_joint_limits
 from tominpmp.robot import load_robot
 
 FULL = """

@@ -28,8 +28,11 @@ from tominpmp.cli.text_values import (
     velocities,
 )
 from tominpmp.exceptions import OptionsError, ProblemError
-from tominpmp.files.joint_limits import load_joint_limits, load_limited_robot
-from tominpmp.files.motion_limits import load_motion_limits
+from tominpmp.files.limits import (
+    load_joint_limits,
+    load_limited_robot,
+    load_motion_limits,
+)
 from tominpmp.files.moveit import load_moveit, load_moveit_scene, request_locks
 from tominpmp.files.robot_table import OVERRIDES
 from tominpmp.files.scenario import load_scenario

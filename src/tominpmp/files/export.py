@@ -13,14 +13,13 @@ nanoseconds, and the motion is looked at then.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.checks import flag, instance
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path
@@ -31,10 +30,11 @@ from tominpmp.files.ros import (
     MESSAGE,
     check_message,
     message_samples,
+    parse_json,
+    read_message,
     write_json,
     write_yaml,
 )
-from tominpmp.files.ros_reader import parse_json, read_message
 from tominpmp.files.tables import (
     QUANTITIES,
     read_csv,
@@ -89,7 +89,13 @@ def export(
     write = _chosen(WRITERS, path)
     check_options(path, with_effort, message)
     samples = file_samples(trajectory, path, dt, with_effort=with_effort)
-    _check_finite(samples)
+    for key, (row, joint) in _not_finite(samples):
+        raise ProblemError(
+            f"the motion has {key} = {getattr(samples, key)[row, joint]} for joint "
+            f"{brief(samples.joint_names[joint])} at {samples.t[row]:.6g} s: "
+            "expected a finite number",
+            key,
+        )
     if not is_message(path):
         return write_file(path, lambda file: write(samples, file))
     return write_file(path, lambda file: write(samples, file, message or MESSAGE))
@@ -137,19 +143,15 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
             )
 
 
-def _check_finite(samples: Samples) -> None:
-    """Check that no reader will stumble over a value; what is left out is all NaN."""
-    for key in QUANTITIES:
+def _not_finite(samples: Samples) -> Iterator[tuple[str, list[int]]]:
+    """Quantities with a value that is no finite number, and its row and joint."""
+    for key in ("t", *QUANTITIES):
         values = getattr(samples, key)
+        # A quantity of which nothing is said is NaN everywhere.
+        said = key in ("t", "q") or not np.all(np.isnan(values))
         wrong = np.argwhere(~np.isfinite(values))
-        if len(wrong) and not _left_out(key, values):
-            row, joint = wrong[0].tolist()
-            raise ProblemError(
-                f"the motion has {key} = {values[row, joint]} for joint "
-                f"{brief(samples.joint_names[joint])} at {samples.t[row]:.6g} s: "
-                "expected a finite number",
-                key,
-            )
+        if said and len(wrong):
+            yield key, wrong[0].tolist()
 
 
 def load_motion(
@@ -231,16 +233,12 @@ def _node_samples(trajectory: Trajectory) -> Samples:
 
 def _checked(samples: Samples, path: Path) -> Samples:
     """Check the values of samples from a file, whose names and shapes are checked."""
-    for key in ("t", *QUANTITIES):
-        values = getattr(samples, key)
-        wrong = np.argwhere(~np.isfinite(values))
-        if len(wrong) and not _left_out(key, values):
-            where = f"row {wrong[0][0] + 1}"
-            if key != "t":
-                where += f", joint {samples.joint_names[wrong[0][1]]!r}"
-            raise ScenarioError(
-                f"{path}: {key} is not a finite number in {where}", path, key
-            )
+    for key, (row, *joint) in _not_finite(samples):
+        where = f"row {row + 1}"
+        if joint:
+            where += f", joint {samples.joint_names[joint[0]]!r}"
+        message = f"{path}: {key} is not a finite number in {where}"
+        raise ScenarioError(message, path, key)
     if not samples.t.size:
         raise ScenarioError(f"{path} holds 0 rows, expected 1 or more", path)
     back = np.flatnonzero(np.diff(samples.t) <= 0.0)
@@ -253,11 +251,6 @@ def _checked(samples: Samples, path: Path) -> Samples:
             "time",
         )
     return samples
-
-
-def _left_out(key: str, values: Array) -> bool:
-    """Whether nothing is said about a quantity, which positions and times need."""
-    return key not in ("t", "q") and bool(np.all(np.isnan(values)))
 
 
 WRITERS: dict[str, Callable[..., None]] = {

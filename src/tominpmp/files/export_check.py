@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -134,9 +133,8 @@ def _listed(steps: tuple[float | None, ...]) -> str:
     )
 
 
-class _Found(NamedTuple):
-    violations: tuple[LimitViolation, ...]
-    verification: Verification | None
+# What a judge found of a motion: the limits it breaks, and its replay if there was one.
+Found = tuple[tuple[LimitViolation, ...], Verification | None]
 
 
 def check_file(
@@ -167,9 +165,9 @@ def check_file(
     within = Tolerances() if tolerances is None else tolerances
     instance(within, Tolerances, "tolerances", "Tolerances or None")
 
-    def judge(motion: Trajectory) -> _Found:
+    def judge(motion: Trajectory) -> Found:
         found = verify(problem, motion, within)
-        return _Found(found.violations, found)
+        return found.violations, found
 
     return _check(problem, path, judge, interpolation)
 
@@ -210,7 +208,8 @@ def check_export(
             break
         samples = file_samples(motion, path, step)
         tried.append(step)
-        if not judge(_joined(samples, solution.problem, path).trajectory).violations:
+        violations, _ = judge(_joined(samples, solution.problem, path).trajectory)
+        if not violations:
             holding.append(step)
             if step is not None:
                 break  # shorter periods hold less surprise
@@ -226,7 +225,7 @@ def check_export(
 def _check(
     problem: Problem,
     path: str | Path,
-    judge: Callable[[Trajectory], _Found],
+    judge: Callable[[Trajectory], Found],
     interpolation: Interpolation | None = None,
 ) -> ExportCheck:
     """Read, join and judge."""
@@ -246,14 +245,14 @@ def _check(
     else:
         samples = load_motion(path)
     joined = _joined(samples, problem, path, interpolation)
-    found = judge(joined.trajectory)
+    violations, verification = judge(joined.trajectory)
     return ExportCheck(
         path,
-        not (found.violations or refusals),
+        not (violations or refusals),
         str(joined),
         refusals,
-        found.violations,
-        found.verification,
+        violations,
+        verification,
         notes=tuple(notes),
         seconds=time.perf_counter() - begin,
         duration=joined.trajectory.duration,
@@ -299,19 +298,19 @@ class _Judge:
     solution: Solution
     motion: Trajectory
 
-    def __call__(self, motion: Trajectory) -> _Found:
+    def __call__(self, motion: Trajectory) -> Found:
         """Judge a motion; by its replay if nothing simpler tells."""
         problem, known = self.solution.problem, self.solution.verification
         tolerances = self.solution.options.tolerances
         if known is not None and known.ok and self._is_planned(motion):
-            return _Found((), known)
+            return (), known
         # Of several segments, torques are known only when it is known where they end.
         if not problem.segments:
             broken = _limit_violations_of(problem, motion, CLEARLY * tolerances.limits)
             if broken:
-                return _Found(tuple(broken), None)
+                return tuple(broken), None
         found = verify(problem, motion, tolerances)
-        return _Found(found.violations, found)
+        return found.violations, found
 
     def _is_planned(self, motion: Trajectory) -> bool:
         """Whether a motion is the planned one, up to rounding."""

@@ -24,11 +24,11 @@ from tominpmp.description.yaml_reader import read_yaml
 from tominpmp.exceptions import (
     RobotLoadError,
     ScenarioError,
-    SceneError,
     brief,
     shortened,
     warn_caller,
 )
+from tominpmp.files.records import blaming
 from tominpmp.robot import Robot
 from tominpmp.scene import (
     Box,
@@ -301,10 +301,8 @@ def read_rotation(value: Field) -> np.ndarray:
     quaternion = value.vector("xyzw") if value.given else np.zeros(4)
     if not np.any(quaternion):
         return np.eye(3)
-    try:
+    with blaming(value):
         return np.array(rotation_matrix(quaternion, value.key))
-    except SceneError as error:
-        value.fail(str(error))
 
 
 def read_scene(message: Field, frames: Frames) -> Scene:
@@ -325,10 +323,8 @@ def read_scene(message: Field, frames: Frames) -> Scene:
     obstacles: list[Obstacle] = []
     for item in world.get("collision_objects").items():
         obstacles += _read_object(item, frames)
-    try:
+    with blaming(world.get("collision_objects")):
         return Scene(obstacles)
-    except SceneError as error:
-        world.get("collision_objects").fail(str(error))
 
 
 def refuse_attached(state: Field) -> None:
@@ -405,7 +401,7 @@ def _shapes(item: Field, kind: str) -> Iterator[tuple[Field, Field | None]]:
 
 def _obstacle(name: str, shape: Field, place: pin.SE3, frames: Frames) -> Obstacle:
     where: dict[str, Any] = {"position": place.translation, "rotation": place.rotation}
-    try:
+    with blaming(shape):
         if "type" not in shape.table():
             return Mesh(name, **_mesh(shape, frames), **where)
         kind, size = read_primitive(shape)
@@ -414,8 +410,6 @@ def _obstacle(name: str, shape: Field, place: pin.SE3, frames: Frames) -> Obstac
         if kind == "sphere":
             return Sphere(name, radius=size[0], **where)
         return Cylinder(name, radius=size[1], length=size[0], **where)
-    except SceneError as error:
-        shape.fail(str(error))
 
 
 def read_primitive(shape: Field) -> tuple[str, list[float]]:
@@ -450,10 +444,8 @@ def read_mesh_corners(shape: Field, frames: Frames) -> Array:
     Raises:
         ScenarioError: If it is no mesh or cannot be read.
     """
-    try:
+    with blaming(shape):
         return Mesh("region", **_mesh(shape, frames)).points
-    except SceneError as error:
-        shape.fail(str(error))
 
 
 def _mesh(shape: Field, frames: Frames) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -50,6 +51,21 @@ NAMED: dict[type[Any], str | None] = {
     PathConstraint: "",
     Motion: None,
 }
+
+
+@contextmanager
+def blaming(item: Field) -> Iterator[None]:
+    """Errors of the library that arise within this are about a value of a file.
+
+    Raises:
+        ScenarioError: In the place of any other error of the library.
+    """
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except TominpmpError as error:
+        item.fail(str(error))
 
 
 def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.description.fields import Field
 from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import JointTable
@@ -20,18 +19,15 @@ from tominpmp.description.paths import checked_path
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.written import srdf_file, urdf_file
 from tominpmp.exceptions import (
-    ProblemError,
     RobotLoadError,
     ScenarioError,
     TominpmpError,
 )
-from tominpmp.files.joint_limits import load_joint_limits, load_limited_robot
-from tominpmp.files.records import classes, file_name, make, to_table
-from tominpmp.files.scenario_tables import read_motion_limits
+from tominpmp.files.limits import load_joint_limits, load_limited_robot
+from tominpmp.files.records import blaming, file_name, to_table
+from tominpmp.files.scenario_tables import read_motion_limits, read_payload
 from tominpmp.files.writing import write_bytes
 from tominpmp.robot import DEFAULT_GRAVITY, Robot
-from tominpmp.robot.payload import Payload
-from tominpmp.scene import Obstacle
 
 # Placements and inertias of a robot that was written and read again differ by less.
 ROUNDING = 1e-9
@@ -53,15 +49,13 @@ class Beside:
         """Add the URDF file of a robot, and return its name."""
         text, meshes = urdf_file(robot.description, _loads(robot), self.stem)
         self.files.update(meshes)
-        return self._add(".urdf", text)
+        self.files[f"{self.stem}.urdf"] = text
+        return f"{self.stem}.urdf"
 
     def srdf(self, robot: Robot, semantics: SemanticDescription) -> str:
         """Add the SRDF file of a robot, and return its name."""
-        return self._add(".srdf", srdf_file(semantics, robot.name, _loads(robot)))
-
-    def _add(self, ending: str, content: bytes) -> str:
-        name = f"{self.stem}{ending}"
-        self.files[name] = content
+        name = f"{self.stem}.srdf"
+        self.files[name] = srdf_file(semantics, robot.name, _loads(robot))
         return name
 
     def write(self, folder: Path) -> None:
@@ -166,34 +160,31 @@ def read_robot(table: Field) -> Robot:
         ScenarioError: If the table is wrong or the robot cannot be loaded.
     """
     table.only(*KEYS)
-    name, path = table.get("name"), table.get("path")
-    if name.given == path.given:
+    if table.get("name").given == table.get("path").given:
         table.fail("expected either the name or the path of a robot")
     folder = table.path.parent
-    limits = None
-    if table.get("joint_limits").given:
-        file = _path(table.get("joint_limits"))
-        limits = load_joint_limits(folder / file)
-    arguments: dict[str, Any] = {}
-    for key in ("gravity", *OVERRIDES):
-        if table.get(key).value is not None:
-            arguments[key] = table.get(key).value
+
+    def file(key: str) -> Path | None:
+        item = table.get(key)
+        return folder / _path(item) if item.given else None
+
+    moveit = file("joint_limits")
+    values = {key: table.get(key).value for key in ("gravity", *OVERRIDES)}
     try:
         robot = load_limited_robot(
-            limits,
-            name.text() if name.given else folder / _path(path),
-            arguments,
-            package_dirs=[
-                folder / _path(item) for item in table.get("package_dirs").items()
-            ],
-            srdf=(
-                folder / _path(table.get("srdf")) if table.get("srdf").given else None
-            ),
+            None if moveit is None else load_joint_limits(moveit),
+            file("path") or table.get("name").text(),
+            {key: value for key, value in values.items() if value is not None},
+            package_dirs=[folder / _path(k) for k in table.get("package_dirs").items()],
+            srdf=file("srdf"),
             group=table.get("group").value,
             limits=table.get("limits").value,
             locked_joints=table.get("locked_joints").value or {},
         )
-        robot = _limited(robot, table.get("motion_limits"))
+        limits = read_motion_limits(table.get("motion_limits"), robot)
+        if limits is not None:
+            limits = limits.over(robot.motion_limits, robot.joint_names)
+            robot = replace(robot, motion_limits=limits)
     except ScenarioError:
         raise
     except TominpmpError as error:
@@ -201,31 +192,16 @@ def read_robot(table: Field) -> Robot:
         where = table.get(option) if option in KEYS else table
         where.fail(str(error))
     for item in table.get("payloads").items():
-        payload = make(Payload, item.table(), item, classes(Obstacle))
-        try:
+        payload = read_payload(item)
+        with blaming(item):
             robot = robot.with_payload(payload)
-        except TominpmpError as error:
-            item.fail(str(error))
     return robot
-
-
-def _limited(robot: Robot, table: Field) -> Robot:
-    """The robot with limits of its own beyond those of its files."""
-    if not table.given:
-        return robot
-    limits = read_motion_limits(table, robot)
-    if limits is None:
-        return robot
-    limits = limits.over(robot.motion_limits, robot.joint_names)
-    return replace(robot, motion_limits=limits)
 
 
 def _path(item: Field) -> Path:
     """Path in a table, relative to the folder of its file or not."""
-    try:
+    with blaming(item):
         return checked_path(item.text())
-    except ProblemError as error:
-        item.fail(str(error))
 
 
 def robot_table(
@@ -350,18 +326,15 @@ def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
     plain = JointTable.from_description(
         robot.joint_names, joints, Linkage.resolve(joints, locked)
     )
-    values: dict[str, Array] = {
-        "position_lower": limits.position_lower,
-        "position_upper": limits.position_upper,
-        "velocity": limits.velocity,
-        "effort": np.column_stack([limits.effort_lower, limits.effort_upper]),
-        "damping": robot.damping,
-        "armature": robot.armature,
-        "friction": robot.friction,
+    values = {
+        name: getattr(robot, name) for name in ("damping", "armature", "friction")
     }
+    for name in ("position_lower", "position_upper", "velocity"):
+        values[name] = getattr(limits, name)
+    values["effort"] = np.column_stack([limits.effort_lower, limits.effort_upper])
     table: dict[str, Any] = {}
-    for key, present in values.items():
-        described = getattr(plain, key)
+    for key in OVERRIDES:
+        present, described = values[key], getattr(plain, key)
         changed = {
             name: present[i].tolist()
             for i, name in enumerate(robot.joint_names)

@@ -17,8 +17,7 @@ import numpy as np
 from tominpmp.checks import instance, wrong
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import ProblemError, brief, shortened
-from tominpmp.files.ros import POINT_FIELDS
-from tominpmp.files.ros_reader import find_trajectory
+from tominpmp.files.ros import POINT_FIELDS, find_trajectory
 from tominpmp.motion.samples import BILLION, Samples
 
 # A velocity at the end up to this is rest [rad/s or m/s]: rounding of single precision.

@@ -47,10 +47,9 @@ A motion of several segments has a list of ``[[segments]]`` in place of the goal
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -60,7 +59,7 @@ from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import ScenarioError, TominpmpError
-from tominpmp.files.records import field_table, make, same, to_table
+from tominpmp.files.records import field_table, make, to_table
 from tominpmp.files.robot_table import (
     Beside,
     check_given_back,
@@ -69,20 +68,19 @@ from tominpmp.files.robot_table import (
 )
 from tominpmp.files.scenario_tables import (
     beyond,
-    blamed_segment,
+    blamed,
     followed,
+    key_of,
     positions,
     read_conditions,
     read_goal,
     read_segments,
     vector,
 )
-from tominpmp.files.toml_writer import toml_text
-from tominpmp.files.writing import write_bytes
+from tominpmp.files.writing import toml_text, write_bytes
 from tominpmp.goals import Goal
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
 
 try:
@@ -106,16 +104,8 @@ SECTIONS = (
     "may_touch",
     "options",
 )
-# Fields of a problem that the file has under other names.
-PLACES = {
-    "q_start": "start",
-    "v_start": "start",
-    "goal": "goal",
-    "margin": "margin",
-    "constraints": "constraints",
-    "segments": "segments",
-    "may_touch": "may_touch",
-}
+# What errors call the state in which the first segment begins: that of the problem.
+STARTS = ("q_start", "v_start")
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +156,11 @@ def load_scenario(path: str | Path) -> Scenario:
     except ScenarioError:
         raise
     except TominpmpError as error:
-        _blame(document, robot, goal, segments, error)
+        field = getattr(error, "field", None)
+        if field is not None:
+            _named(document, field).fail(str(error))
+        # That a frame or a joint is unknown does not say who named it.
+        blamed(document, goal, segments, robot).fail(str(error))
     return Scenario(problem, options)
 
 
@@ -187,33 +181,17 @@ def _read_goal(document: Field, robot: Robot, q_start: Array) -> Goal | None:
     return None
 
 
-def _blame(
-    document: Field,
-    robot: Robot,
-    goal: Goal | None,
-    segments: Sequence[Segment],
-    error: TominpmpError,
-) -> NoReturn:
-    """Raise an error about a problem as one about what it was read from.
-
-    Raises:
-        ScenarioError: Always.
-    """
-    field = getattr(error, "field", None)
-    found = blamed_segment(document.get("segments"), segments, robot, field)
-    if found is None:
-        path = re.sub(r"^segments\[0\]\.", "", field or "constraints")
-        name = re.split(r"[.\[]", path)[0]
-        found = document.get(PLACES.get(name, "goal"))
-        if name == "constraints":
-            found = followed(found, path[len(name) :])
-        if field is None and goal is not None:
-            # That a frame or a joint is unknown does not say who named it.
-            try:
-                goal.validate(robot)
-            except TominpmpError:
-                found = document.get("goal")
-    found.fail(str(error))
+def _named(document: Field, path: str) -> Field:
+    """What of a scenario a path in a problem leads to, as "segments[1].goal.q"."""
+    of_one = re.match(r"segments\[(\d+)\]\.(.*)", path)
+    if of_one is not None:
+        number, path = int(of_one[1]), of_one[2]
+        if number > 0 or not path.startswith(STARTS):
+            return key_of(list(document.get("segments").items())[number], path)
+    name = re.split(r"[.\[]", path)[0]
+    key = name if name in SECTIONS else "goal"
+    found = document.get("start" if name in STARTS else key)
+    return followed(found, path[len(name) :]) if name == "constraints" else found
 
 
 def save_scenario(
@@ -318,15 +296,6 @@ def _document(
     Raises:
         ScenarioError: If they hold something that a file cannot.
     """
-    folder = path.parent
-
-    def fail(key: str, reason: object) -> NoReturn:
-        raise ScenarioError(f"{path}: {key}: cannot be saved: {reason}", path, key)
-
-    known = ("robot", "scene", "motion_limits", "constraints", *PLACES)
-    known += ("self_collision",)
-    for name in _changed(problem, without=known):
-        fail(name, "scenario files do not know it")
     own, limits = problem.robot.motion_limits, problem.motion_limits
     if limits == own:
         limits = None
@@ -346,35 +315,24 @@ def _document(
         "motion_limits": limits,
         "constraints": problem.constraints or None,
     }
-    parts |= {f"segments[{i}]": segment for i, segment in enumerate(problem.segments)}
-    document: dict[str, Any] = {}
-    for key, part in parts.items():
+
+    def written(key: str, part: Any) -> Any:
         try:
-            if isinstance(part, Segment):
-                document.setdefault("segments", []).append(to_table(part, folder))
-            elif isinstance(part, Robot):
-                document[key] = table = robot_table(part, folder, beside)
-                if check:
-                    check_given_back(part, table, path, beside)
-            elif part is not None:
-                document[key] = to_table(part, folder)
+            if isinstance(part, Options):
+                return field_table(part, path.parent)
+            if not isinstance(part, Robot):
+                return to_table(part, path.parent)
+            table = robot_table(part, path.parent, beside)
+            if check:
+                check_given_back(part, table, path, beside)
         except TypeError as error:
-            fail(key, error)
-    try:
-        table = field_table(replace(options, callback=None), folder)
-    except TypeError as error:
-        fail("options", error)
+            reason = f"{path}: {key}: cannot be saved: {error}"
+            raise ScenarioError(reason, path, key) from error
+        return table
+
+    document = {k: written(k, part) for k, part in parts.items() if part is not None}
+    if problem.segments:
+        each = enumerate(problem.segments)
+        document["segments"] = [written(f"segments[{i}]", item) for i, item in each]
+    table = written("options", replace(options, callback=None))
     return document | ({"options": table} if table else {})
-
-
-def _changed(record: Any, without: Iterable[str]) -> list[str]:
-    """Fields that are not at their defaults."""
-    names = []
-    for field in fields(record):
-        default: Any = field.default
-        if field.default_factory is not MISSING:
-            default = field.default_factory()
-        value = getattr(record, field.name)
-        if field.init and field.name not in without and not same(value, default):
-            names.append(field.name)
-    return names

@@ -48,11 +48,10 @@ from tominpmp.description.fields import Field
 from tominpmp.exceptions import (
     JointNotFound,
     ProblemError,
-    ScenarioError,
     TominpmpError,
 )
-from tominpmp.files.motion_limits import load_motion_limits
-from tominpmp.files.records import classes, from_table, make
+from tominpmp.files.limits import load_motion_limits
+from tominpmp.files.records import blaming, classes, from_table, make
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits
 from tominpmp.problem.segments import Segment
@@ -68,7 +67,7 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
         table: Their table, keys as the fields of
             :class:`~tominpmp.motion_limits.MotionLimits`; may be left out. ``file``
             names a YAML file that the other keys go before, see
-            :mod:`~tominpmp.files.motion_limits`.
+            :mod:`~tominpmp.files.limits`.
         robot: The robot.
 
     Returns:
@@ -84,11 +83,9 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     for name, item in table.table().items():
         if name != "file":
             values[name] = _limit(name, item, values.get(name, {}))
-    try:
+    with blaming(table):
         limits = MotionLimits(**values)
         limits.check(robot.joint_names)
-    except TominpmpError as error:
-        table.fail(str(error))
     return limits
 
 
@@ -97,14 +94,9 @@ def _of_file(item: Field, robot: Robot) -> dict[str, Any]:
     if item.value is None:
         return {}
     limits = load_motion_limits(item.path.parent / item.text(), robot)
-    found: dict[str, Any] = {"effort_scale": limits.effort_scale}
-    if limits.effort_curves:
-        found["effort_curves"] = dict(limits.effort_curves)
-    for name in UNITS:
-        own = getattr(limits, name)
-        if own is not None:
-            found[name] = dict(own)
-    return found
+    given = {name: getattr(limits, name) for name in (*UNITS, "effort_curves")}
+    found: dict[str, Any] = {k: dict(value) for k, value in given.items() if value}
+    return found | {"effort_scale": limits.effort_scale}
 
 
 def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
@@ -147,10 +139,8 @@ def read_scene(table: Field) -> Scene:
     kinds = classes(Obstacle)
     items = table.get("obstacles").items()
     obstacles = [from_table(item, kinds, "obstacle") for item in items]
-    try:
+    with blaming(table.get("obstacles")):
         return Scene(obstacles)
-    except TominpmpError as error:
-        table.get("obstacles").fail(str(error))
 
 
 def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
@@ -185,10 +175,8 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
     table.only("type", "q", "v", "state")
     q = positions(table, robot, before)
     v = table.get("v")
-    try:
+    with blaming(table):
         return JointGoal(q, None if v.value is None else vector(v, robot))
-    except TominpmpError as error:
-        table.fail(str(error))
 
 
 def positions(table: Field, robot: Robot, base: Array | None) -> Array:
@@ -211,19 +199,11 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     if state.given:
         if isinstance(q.value, list):
             q.fail("expected joints by name beside a state")
-        base = _group_state(state, robot)
+        with blaming(state):
+            base = robot.group_state(state.text())
     if q.value is None:
         return np.array(base)
     return vector(q, robot, base)
-
-
-def _group_state(state: Field, robot: Robot) -> Array:
-    try:
-        return robot.group_state(state.text())
-    except ScenarioError:
-        raise
-    except TominpmpError as error:
-        state.fail(str(error))
 
 
 def vector(value: Field, robot: Robot, base: Array | None = None) -> Array:
@@ -259,8 +239,6 @@ def vector(value: Field, robot: Robot, base: Array | None = None) -> Array:
 
 
 KEYS = tuple(field.name for field in fields(Segment))
-# What errors call the state that the first begins in, which is that of the problem.
-STARTS = ("q_start", "v_start")
 
 
 def read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, ...]:
@@ -293,17 +271,15 @@ def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
     try:
         return Segment(read_goal(table.need("goal"), robot, before), **found)
     except ProblemError as error:
-        _key(table, error.field).fail(str(error))
+        key_of(table, error.field).fail(str(error))
 
 
-def read_payload(table: Field) -> Payload | None:
-    """Read a payload; None if it is left out.
+def read_payload(table: Field) -> Payload:
+    """Read a payload.
 
     Raises:
         ScenarioError: If it is none.
     """
-    if table.value is None:
-        return None
     return make(Payload, table.table(), table, classes(Obstacle))
 
 
@@ -328,7 +304,7 @@ def read_pairs(
     return tuple(found)
 
 
-def _key(table: Field, field: str | None) -> Field:
+def key_of(table: Field, field: str | None) -> Field:
     """What of a segment an error is about, by the field that it names."""
     names = re.split(r"[.\[]", field or "")
     name = next((name for name in names if name in KEYS), None)
@@ -352,49 +328,30 @@ def followed(table: Field, path: str) -> Field:
     return table
 
 
-def blamed_segment(
-    table: Field, segments: Sequence[Segment], robot: Robot, field: str | None
-) -> Field | None:
-    """What of the segments a problem could not be made with.
-
-    Args:
-        table: The list of their tables.
-        segments: What was read from it.
-        robot: The robot.
-        field: What the error about the problem names, if it names anything.
-
-    Returns:
-        The table of a segment, or a key of it; None if it is none of them.
-    """
-    items = list(table.items())
-    of_one = re.match(r"segments\[(\d+)\]\.(.*)", field or "")
-    if of_one is not None:
-        number, rest = int(of_one[1]), of_one[2]
-        own = number > 0 or not rest.startswith(STARTS)
-        return _key(items[number], rest) if own else None
-    if field is not None:
-        return None
-    # That a frame or a joint is unknown does not say who named it.
-    each = zip(items, segments, strict=True)
-    found = (_unknown_name(item, segment, robot) for item, segment in each)
-    return next((item for item in found if item is not None), None)
-
-
-def _unknown_name(table: Field, segment: Segment, robot: Robot) -> Field | None:
-    """The key of a segment that names what the robot has not."""
-    try:
-        robot = segment.robot(robot)
-    except TominpmpError:
-        return table.get("payload")
-    given: list[tuple[Field, Any]] = [(table.get("goal"), segment.goal)]
-    constraints = table.get("constraints").items()
-    given += zip(constraints, segment.constraints, strict=True)
-    for item, named in given:
+def blamed(
+    document: Field, goal: Goal | None, segments: Sequence[Segment], robot: Robot
+) -> Field:
+    """What of a scenario names a frame, a joint or a load that the robot has not."""
+    items = document.get("segments").items()
+    for item, segment in zip(items, segments, strict=True):
         try:
-            named.validate(robot)
+            loaded = segment.robot(robot)
         except TominpmpError:
-            return item
-    return None
+            return item.get("payload")
+        constraints = item.get("constraints").items()
+        given: list[tuple[Field, Any]] = [(item.get("goal"), segment.goal)]
+        given += zip(constraints, segment.constraints, strict=True)
+        for table, named in given:
+            try:
+                named.validate(loaded)
+            except TominpmpError:
+                return table
+    try:
+        if goal is not None:
+            goal.validate(robot)
+    except TominpmpError:
+        return document.get("goal")
+    return document.get("constraints")
 
 
 # How the keys are read that whole scenarios and segments have.

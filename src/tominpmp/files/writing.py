@@ -1,15 +1,21 @@
-"""Atomic writing of files: a file is whole or not there."""
+"""Atomic writing of files, which are whole or not there; and texts in TOML."""
 
 from __future__ import annotations
 
 import os
+import re
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import tomli_w
 
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ScenarioError
+
+# A list without lists or texts in it; texts hold no line breaks.
+_ROW = re.compile(r"\[\n([^][\"]*)\]")
 
 
 def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
@@ -54,3 +60,21 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
 def write_bytes(path: str | Path, content: bytes) -> Path:
     """Write a content as :func:`write_file` does."""
     return write_file(path, lambda file: file.write(content))
+
+
+def toml_text(table: Mapping[str, Any]) -> str:
+    """Write TOML as people write it: by tomli-w, but rows of numbers on one line.
+
+    Args:
+        table: Texts, truth values, numbers, lists, and tables of them; a list of tables
+            becomes an array of tables. Keys and lists keep their order, but plain
+            values come before tables, as TOML demands.
+
+    Returns:
+        The document, which ends with a line break.
+    """
+
+    def on_one_line(row: re.Match[str]) -> str:
+        return f"[{' '.join(row[1].split()).removesuffix(',')}]"
+
+    return _ROW.sub(on_one_line, tomli_w.dumps(table))

@@ -1,0 +1,371 @@
+"""Limits in YAML files: those of MoveIt, and of motors and controllers.
+
+MoveIt's ``joint_limits.yaml`` has limits that a URDF does not have, or has too wide.
+Those of motors and controllers are joint by joint:
+
+::
+
+    effort_scale: 0.95          # share of the torque limits that motions may use
+    effort_rate: 1000           # every joint that has none of its own [N m/s]
+    joints:
+      panda_joint1:
+        acceleration: 15        # [rad/s^2]
+        jerk: 7500              # [rad/s^3]
+        effort_curve:           # largest torque over speed, joined by straight lines
+          speed: [0, 1, 2.175]  # [rad/s], from 0
+          effort: [87, 87, 40]  # [N m]
+      panda_joint2:
+        effort_curve: {stall: 87, no_load_speed: 3}             # linear droop
+      panda_joint3:
+        effort_curve: {effort: 87, power: 100, top_speed: 2.2}  # power limit
+
+Acceleration, jerk and effort rate may stand at the top, for all joints, and at a joint,
+which goes before.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from tominpmp.arrays import record_line
+from tominpmp.checks import flag, instance, names, number
+from tominpmp.description.fields import Field
+from tominpmp.description.paths import checked_path
+from tominpmp.description.yaml_reader import read_yaml
+from tominpmp.exceptions import (
+    JointNotFound,
+    ScenarioError,
+    brief,
+    warn_caller,
+)
+from tominpmp.files.records import blaming
+from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits, limits_by_joint
+from tominpmp.robot import Robot, load_robot, read_source
+
+# What may lie around the table: nodes of ROS 2, namespaces of parameters.
+_WRAPPERS = ("/**", "ros__parameters", "robot_description_planning")
+_SCALINGS = ("default_velocity_scaling_factor", "default_acceleration_scaling_factor")
+# Quantity: key that says whether there is a limit, keys of the limit.
+_KEYS = {
+    "velocity": ("has_velocity_limits", "max_velocity"),
+    "acceleration": ("has_acceleration_limits", "max_acceleration"),
+    "jerk": ("has_jerk_limits", "max_jerk"),
+    "effort": ("has_effort_limits", "max_effort"),
+    "position_lower": ("has_position_limits", "min_position"),
+    "position_upper": ("has_position_limits", "max_position"),
+}
+# Pilz' planner knows another limit where a joint slows down, a negative number there.
+_SLOWING = ("has_deceleration_limits", "max_deceleration")
+# Whether a joint turns on without end is said by the URDF file.
+_TURNS = "angle_wraparound"
+# Forms of a curve, by the first of their keys.
+CURVES: dict[str, tuple[Any, tuple[str, ...]]] = {
+    "stall": (EffortCurve.droop, ("stall", "no_load_speed")),
+    "power": (EffortCurve.power, ("effort", "power", "top_speed")),
+}
+
+
+@dataclass(frozen=True)
+class MoveItLimits:
+    """Limits by joint name, as far as the file has them.
+
+    Attributes:
+        path: The file.
+        velocity: Largest speeds [rad/s or m/s].
+        acceleration: Largest accelerations [rad/s^2 or m/s^2].
+        jerk: Largest jerks [rad/s^3 or m/s^3].
+        effort: Largest torques [N m or N].
+        position_lower: Lower position limits [rad or m].
+        position_upper: Upper position limits [rad or m].
+        velocity_scaling: The factor by which MoveIt scales speeds when a request gives
+            none; 0.1 in many files.
+        acceleration_scaling: Likewise for accelerations.
+    """
+
+    path: Path
+    velocity: Mapping[str, float] = field(default_factory=dict)
+    acceleration: Mapping[str, float] = field(default_factory=dict)
+    jerk: Mapping[str, float] = field(default_factory=dict)
+    effort: Mapping[str, float] = field(default_factory=dict)
+    position_lower: Mapping[str, float] = field(default_factory=dict)
+    position_upper: Mapping[str, float] = field(default_factory=dict)
+    velocity_scaling: float = 1.0
+    acceleration_scaling: float = 1.0
+
+    def __repr__(self) -> str:
+        """What it holds, on one line."""
+        return record_line(self)
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        for name in _KEYS:
+            given = getattr(self, name)
+            instance(given, Mapping, name, "limits by joint name")
+            found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
+            object.__setattr__(self, name, MappingProxyType(found))
+
+    def overrides(self, *, scaled: bool = False) -> dict[str, dict[str, float]]:
+        """Arguments for :func:`~tominpmp.robot.load_robot` and ``with_changes``.
+
+        Args:
+            scaled: Whether the speeds are scaled by ``velocity_scaling``.
+
+        Returns:
+            Values by joint name: velocity, effort, position_lower, position_upper, as
+            far as there are any. Accelerations and jerks are :meth:`motion_limits`.
+        """
+        factor = self.velocity_scaling if flag(scaled, "scaled") else 1.0
+        found = {"velocity": {k: factor * v for k, v in self.velocity.items()}}
+        for name in ("effort", "position_lower", "position_upper"):
+            found[name] = dict(getattr(self, name))
+        return {name: values for name, values in found.items() if values}
+
+    def motion_limits(
+        self, joint_names: Sequence[str], *, scaled: bool = False
+    ) -> MotionLimits | None:
+        """Limits of accelerations and jerks; None if there are none.
+
+        Args:
+            joint_names: Joints that move; what is said of others is left out.
+            scaled: Whether accelerations are scaled by ``acceleration_scaling``.
+        """
+        joint_names = names(joint_names)
+        factor = self.acceleration_scaling if flag(scaled, "scaled") else 1.0
+        scaled_ones = {k: factor * v for k, v in self.acceleration.items()}
+        values = {"acceleration": scaled_ones, "jerk": self.jerk}
+        return limits_by_joint(values, joint_names)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that have a limit."""
+        return tuple(dict.fromkeys(joint for k in _KEYS for joint in getattr(self, k)))
+
+
+def load_limited_robot(
+    moveit: MoveItLimits | None,
+    name_or_path: str | os.PathLike[str],
+    changes: Mapping[str, Any],
+    **arguments: Any,
+) -> Robot:
+    """Load a robot with the limits of MoveIt's file, accelerations and jerks too.
+
+    Limits of joints that do not move are left out; those of joints that the robot
+    lacks, or that follow others, with a warning.
+
+    Args:
+        moveit: The limits; None for those of the robot alone.
+        name_or_path: As for :func:`~tominpmp.robot.load_robot`.
+        changes: Values per joint and gravity, which go before the file.
+        **arguments: Its further arguments.
+
+    Raises:
+        TominpmpError: As by :func:`~tominpmp.robot.load_robot`.
+    """
+    if moveit is None:
+        return load_robot(name_or_path, **arguments, **changes)
+    files = {k: arguments[k] for k in ("package_dirs", "srdf") if k in arguments}
+    source = read_source(name_or_path, **files)
+    linkage = source.linkage(arguments.get("group"), arguments.get("locked_joints"))
+    joints = [joint.name for joint in source.description.joints]
+    _warn_of_joints(moveit, joints, linkage.followers)
+    free = set(joints) - set(linkage.reasons())
+    values = dict(changes)
+    for key, numbers in moveit.overrides().items():
+        own = values.get(key, {})
+        if isinstance(own, Mapping):
+            present = {k: v for k, v in numbers.items() if k in free}
+            values[key] = {**present, **own}
+    robot = load_robot(source, **arguments, **values)
+    further = moveit.motion_limits(robot.joint_names)
+    if further is None:
+        return robot
+    further = further.over(robot.motion_limits, robot.joint_names)
+    return replace(robot, motion_limits=further)
+
+
+def _warn_of_joints(
+    limits: MoveItLimits, joints: Collection[str], followers: Collection[str]
+) -> None:
+    told = []
+    unknown = [brief(joint) for joint in limits.joints if joint not in joints]
+    if unknown:
+        told.append(f"the robot has no joints {', '.join(unknown[:20])}")
+    led = [joint for joint in limits.joints if joint in followers]
+    if led:
+        told.append(
+            f"limits of joints that follow others are not used: {', '.join(led)}"
+        )
+    scalings = limits.velocity_scaling, limits.acceleration_scaling
+    factors = [
+        f"{key} ({value:g})"
+        for key, value in zip(_SCALINGS, scalings, strict=True)
+        if value < 1.0
+    ]
+    if factors:
+        told.append(f"the limits are taken whole, without {' and '.join(factors)}")
+    if told:
+        message = f"{limits.path}: {'; '.join(told)}"
+        warn_caller(message)
+
+
+def load_joint_limits(path: str | Path) -> MoveItLimits:
+    """Read a ``joint_limits.yaml``.
+
+    A limit counts unless the file says that there is none (``has_velocity_limits:
+    false``); then that of the URDF remains. Where a deceleration is limited too, the
+    smaller of both holds for both. Of keys that are not read a warning tells.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The limits.
+
+    Raises:
+        ScenarioError: If the file cannot be read or is wrong, with the key.
+    """
+    path = checked_path(path, "path", ScenarioError)
+    table = Field(read_yaml(path), path)
+    for wrapper in _WRAPPERS:
+        if "joint_limits" not in table.table() and table.get(wrapper).given:
+            table = table.get(wrapper)
+    joints = table.need("joint_limits").table()
+    found: dict[str, dict[str, float]] = {name: {} for name in _KEYS}
+    notes = [k for k in table.table() if k not in ("joint_limits", *_SCALINGS)]
+    for joint, limits in joints.items():
+        for name, keys in _KEYS.items():
+            value = _limit(limits, *keys)
+            if value is not None:
+                found[name][joint] = value
+        slowing = _limit(limits, *_SLOWING)
+        if slowing is not None:
+            slowing = abs(slowing)
+            own = found["acceleration"].get(joint, slowing)
+            found["acceleration"][joint] = min(own, slowing)
+            if own != slowing:
+                notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
+        notes += _unread(limits)
+    if notes:
+        told = ", ".join(brief(note).strip("'") for note in notes[:20])
+        warn_caller(f"{path}: not used: {told}")
+    scaling = []
+    for key in _SCALINGS:
+        factor = table.get(key)
+        scaling.append(factor.number() if factor.given else 1.0)
+        if not 0.0 < scaling[-1] <= 1.0:
+            factor.fail(f"is {scaling[-1]:g}, expected a factor from 0 to 1")
+    speed, acceleration = scaling
+    return MoveItLimits(
+        path, **found, velocity_scaling=speed, acceleration_scaling=acceleration
+    )
+
+
+def _limit(limits: Field, flag: str, key: str) -> float | None:
+    """A limit, if there is one: it must be there where the flag says so."""
+    said = limits.get(flag)
+    if said.given and not said.flag():
+        return None
+    value = limits.need(key) if said.given else limits.get(key)
+    if not value.given:
+        return None
+    number = value.number()
+    if key == _SLOWING[1] and number == 0.0:
+        value.fail("is 0, expected a number less than zero")
+    if key not in (_SLOWING[1], "min_position", "max_position") and number <= 0.0:
+        value.fail(f"is {number:g}, expected a number greater than zero")
+    return number
+
+
+def _unread(limits: Field) -> list[str]:
+    """Keys of a joint that say something that is not used."""
+    known = {key for keys in (*_KEYS.values(), _SLOWING) for key in keys}
+    unread = []
+    for key, item in limits.table().items():
+        if key == _TURNS:
+            if item.given and item.flag():
+                unread.append(
+                    f"{item.key} (the URDF says whether a joint is continuous)"
+                )
+        elif key not in known:
+            unread.append(item.key)
+    return unread
+
+
+def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
+    """Read limits of accelerations, jerks and torques from a YAML file.
+
+    Args:
+        path: The file; see the module for what is in it.
+        robot: The robot. Joints of it that are locked may be in the file, and are left
+            out.
+
+    Returns:
+        The limits, for the joints that move.
+
+    Raises:
+        ScenarioError: If the file cannot be read or is wrong: the message names the
+            key, the value and what was expected.
+    """
+    path = checked_path(path, "path", ScenarioError)
+    instance(robot, Robot, "robot")
+    document = Field(read_yaml(path), path)
+    document.only("effort_scale", "joints", *UNITS)
+    if not document.given:
+        document.fail(f"is empty, expected {', '.join(UNITS)}, effort_scale or joints")
+    scale = document.get("effort_scale")
+    share = 1.0 if scale.value is None else scale.number()
+    if not 0.0 < share <= 1.0:
+        scale.fail(f"is {share:g}, expected a share greater than 0, at most 1")
+    values = {
+        name: dict.fromkeys(robot.joint_names, _positive(item, name))
+        for name in UNITS
+        if (item := document.get(name)).value is not None
+    }
+    curves: dict[str, EffortCurve] = {}
+    joints = document.get("joints")
+    for joint, limits in joints.table().items() if joints.value is not None else ():
+        moves = joint in robot.joint_names
+        if not moves and joint not in robot.locked_joints:
+            limits.fail(str(JointNotFound(joint, robot.joint_names)))
+        limits.only("effort_curve", *UNITS)
+        for name, item in limits.table().items():
+            read: Any = _curve(item) if name == "effort_curve" else None
+            if read is None:
+                read = _positive(item, name)
+            if moves and name == "effort_curve":
+                curves[joint] = read
+            elif moves:
+                values.setdefault(name, {})[joint] = read
+    return MotionLimits(**values, effort_scale=share, effort_curves=curves)
+
+
+def _positive(item: Field, name: str) -> float:
+    number = item.number(infinite=True)
+    if not number > 0.0:
+        item.fail(f"is {number:g}, expected a positive number [{UNITS[name]}]")
+    return number
+
+
+def _curve(item: Field) -> EffortCurve:
+    """Curve of torque over speed in one of its forms."""
+    given = item.table()
+    for key, (make, keys) in CURVES.items():
+        if key in given:
+            item.only(*keys)
+            numbers = [item.need(name).number() for name in keys]
+            for name, number in zip(keys, numbers, strict=True):
+                if not number > 0.0:
+                    item.get(name).fail(f"is {number:g}, expected a positive number")
+            curve: EffortCurve = make(*numbers)
+            return curve
+    item.only("speed", "effort")
+    rows = [np.array(item.need(name).numbers()) for name in ("speed", "effort")]
+    with blaming(item):
+        return EffortCurve(*rows)
