@@ -17,7 +17,7 @@ from cli_samples import (
     needs_panda,
 )
 
-from tominpmp.cli.info import robot_data
+from tominpmp.cli.report import robot_data
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import (
     TominpmpWarning,

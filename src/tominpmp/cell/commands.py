@@ -98,7 +98,7 @@ def batch(
              the next run
         143  terminated (SIGTERM); likewise
     """
-    from tominpmp.cell.batch_command import run_batch
+    from tominpmp.cell.running import run_batch
 
     return run_batch(source, given(planning), args)
 
@@ -118,6 +118,6 @@ def tour(scenario: TourScenario, /, *, args: TourOptions = TourOptions()) -> int
         130  interrupted (Ctrl-C)
         143  terminated (SIGTERM)
     """
-    from tominpmp.cell.tour_command import run_tour
+    from tominpmp.cell.running import run_tour
 
     return run_tour(scenario, args)

@@ -7,7 +7,7 @@ nothing is imported here that takes long: that is done when a command runs.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -26,7 +26,7 @@ from tominpmp.cli.options import (
     ToleranceOptions,
     VerifyOptions,
 )
-from tominpmp.cli.terminal import say
+from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 
 ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
 RobotName = Annotated[
@@ -110,10 +110,19 @@ def verify(
         1    it does not
         2    bad input
     """
-    from tominpmp.cli.verify import run_verify
+    from tominpmp.cli.problem import check_given, load_problem
+    from tominpmp.cli.report import check_data, check_text, json_text
+    from tominpmp.files.export_check import check_file
 
-    problem = ProblemArguments(scenario, changes, given(limits))
-    return run_verify(problem, motion, given(tolerances), args)
+    arguments = ProblemArguments(scenario, changes, given(limits))
+    check_given(arguments)
+    problem, options = load_problem(arguments, given(tolerances))
+    joined: Any = args.interpolation
+    found = check_file(
+        problem, motion, tolerances=options.tolerances, interpolation=joined
+    )
+    say(json_text(check_data(found)) if args.json else check_text(found))
+    return PLANNED if found.ok else NO_PLAN
 
 
 def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
@@ -143,9 +152,11 @@ def info(
     args: ReportOptions = ReportOptions(),
 ) -> None:
     """Show the joints of a robot with their limits, its frames and group states."""
-    from tominpmp.cli.info import run_info
+    from tominpmp.cli.problem import load_changed_robot
+    from tominpmp.cli.report import json_text, robot_data, robot_text
 
-    run_info(robot, changes, args.json)
+    data = robot_data(load_changed_robot(robot, changes))
+    say(json_text(data) if args.json else robot_text(data))
 
 
 def robots(*, args: GeneralOptions = GeneralOptions()) -> None:

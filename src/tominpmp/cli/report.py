@@ -1,18 +1,21 @@
-"""The report at the end of a planning, for people and for programs."""
+"""Reports for people and for programs: of a plan, a judged motion, a robot."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import textwrap
 from collections.abc import Mapping, Sequence
 from enum import Enum
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from rich.console import Console
 
 from tominpmp.bounds import LowerBound
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import UNITS
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 
@@ -21,8 +24,11 @@ if TYPE_CHECKING:
 
 # A torque or speed this close to its limit, as a share of it, is at the limit.
 CLOSE = 0.01
-# So many of the limits that hold a motion are shown.
-SHOWN = 8
+# So many of the limits that hold a motion are shown, and of the rules that a message
+# breaks.
+SHOWN, REFUSALS = 8, 5
+# Width of the labels of the rows below the table of joints.
+LABEL = 14
 
 
 def limit_shares(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
@@ -189,6 +195,156 @@ def report_text(data: Mapping[str, Any]) -> str:
         rows.append(("as read", f"{verdict}, joined by {data['file_joined']}"))
         rows += [("note", note) for note in data["file_notes"]]
     return rows_text(data["message"], rows)
+
+
+def check_data(found: ExportCheck) -> dict[str, Any]:
+    """What there is to report of a motion that was judged."""
+    replay = found.verification
+    assert replay is not None  # noqa: S101
+    return {
+        "motion": found.path,
+        "T": found.duration,
+        **plain(replay),
+        "touches": replay.touches,
+        "ok": found.ok,
+        "joined": found.joined,
+        "notes": found.notes,
+        "refusals": [str(item) for item in found.refusals],
+    }
+
+
+def check_text(found: ExportCheck) -> str:
+    """Write the judgement for people."""
+    replay = found.verification
+    assert replay is not None  # noqa: S101
+    verdict = "solves the problem" if replay.ok else "does not solve the problem"
+    if replay.ok and not found.ok:
+        verdict = "solves the problem, but a controller would refuse it"
+    rows = [("duration", f"{found.duration:.4f} s"), ("joined", f"by {found.joined}")]
+    rows += [("note", note) for note in found.notes]
+    rows += [("refused", str(item)) for item in found.refusals[:REFUSALS]]
+    errors = f"{replay.goal_error:.1e} in position, {replay.speed_error:.1e} in speed"
+    rows.append(("goal error", errors))
+    if np.isfinite(replay.min_clearance):
+        rows.append(("clearance", f"{replay.min_clearance:.4f} m at least"))
+    rows.append(("replay", f"{replay.integrator}, {replay.seconds:.2f} s"))
+    rows += [("violation", str(item)) for item in found.violations]
+    rows += [("warning", str(item)) for item in replay.touches]
+    return rows_text(f"The motion in {found.path} {verdict}.", rows)
+
+
+def robot_data(robot: Robot) -> dict[str, Any]:
+    """What there is to tell about a robot, in types that JSON knows.
+
+    Infinite limits are None.
+    """
+    limits, beyond, semantics = robot.limits, robot.motion_limits, robot.srdf
+    kinds = {joint.name: joint.kind for joint in robot.description.joints}
+    columns = {
+        item.name: getattr(limits, item.name) for item in dataclasses.fields(limits)
+    }
+    columns |= {key: getattr(robot, key) for key in ("damping", "armature", "friction")}
+    for quantity in UNITS:
+        if beyond is not None and getattr(beyond, quantity) is not None:
+            columns[quantity] = beyond.by_joint(quantity, robot.joint_names)
+    data = {
+        "name": robot.name,
+        "urdf": robot.urdf_path,
+        "srdf": None if semantics is None else semantics.path,
+        "gravity": robot.gravity,
+        "joints": [
+            {"name": name, "kind": kinds[name]}
+            | {key: column[i] for key, column in columns.items()}
+            for i, name in enumerate(robot.joint_names)
+        ],
+        "locked_joints": robot.locked_joints,
+        "mimic_joints": [
+            joint.name
+            for joint in robot.description.joints
+            if joint.mimic is not None and joint.name not in robot.locked_joints
+        ],
+        "passive_joints": robot.passive_joints,
+        "groups": {}
+        if semantics is None
+        else {name: group.joints for name, group in semantics.groups.groups.items()},
+        "group_states": {} if semantics is None else semantics.group_states,
+        "frames": robot.frame_names,
+        "collision_geometries": int(robot.collision_model.ngeoms),
+    }
+    return cast("dict[str, Any]", plain(data))
+
+
+def robot_text(data: dict[str, Any]) -> str:
+    """Write the data for people; fitted to the screen if there is one."""
+    console = Console()
+    width = console.width if console.is_terminal else None
+    count = len(data["joints"])
+    locked = [f"{name}={value:g}" for name, value in data["locked_joints"].items()]
+    rows = {
+        "gravity": [f"{value:g}" for value in data["gravity"]],
+        "locked": locked,
+        "mimic": data["mimic_joints"],
+        "passive": data["passive_joints"],
+        "groups": list(data["groups"]),
+        "group states": list(data["group_states"]) or ["none"],
+        "collision": [_counted(data["collision_geometries"])],
+        "frames": data["frames"],
+        "URDF": [data["urdf"]],
+        "SRDF": [data["srdf"] or "none"],
+    }
+    lines = [f"{data['name']}: {count} joint{'' if count == 1 else 's'}", ""]
+    lines += _table(data["joints"])
+    lines += ["", "Units: rad, rad/s, N m; for prismatic joints m, m/s, N.", ""]
+    lines += [_row(name, row, width) for name, row in rows.items() if row]
+    return "\n".join(lines)
+
+
+def _row(label: str, items: list[str], width: int | None) -> str:
+    """Write a label and a list, wrapped if there is a width."""
+    row = f"{label:<{LABEL}}{', '.join(items)}"
+    if width is None or len(items) == 1:
+        return row
+    return textwrap.fill(
+        row,
+        max(width, 2 * LABEL),
+        subsequent_indent=" " * LABEL,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _table(joints: list[dict[str, Any]]) -> list[str]:
+    """Write the table of joints; nothing is left out to fit a screen."""
+    heads = {key: key.replace("position_", "").replace("_", " ") for key in joints[0]}
+    del heads["effort_lower"]
+    heads |= {"name": "joint", "effort_upper": "effort"}
+    rows = [list(heads.values())]
+    for joint in joints:
+        cells = {key: _cell(key, value) for key, value in joint.items()}
+        low, high = joint["effort_lower"], joint["effort_upper"]
+        if high is None or low != -high:
+            cells["effort_upper"] = (
+                f"{cells['effort_lower']} to {cells['effort_upper']}"
+            )
+        rows.append([cells[key] for key in heads])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for name, kind, *numbers in rows:
+        words = [name.ljust(widths[0]), kind.ljust(widths[1])]
+        words += [n.rjust(w) for n, w in zip(numbers, widths[2:], strict=True)]
+        lines.append("  ".join(words))
+    return lines
+
+
+def _cell(key: str, value: Any) -> str:
+    """Write a value; numbers that JSON does not know are infinite."""
+    if value is None:
+        return "-inf" if key.endswith("lower") else "inf"
+    return value if isinstance(value, str) else f"{value:.5g}"
+
+
+def _counted(count: int) -> str:
+    return "1 geometry" if count == 1 else f"{count} geometries"
 
 
 def rows_text(message: str, rows: Sequence[tuple[str, str]]) -> str:

@@ -184,15 +184,13 @@ def _judged(solution: Solution | None) -> dict[str, Any]:
         "method": solution.options.method,
         "iterations": solution.iterations,
     }
-    if solution.lower_bound is not None:
-        found["lower_bound"] = solution.lower_bound.T
-        found["lower_bound_reason"] = solution.lower_bound.reason
-    if solution.verification is not None:
-        judged = solution.verification
-        found["goal_error"] = judged.goal_error
-        found["speed_error"] = judged.speed_error
-        clearance = judged.min_clearance
-        found["min_clearance"] = clearance if math.isfinite(clearance) else None
+    bound, judged = solution.lower_bound, solution.verification
+    if bound is not None:
+        found |= {"lower_bound": bound.T, "lower_bound_reason": bound.reason}
+    if judged is not None:
+        near = judged.min_clearance if math.isfinite(judged.min_clearance) else None
+        found |= {name: getattr(judged, name) for name in ("goal_error", "speed_error")}
+        found["min_clearance"] = near
     return found
 
 

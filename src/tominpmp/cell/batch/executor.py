@@ -132,6 +132,8 @@ def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
     from joblib import parallel_config
     from joblib.parallel import get_active_backend
 
+    configured: Any
+    configured, count = get_active_backend()
     if name in CLUSTERS:
         import_module("distributed" if name == "dask" else "ray")
         if name == "ray":
@@ -140,13 +142,11 @@ def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
         # By its name alone joblib would make a backend of Dask that fails.
         with parallel_config(name, n_jobs=-1):
             configured, count = get_active_backend()
-        return configured, count if workers is None else workers
-    if name is not None:
-        return name, available_processes() if workers is None else workers
-    configured, count = get_active_backend()
-    if count in (None, 1) and type(configured).__name__ == "LokyBackend":
+    elif name is not None:
+        configured, count = name, available_processes()
+    elif count in (None, 1) and type(configured).__name__ == "LokyBackend":
         # Nobody has configured any: as many as there are cores.
-        return None, available_processes() if workers is None else workers
+        configured, count = None, available_processes()
     return configured, count if workers is None else workers
 
 

@@ -39,12 +39,14 @@ class GoalRows:
         robot: The robot.
         goals: The goals.
         rows: Numbers of a residual; shorter ones are filled up with zeros.
+        moves: Which coordinates of its model move a joint, shape (joints, nv).
     """
 
     def __init__(self, robot: Robot, goals: Sequence[Goal]) -> None:
         self.robot, self.goals = robot, tuple(goals)
         self.kinematics = RobotKinematics(robot)
         self._placements = Placements(robot.model)
+        self.moves = self._placements.moves
         targets = [frame_target(goal) for goal in goals]
         self._together = np.array([target is not None for target in targets])
         zero = np.zeros(robot.n)
@@ -320,14 +322,10 @@ class Configurations:
     def _idle(self, goal: Goal) -> BoolArray:
         """Joints that do not carry the frame of a goal, shape (n,)."""
         robot, name = self.problem.robot, goal.frame_name
-        out = np.zeros(robot.n, dtype=bool)
         if name is None:
-            return out
-        model = robot.model
-        moved = np.zeros(model.nv)
-        for j in model.supports[int(model.frames[robot.frame_id(name)].parentJoint)]:
-            if j:
-                moved[model.joints[j].idx_v] = 1.0
+            return np.zeros(robot.n, dtype=bool)
+        frame = robot.model.frames[robot.frame_id(name)]
+        moved = self._rows.moves[int(frame.parentJoint)].astype(float)
         S = robot.expansion_matrix
         return np.asarray((moved if S is None else moved @ np.abs(S)) == 0.0)
 

@@ -1,0 +1,229 @@
+"""What the commands ``batch`` and ``tour`` do: read, plan, write, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from tominpmp.bounds.result import USELESS, LowerBound
+from tominpmp.cell.batch import Progress, plan_many
+from tominpmp.cell.commands import BatchOptions, TourOptions
+from tominpmp.cell.tours import Tour, plan_tour
+from tominpmp.cell.tours.tour_file import load_tour
+from tominpmp.cli.output_files import (
+    MOTION_ENDINGS,
+    PAGE_ENDINGS,
+    PLOT_ENDINGS,
+    check_period,
+    check_target,
+)
+from tominpmp.cli.report import json_text, rows_text
+from tominpmp.cli.signals import present
+from tominpmp.cli.terminal import (
+    INTERRUPTED,
+    NO_PLAN,
+    PLANNED,
+    complain,
+    error_console,
+    logged,
+    say,
+)
+from tominpmp.description.fields import Field
+from tominpmp.description.paths import checked_path
+from tominpmp.exceptions import ScenarioError, TominpmpError
+from tominpmp.files.scenario import SECTIONS, read_toml
+from tominpmp.options import Options
+from tominpmp.status import Status
+
+ENDING = ".toml"
+# Problems without a motion that are named.
+NAMED = 20
+# What a report in JSON says of each problem.
+OF_PROBLEMS = (
+    *("index", "name", "success", "status", "message", "gap", "verified", "T"),
+    *("path", "seconds", "resumed"),
+)
+# What a report in JSON says of a tour, beside its motions and files.
+OF_TOURS = (
+    *("success", "status", "message", "cycle_time", "lower_bound", "gap", "verified"),
+    *("planning_time", "visits"),
+)
+
+
+def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> int:
+    """Plan all scenarios, and report.
+
+    Args:
+        source: Folder, list or scenario.
+        options: Options of all plans by name.
+        args: Where, and what to report.
+
+    Raises:
+        TominpmpError: If anything given is wrong; a broken scenario among others is
+            reported instead, and the others are planned.
+    """
+    begin, given = time.perf_counter(), dict(options)
+    outcomes = plan_many(
+        _scenarios_in(source),
+        workers=args.workers,
+        backend=args.backend,
+        results=args.output,
+        seed=given.pop("seed", None) or 0,
+        warm_start=args.warm_start,
+        progress=None if args.quiet or args.json else _show,
+        **given,
+    )
+    rows = []
+    for outcome in outcomes:
+        # Motions are in files; thousands of them need not be in memory, too.
+        rows.append(replace(outcome, solution=None))
+        present().check()
+    found = [row for row in rows if row.success]
+    failed = [row for row in rows if not row.success]
+    data = {
+        "problems": len(rows),
+        "found": len(found),
+        "verified": sum(row.verified for row in found),
+        "resumed": sum(row.resumed for row in rows),
+        "T": sum(row.T for row in found),
+        "planning_time": sum(row.seconds for row in rows),
+        "seconds": time.perf_counter() - begin,
+    }
+    if args.json:
+        names = {name: "file" if name == "path" else name for name in OF_PROBLEMS}
+        each = [{names[k]: getattr(row, k) for k in names} for row in rows]
+        say(json_text(data | {"outcomes": each}))
+    else:
+        for row in failed[:NAMED]:
+            complain("no motion", f"{row.name}: {row.message}", "bold yellow")
+        say(_batch_text(data, args))
+    return NO_PLAN if failed else PLANNED
+
+
+def _show(state: Progress) -> None:
+    """Show that a problem is done."""
+    last = state.last
+    found = f"T = {last.T:.4f} s" if last.success else f"{last.status}, no motion"
+    more = ", from a former run" if last.resumed else ""
+    say(f"{state.done}/{state.total}  {last.name}: {found}{more}", err=True)
+
+
+def _batch_text(data: Mapping[str, Any], args: BatchOptions) -> str:
+    rows = [
+        ("motions", f"{data['found']} of {data['problems']}"),
+        ("verified", str(data["verified"])),
+        ("sum of T", f"{data['T']:.4f} s"),
+        ("planning time", f"{data['planning_time']:.2f} s of all plans"),
+        ("time", f"{data['seconds']:.2f} s"),
+    ]
+    if data["resumed"]:
+        rows.append(("former run", f"{data['resumed']} results"))
+    return rows_text("The batch is done.", [*rows, ("results", str(args.output))])
+
+
+def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
+    """Scenario files that a batch is made of, each with a name of its own.
+
+    Args:
+        source: A folder, in which and below which every ``.toml`` is one; a list of
+            them, a TOML file with ``problems = ["a.toml", "cells/*.toml"]``, whose
+            paths are relative to its folder; or one scenario.
+
+    Returns:
+        Names, which are paths without their endings, and paths, in their order.
+
+    Raises:
+        ScenarioError: If there is no such file or folder, or nothing in it, or a list
+            has other keys.
+    """
+    path = checked_path(source, "source", ScenarioError)
+    folder, found = path.parent, list[Path]()
+    if path.is_dir():
+        folder, found = path, sorted(path.rglob(f"*{ENDING}"))
+    else:
+        content = read_toml(path)
+        if "problems" not in content and any(key in content for key in SECTIONS):
+            return [(path.stem, path)]
+        document = Field(content, path)
+        document.only("problems")
+        for item in document.need("problems").items():
+            files = _matching(folder, item.text())
+            if not files:
+                item.fail(f"is {item.text()!r}, which no file matches")
+            found += files
+    if not found:
+        raise ScenarioError(f"{path} holds no scenario ({ENDING})", path)
+    return [(_name(file, folder), file) for file in dict.fromkeys(found)]
+
+
+def _matching(folder: Path, pattern: str) -> list[Path]:
+    """Files of a pattern; a plain path need not be there, which is told later."""
+    if not any(sign in pattern for sign in "*?["):
+        return [folder / pattern]
+    try:
+        return sorted(path for path in folder.glob(pattern) if path.is_file())
+    except (ValueError, NotImplementedError):
+        return []
+
+
+def _name(path: Path, folder: Path) -> str:
+    inside = path.relative_to(folder) if path.is_relative_to(folder) else path
+    return inside.with_suffix("").as_posix()
+
+
+def run_tour(scenario: Path, args: TourOptions) -> int:
+    """Plan a tour and report.
+
+    Raises:
+        TominpmpError: If anything given is wrong.
+    """
+    check_target(args.output, "--output", MOTION_ENDINGS)
+    check_target(args.plot, "--plot", PLOT_ENDINGS)
+    check_target(args.html, "--html", PAGE_ENDINGS)
+    check_period(args.dt)
+    changes: dict[str, Any] = {}
+    if args.max_time is not None:
+        changes["max_planning_time"] = args.max_time
+    Options().changed(changes)
+    arguments = load_tour(scenario)
+    with logged(args.verbose, error_console()):
+        try:
+            tour = plan_tour(**arguments, **changes)
+        except ScenarioError:
+            raise
+        except TominpmpError as error:
+            field = getattr(error, "field", None)
+            raise ScenarioError(f"{scenario}: {error}", scenario, field) from error
+    files = _write(tour, args) if tour.success else []
+    if args.json:
+        data = {name: getattr(tour, name) for name in OF_TOURS}
+        motions = [motion.T for motion in tour.motions]
+        say(json_text(data | {"motions": motions, "files": files}))
+    else:
+        say(_tour_text(tour, files))
+    if tour.status is Status.INTERRUPTED:
+        return INTERRUPTED
+    return PLANNED if tour.success else NO_PLAN
+
+
+def _write(tour: Tour, args: TourOptions) -> list[Path]:
+    """Write what was asked for."""
+    if args.output is not None:
+        tour.export(args.output, dt=args.dt)
+    if args.plot is not None:
+        tour.plot(args.plot)
+    if args.html is not None:
+        tour.play(args.html)
+    return [path for path in (args.output, args.plot, args.html) if path is not None]
+
+
+def _tour_text(tour: Tour, files: list[Path]) -> str:
+    lines = [tour.message]
+    if tour.success:
+        bound = LowerBound(tour.lower_bound, tour.bound_reason)
+        near = bound.comparison(tour.cycle_time) or USELESS
+        lines += [tour.table(), f"cycle  {tour.cycle_time:.4f} s, {near}"]
+    return "\n".join([*lines, *(f"file   {path}" for path in files)])
