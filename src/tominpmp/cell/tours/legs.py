@@ -16,6 +16,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
@@ -62,13 +64,10 @@ class JointTimes:
     @classmethod
     def of(cls, problem: Problem) -> JointTimes:
         """Take the limits of a problem."""
-        names, n = problem.robot.joint_names, problem.robot.n
-        acceleration, jerk = np.full(n, np.inf), np.full(n, np.inf)
-        if problem.motion_limits is not None:
-            limits = problem.motion_limits
-            acceleration = limits.by_joint("acceleration", names)
-            jerk = limits.by_joint("jerk", names)
-        return cls(problem.robot.limits.velocity, acceleration, jerk)
+        names, limits = problem.robot.joint_names, problem.motion_limits
+        limits = MotionLimits() if limits is None else limits
+        found = (limits.by_joint(name, names) for name in ("acceleration", "jerk"))
+        return cls(problem.robot.limits.velocity, *found)
 
     @property
     def weights(self) -> Array:
@@ -214,10 +213,6 @@ class LegTable:
         i, a, j, b = leg
         return self.nodes[i][a], self.nodes[j][b]
 
-    def resting(self, i: int, j: int) -> int:
-        """At how many ends of a leg the arm is at rest."""
-        return int(self.rests[i]) + int(self.rests[j])
-
     def block(self, i: int, j: int) -> Array:
         """Times from each configuration of a node to each of another, shape (k, m)."""
         if (i, j) not in self._blocks:
@@ -229,11 +224,17 @@ class LegTable:
 
     def _guess(self, i: int, j: int, a: Array, b: Array) -> Array:
         """Estimates between configurations of two nodes, shape (k, m)."""
-        guess = self.factor * self.times.matrix(a, b, self.resting(i, j))
-        around = np.zeros(guess.shape, dtype=bool)
-        for one, other in self.blocked.get((i, j), ()):
-            around |= _near(a, one)[:, None] & _near(b, other)[None]
+        resting = int(self.rests[i]) + int(self.rests[j])
+        guess = self.factor * self.times.matrix(a, b, resting)
+        around = self._around(i, j, a, b)
         return np.where(around, self.detour + self.detour_share * guess, guess)
+
+    def _around(self, i: int, j: int, a: Array, b: Array) -> BoolArray:
+        """Between which configurations something is likely to be in the way, (k, m)."""
+        found = np.zeros((len(a), len(b)), dtype=bool)
+        for one, other in self.blocked.get((i, j), ()):
+            found |= _near(a, one)[:, None] & _near(b, other)[None]
+        return found
 
     def block_way(self, leg: Leg) -> None:
         """Take down that something is on the direct way of a leg, there and back."""
@@ -261,10 +262,7 @@ class LegTable:
     def is_blocked(self, leg: Leg) -> bool:
         """Whether something is likely to be on the direct way of a leg."""
         begin, end = self.rows(leg)
-        return any(
-            bool(_near(begin, one) and _near(end, other))
-            for one, other in self.blocked.get((leg[0], leg[2]), ())
-        )
+        return bool(self._around(leg[0], leg[2], begin[None], end[None])[0, 0])
 
     def detours_take(self, share: float) -> None:
         """Take blocked legs to need another share of their estimates from now on."""
@@ -291,15 +289,9 @@ class LegTable:
             if pair in self.blocked
         }
         rests = [self.rests[node] for node in order]
-        return LegTable(
-            rows,
-            rests,
-            self.times,
-            True,
-            self.factor,
-            blocked=blocked,
-            detour_share=self.detour_share,
-            detour=self.detour,
+        fresh: dict[str, Any] = {"known": {}, "_blocks": {}, "_of_pair": {}}
+        return replace(
+            self, nodes=rows, rests=rests, ends=True, blocked=blocked, **fresh
         )
 
     def fixed(self, chosen: Sequence[int]) -> Array:
@@ -603,29 +595,30 @@ class Legs:
             that meet the goals on the way; None where none was found.
         """
         way = [self.table.station(node) for node in nodes]
-        passed = [self.stations[k] for k in way if k is not None]
-        free = any(s.goal.configuration is None for s in passed if not s.stop)
+        exactly: list[Goal] = [JointGoal(there) for there in q[1:]]
+        freely = [
+            goal if k is None or self.stations[k].stop else self.stations[k].goal
+            for k, goal in zip(way[1:], exactly, strict=True)
+        ]
+        free = any(goal.configuration is None for goal in freely)
+        carried = [self._carried(begin, end) for begin, end in pairwise(way)]
         found = []
-        for exactly in (True, False) if free else (True,):
+        for goals in (exactly, freely) if free else (exactly,):
+            parts = zip(goals, carried, strict=True)
             try:
-                found.append(self._plan(self._passing_problem(way, q, exactly)))
+                segments = [
+                    Segment(goal, payload=payload, may_touch=touch)
+                    for goal, (payload, touch) in parts
+                ]
+                last = goals[-1]
+                problem = replace(
+                    self.problem, q_start=q[0], goal=last, segments=segments
+                )
+                found.append(self._plan(problem))
             except ProblemError as error:
                 self.errors.append(str(error))
         motions = [motion for motion in found if motion is not None]
         return min(motions, key=lambda motion: motion.T, default=None)
-
-    def _passing_problem(
-        self, way: Sequence[int | None], q: Sequence[Array], exactly: bool
-    ) -> Problem:
-        segments = []
-        for begin, end, there in zip(way[:-1], way[1:], q[1:], strict=True):
-            payload, touch = self._carried(begin, end)
-            goal: Goal = JointGoal(there)
-            if end is not None and not self.stations[end].stop and not exactly:
-                goal = self.stations[end].goal
-            segments.append(Segment(goal, payload=payload, may_touch=touch))
-        last = segments[-1].goal
-        return replace(self.problem, q_start=q[0], goal=last, segments=segments)
 
     def factor(self) -> float:
         """How much longer legs take than by the estimates of the joints."""

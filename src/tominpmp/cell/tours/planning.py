@@ -12,7 +12,7 @@ import itertools
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -83,27 +83,20 @@ SETTLING = 18
 Way = tuple[tuple[int, ...], tuple[int, ...]]
 
 
-@dataclass(eq=False)
 class TourSearch:
     """What is known of a tour while it is looked for.
 
     Attributes:
         legs: What is known of the legs.
+        table: Times of the legs.
         rules: Orders that are allowed.
         configurations: What is allowed at stations.
         rng: Random numbers.
         exact: Whether only times that no motion beats stand for legs not planned.
     """
 
-    legs: Legs
-    rules: Rules
-    configurations: Configurations
-    rng: np.random.Generator
-    exact: bool
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         problem: Problem,
         stations: tuple[Station, ...],
         rules: Rules,
@@ -111,13 +104,14 @@ class TourSearch:
         count: int,
         options: Options,
         exact: bool,
-    ) -> TourSearch:
+    ) -> None:
         """Look for configurations at all stations.
 
         Raises:
             ProblemError: If there is none for a station: names it.
         """
-        rng = np.random.default_rng(options.seed)
+        self.rules, self.exact = rules, exact
+        self.rng = np.random.default_rng(options.seed)
         times = JointTimes.of(problem)
         # What may touch on the way to any other station may touch on leaving.
         touch = [pair for station in stations for pair in station.may_touch]
@@ -127,13 +121,13 @@ class TourSearch:
             if station.payload is not None
         }
         goals = tuple(station.goal for station in stations)
-        finder = Configurations(problem, goals, times.weights, leaving)
-        found = finder.search(count, rng)
+        self.configurations = Configurations(problem, goals, times.weights, leaving)
+        found = self.configurations.search(count, self.rng)
         for number, rows in enumerate(found):
             if not len(rows):
                 raise ProblemError(
                     f"{called(number + 1, stations[number].name)} cannot be reached: "
-                    f"{finder.unreached(number)}",
+                    f"{self.configurations.unreached(number)}",
                     f"stations[{number}]",
                 )
         if not exact:
@@ -142,13 +136,8 @@ class TourSearch:
         last = [] if q_end is None else [q_end[None]]
         nodes = [problem.q_start[None], *found, *last]
         rests = [True, *(station.stop for station in stations), *(True for _ in last)]
-        table = LegTable(nodes, rests, times, q_end is not None)
-        return cls(Legs(problem, stations, options, table), rules, finder, rng, exact)
-
-    @property
-    def table(self) -> LegTable:
-        """Times of the legs."""
-        return self.legs.table
+        self.table = LegTable(nodes, rests, times, q_end is not None)
+        self.legs = Legs(problem, stations, options, self.table)
 
     def run(self) -> Tour:
         """Look for the tour."""
@@ -384,9 +373,8 @@ def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:
     robot, model = problem.robot, problem.robot.model
     data = model.createData()
     rows = np.concatenate([problem.q_start[None], *(rows[:2] for rows in found)])
-    limits, scale = robot.limits, 1.0
-    if problem.motion_limits is not None:
-        scale = problem.motion_limits.effort_scale
+    limits, further = robot.limits, problem.motion_limits
+    scale = 1.0 if further is None else further.effort_scale
     S = np.eye(robot.n) if robot.expansion_matrix is None else robot.expansion_matrix
     half = 0.5 * scale * (limits.effort_upper - limits.effort_lower)
     each = []
@@ -480,7 +468,7 @@ def plan_tour(
     items = _checked_goals(problem, items, rules)
     with bounded(chosen.max_planning_time):
         try:
-            search = TourSearch.of(problem, items, rules, end, count, chosen, exact)
+            search = TourSearch(problem, items, rules, end, count, chosen, exact)
             tour = search.run()
             bound = tour_bound(problem, items, rules, end)
         except (Stop, KeyboardInterrupt) as stop:

@@ -307,29 +307,32 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
     ]
     if len({part.degree for part in parts}) > 1:
         parts = [_cubic(part) for part in parts]
-    ends, now = list[float](), 0.0
-    rows: dict[str, list[Array]] = {name: [] for name in ("t", "q", "v", "u", "a")}
-    for number, (part, wait) in enumerate(zip(parts, waits, strict=True)):
-        found = _with_stays(part, stays[0] if number == 0 else 0.0, wait)
-        nodes, first = found["t"].size, now
-        now += float(found["t"][-1])
-        found["t"] = first + found["t"]
-        ends.append(now)
-        for name, values in found.items():
-            # Where one part ends, the nodes of the next one begin.
-            every = len(values) < nodes or number == len(parts) - 1
-            rows[name].append(values if every else values[:-1])
+    runs, last = _stay(parts[0], 0, stays[0]), list[int]()
+    for part, wait in zip(parts, waits, strict=True):
+        runs += [part, *_stay(part, -1, wait)]
+        last.append(len(runs) - 1)
+
+    def whole(rows: Sequence[Array]) -> Array:
+        """Rows of all runs: where one ends, the nodes of the next one begin."""
+        inner = zip(rows[:-1], runs[:-1], strict=True)
+        return np.concatenate([*(r[: run.t.size - 1] for r, run in inner), rows[-1]])
+
+    ends = np.cumsum([run.duration for run in runs])
+    begins = np.append(0.0, ends[:-1])
+    arrays: dict[str, Any] = {
+        name: whole([getattr(run, name) for run in runs])
+        for name in ("q", "v", "u", "a")
+        if getattr(runs[0], name) is not None
+    }
     dynamics = [p.inverse_dynamics for p in parts if p.inverse_dynamics is not None]
     known = len(dynamics) == len(parts)
     several = len({id(_robot_of(function)) for function in dynamics}) > 1
-    arrays: dict[str, Any] = {
-        name: np.concatenate(some) for name, some in rows.items() if some
-    }
     return Trajectory(
         parts[0].joint_names,
+        whole([begin + run.t for begin, run in zip(begins, runs, strict=True)]),
         **arrays,
         inverse_dynamics=dynamics[0] if known else None,
-        segment_ends=np.array(ends),
+        segment_ends=ends[last],
         segment_dynamics=tuple(dynamics) if known and several else (),
     )
 
@@ -340,29 +343,18 @@ def _robot_of(dynamics: InverseDynamics) -> object:
     return getattr(owner, "robot", dynamics)
 
 
-def _with_stays(part: Trajectory, before: float, after: float) -> dict[str, Array]:
-    """Arrays of a motion with stays before and after it [s]."""
-    found = {"t": part.t, "q": part.q, "v": part.v, "u": part.u}
-    if part.a is not None:
-        found["a"] = part.a
-    dynamics = part.inverse_dynamics or part.holding
-    for stay, row in ((before, 0), (after, -1)):
-        if stay <= 0.0:
-            continue
-        q, rest = part.q[row][None], np.zeros_like(part.q[row])[None]
-        u = part.u[row][None] if dynamics is None else dynamics(q, rest, rest)
-        if row == 0:
-            t = np.append(-stay, found["t"]) + stay
-        else:
-            t = np.append(found["t"], found["t"][-1] + stay)
-            # Just after the arrival the arm is held.
-            found["u"] = np.concatenate([found["u"][:-1], u])
-        for name, value in {"q": q, "v": rest, "u": u, "a": rest}.items():
-            if name in found:
-                both = [value, found[name]] if row == 0 else [found[name], value]
-                found[name] = np.concatenate(both)
-        found["t"] = t
-    return found
+def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
+    """The stay at the first or last node of a motion; none for no time [s]."""
+    if seconds <= 0.0:
+        return []
+    q, dynamics = part.q[[row, row]], part.inverse_dynamics or part.holding
+    rest = np.zeros_like(q)
+    u = part.u[[row, row]] if dynamics is None else dynamics(q, rest, rest)
+    # Accelerations are of the nodes, or of the intervals.
+    of_nodes = part.a is not None and len(part.a) == part.t.size
+    a = None if part.a is None else rest[: 2 if of_nodes else 1]
+    t = np.array([0.0, seconds])
+    return [Trajectory(part.joint_names, t, q, rest, u, a=a)]
 
 
 def _cubic(part: Trajectory) -> Trajectory:
