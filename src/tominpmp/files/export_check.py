@@ -335,9 +335,7 @@ def _inner_instants(nodes: Array) -> Array:
     """Times within intervals, on none of their ends [s], shape (m,)."""
     h = np.diff(nodes)
     wide = h > SHORTEST
-    return np.asarray(
-        (nodes[:-1][wide, None] + INSTANTS * h[wide, None]).ravel(), dtype=np.float64
-    )
+    return np.ravel(nodes[:-1][wide, None] + INSTANTS * h[wide, None])
 
 
 def _limit_violations_of(

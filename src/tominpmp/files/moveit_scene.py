@@ -368,9 +368,8 @@ def _read_object(item: Field, frames: Frames) -> list[Obstacle]:
     operation = item.get("operation")
     if operation.given and operation.value not in (0, "add", "ADD"):
         operation.fail("only objects that are added can be read (operation 0)")
-    for key in ("planes", "subframe_poses"):
-        if key == "planes" and item.get(key).given:
-            item.get(key).fail("planes are not read; use a large box")
+    if item.get("planes").given:
+        item.get("planes").fail("planes are not read; use a large box")
     place = frames.to_base(item.get("header"))
     if item.get("pose").given:
         place = place * read_pose(item.get("pose"))

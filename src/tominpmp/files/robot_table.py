@@ -104,17 +104,17 @@ def _values(robot: Robot) -> Mapping[str, object]:
 
 def _same_bodies(one: Robot, other: Robot) -> bool:
     """Whether placements and inertias agree, of robots with the same joints."""
-    parts = (
-        ([item.placement for item in robot.model.frames], robot.model.jointPlacements)
-        for robot in (one, other)
-    )
-    mine, theirs = ([*frames, *joints] for frames, joints in parts)
+    models = (one.model, other.model)
+    placements = [
+        [*(frame.placement for frame in model.frames), *model.jointPlacements]
+        for model in models
+    ]
     first, second = (
-        np.array([item.toDynamicParameters() for item in robot.model.inertias])
-        for robot in (one, other)
+        np.array([item.toDynamicParameters() for item in model.inertias])
+        for model in models
     )
     return all(
-        a.isApprox(b, ROUNDING) for a, b in zip(mine, theirs, strict=True)
+        a.isApprox(b, ROUNDING) for a, b in zip(*placements, strict=True)
     ) and np.allclose(first, second, rtol=ROUNDING, atol=ROUNDING)
 
 

@@ -14,7 +14,6 @@ message has is an error, tolerances of a goal and the like a warning.
 
 from __future__ import annotations
 
-import io
 import json
 import re
 from collections.abc import Iterator
@@ -189,32 +188,26 @@ def _value(part: Any) -> str:
 
 def write_yaml(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a YAML message."""
-    text = io.TextIOWrapper(file, encoding="utf-8", newline="\n")
     indent = ""
     for key in MESSAGES[message]:
-        text.write(f"{indent}{key}:\n")
+        file.write(f"{indent}{key}:\n".encode())
         indent += "  "
-    names = ", ".join(map(_quoted, samples.joint_names))
-    for line in (
-        "header:",
-        "  stamp: {sec: 0, nanosec: 0}",
-        "  frame_id: ''",
-        f"joint_names: [{names}]",
-        "points:",
-    ):
-        text.write(f"{indent}{line}\n")
+    for line in _yaml_lines(samples):
+        file.write(f"{indent}{line}\n".encode())
+
+
+def _yaml_lines(samples: Samples) -> Iterator[str]:
+    yield "header:"
+    yield "  stamp: {sec: 0, nanosec: 0}"
+    yield "  frame_id: ''"
+    yield f"joint_names: [{', '.join(map(_quoted, samples.joint_names))}]"
+    yield "points:"
     for point in _points(samples):
-        time = point.pop("time_from_start")
         mark = "-"
-        for name, values in point.items():
-            text.write(f"{indent}{mark} {name}: [{', '.join(map(_number, values))}]\n")
+        for name, part in point.items():
+            value = _value(part).replace('"', "")
+            yield f"{mark} {name}: {value}"
             mark = " "
-        text.write(
-            f"{indent}  time_from_start: {{sec: {time['sec']}, "
-            f"nanosec: {time['nanosec']}}}\n"
-        )
-    text.flush()
-    text.detach()  # the file is closed by whoever opened it
 
 
 def _quoted(name: str) -> str:

@@ -265,7 +265,8 @@ def _goal(outer: dict[str, Any], names: list[str]) -> Iterator[Refusal]:
     for field in TOLERANCES:
         items = goal.get(field) or []
         for item in items if isinstance(items, list) else [items]:
-            name = item.get("name", item.get("joint_name")) if _table(item) else None
+            table = item if isinstance(item, Mapping) else {}
+            name = table.get("name", table.get("joint_name"))
             if name not in names:
                 reason = f"is for {brief(name)}, which is no joint of the message"
                 yield Refusal(reason, field)
@@ -274,7 +275,3 @@ def _goal(outer: dict[str, Any], names: list[str]) -> Iterator[Refusal]:
     # -1 s stands for any time.
     if isinstance(seconds, int | float) and seconds < -1:
         yield Refusal("is negative", "goal_time_tolerance")
-
-
-def _table(item: Any) -> bool:
-    return isinstance(item, Mapping)

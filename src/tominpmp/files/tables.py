@@ -159,11 +159,26 @@ def _batch(batch: list[tuple[int, list[str]]], header: list[str], path: Path) ->
             )
     words = itertools.chain.from_iterable(line for _, line in batch)
     try:
-        found = np.fromiter(map(float, words), np.float64)
-    except ValueError:
-        rows = [_numbers(line, number, header, path) for number, line in batch]
-        found = np.array(rows, dtype=np.float64)
-    return found.reshape(-1, len(header))
+        return np.fromiter(map(float, words), np.float64).reshape(-1, len(header))
+    except ValueError as error:
+        number, column, word = next(_no_numbers(batch, header))
+        raise ScenarioError(
+            f"{path}, line {number}, column {column}: {word[:40]!r} is no number",
+            path,
+            column,
+        ) from error
+
+
+def _no_numbers(
+    batch: list[tuple[int, list[str]]], header: list[str]
+) -> Iterator[tuple[int, str, str]]:
+    """Words that are no numbers, with their lines and columns."""
+    for number, line in batch:
+        for column, word in zip(header, line, strict=True):
+            try:
+                float(word)
+            except ValueError:
+                yield number, column, word
 
 
 def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -181,22 +196,6 @@ def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, 
         path,
         "time" if header[:1] != ["time"] else None,
     )
-
-
-def _numbers(
-    line: list[str], number: int, header: list[str], path: Path
-) -> list[float]:
-    row = []
-    for column, word in zip(header, line, strict=True):
-        try:
-            row.append(float(word))
-        except ValueError as error:
-            raise ScenarioError(
-                f"{path}, line {number}, column {column}: {word[:40]!r} is no number",
-                path,
-                column,
-            ) from error
-    return row
 
 
 def read_npz(content: bytes, path: Path) -> Samples:
