@@ -27,7 +27,6 @@ from tominpmp.cli.terminal import (
     say,
 )
 from tominpmp.exceptions import OptionsError
-from tominpmp.options import Options
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord, Status
 
@@ -77,34 +76,24 @@ def _solve(
     with Progress(error_console(), quiet=args.quiet, verbose=args.verbose) as progress:
         progress.phase(f"loading {problem_args.robot}")
         problem, chosen = load_problem(problem_args, options)
-        _check_sensitivities(args, chosen)
+        if args.sensitivities is not None and chosen.energy_weight > 0.0:
+            raise OptionsError(
+                "--sensitivities are those of the least time, but energy has a weight "
+                f"of {chosen.energy_weight:g}; expected one of them alone",
+                "sensitivities",
+            )
         if args.save_scenario is not None:
             save_scenario(args.save_scenario, problem, chosen)
-        chosen = _with_callback(chosen, progress, time.perf_counter() - begin)
+        limit = chosen.max_planning_time
+        if limit is not None:
+            limit = max(limit - (time.perf_counter() - begin), LEAST_TIME)
+        chosen = replace(chosen, callback=progress, max_planning_time=limit)
         former = (
             {} if args.start_from is None else {"start": load_motion(args.start_from)}
         )
         progress.phase("planning")
         present().check()
         return plan(problem, chosen, **former)
-
-
-def _check_sensitivities(args: PlanOptions, options: Options) -> None:
-    """What cannot be told of a motion is said before it is planned."""
-    if args.sensitivities is not None and options.energy_weight > 0.0:
-        raise OptionsError(
-            f"--sensitivities are those of the least time, but energy has a weight of "
-            f"{options.energy_weight:g}; expected one of them alone",
-            "sensitivities",
-        )
-
-
-def _with_callback(options: Options, progress: Progress, spent: float) -> Options:
-    """Options that show progress, and whose time limit counts loading too."""
-    limit = options.max_planning_time
-    if limit is not None:
-        limit = max(limit - spent, LEAST_TIME)
-    return replace(options, callback=progress, max_planning_time=limit)
 
 
 def _write(solution: Solution, files: OutputFiles) -> bool:

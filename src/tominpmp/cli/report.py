@@ -206,9 +206,7 @@ def check_data(found: ExportCheck) -> dict[str, Any]:
         "T": found.duration,
         **plain(replay),
         "touches": replay.touches,
-        "ok": found.ok,
-        "joined": found.joined,
-        "notes": found.notes,
+        **_named(found, "ok", "joined", "notes"),
         "refusals": [str(item) for item in found.refusals],
     }
 

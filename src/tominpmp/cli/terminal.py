@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any
 
 from tominpmp.exceptions import TominpmpError, TominpmpWarning
 
@@ -140,17 +140,12 @@ def _warnings_shown() -> Iterator[None]:
         usual = warnings.showwarning
 
         def show(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
+            message: Warning | str, category: type[Warning], *more: Any, **where: Any
         ) -> None:
             if issubclass(category, TominpmpWarning):
                 complain("warning", str(message), "bold yellow")
             else:
-                usual(message, category, filename, lineno, file, line)
+                usual(message, category, *more, **where)
 
         warnings.simplefilter("always", TominpmpWarning)
         warnings.showwarning = show
