@@ -298,16 +298,12 @@ def _what(
         return GOALS
     chosen = (moves,) if isinstance(moves, str) else moves
     known = {item.name: item for task in tasks for item in task.scene}
-    fine = isinstance(chosen, Sequence) and len(chosen) > 0
-    for name in chosen if fine else ():
-        there = isinstance(name, str) and name in known
-        fine = fine and there and known[name].motion is None
-    if not fine:
-        resting = [name for name, item in known.items() if item.motion is None]
-        known_ones = ", ".join(resting) or "there are none"
-        expected = f"'base', 'goals' or obstacles at rest: {known_ones}"
-        raise wrong(moves, "moves", expected)
-    return tuple(chosen)
+    resting = [name for name, item in known.items() if item.motion is None]
+    given = list(chosen) if isinstance(chosen, Sequence) else []
+    if not given or any(name not in resting for name in given):
+        there = ", ".join(resting) or "there are none"
+        raise wrong(moves, "moves", f"'base', 'goals' or obstacles at rest: {there}")
+    return tuple(given)
 
 
 def _weights(weights: Any, count: int) -> Array:
@@ -329,16 +325,16 @@ class _Point:
     solutions: tuple[Solution, ...]
 
 
+@dataclass(eq=False)
 class _Search:
     """Quasi-Newton steps within bounds."""
 
-    def __init__(
-        self, moves: Moves, tasks: list[Problem], weights: Array, options: Options
-    ) -> None:
-        self._moves, self._tasks = moves, tasks
-        self._weights, self._options = weights, options
-        self.plans = 0
-        self.trials: list[Trial] = []
+    moves: Moves
+    tasks: list[Problem]
+    weights: Array
+    options: Options
+    plans: int = 0
+    trials: list[Trial] = field(default_factory=list)
 
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
         """Go downhill until nothing is gained."""
@@ -347,7 +343,7 @@ class _Search:
         assert best is not None  # noqa: S101 (or it was raised)
         T_before = best.T
         radius, curvature = FIRST, np.zeros((low.size, low.size))
-        while self.plans + len(self._tasks) <= most_plans and radius > LEAST:
+        while self.plans + len(self.tasks) <= most_plans and radius > LEAST:
             box = (
                 np.maximum(low, best.x - radius * span),
                 np.minimum(high, best.x + radius * span),
@@ -366,9 +362,9 @@ class _Search:
             curvature = _updated(curvature, found, best)
             best = found
         return ImprovedPlacement(
-            names=self._moves.names,
+            names=self.moves.names,
             values=frozen_array(best.x),
-            placement=self._moves.placement(best.x),
+            placement=self.moves.placement(best.x),
             T=best.T,
             T_before=T_before,
             plans=self.plans,
@@ -382,17 +378,17 @@ class _Search:
         Raises:
             ProblemError: If a task has none where the search begins: at no former one.
         """
-        count, solutions = len(self._tasks), list[Solution]()
+        count, solutions = len(self.tasks), list[Solution]()
         try:
-            move, problems = self._moves.mover(x), list[Problem]()
-            for number, task in enumerate(self._tasks):
+            move, problems = self.moves.mover(x), list[Problem]()
+            for number, task in enumerate(self.tasks):
                 with _of_task(number, count):
                     problems.append(move(task))
             for number, problem in enumerate(problems):
                 self.plans += 1
                 start = None if former is None else former.solutions[number]
                 with _of_task(number, count):
-                    found = plan(problem, self._options, start)
+                    found = plan(problem, self.options, start)
                 if not found.success:
                     raise ProblemError(
                         f"tasks: number {number + 1} of {count} has no motion where "
@@ -405,10 +401,10 @@ class _Search:
                 raise
             self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
             return None
-        T = float(self._weights @ np.array([item.T for item in solutions]))
-        slopes = [self._moves.gradient(item.sensitivities, x) for item in solutions]
+        T = float(self.weights @ np.array([item.T for item in solutions]))
+        slopes = [self.moves.gradient(item.sensitivities, x) for item in solutions]
         self.trials.append(Trial(frozen_array(x), T, self.plans))
-        return _Point(x, T, self._weights @ np.array(slopes), tuple(solutions))
+        return _Point(x, T, self.weights @ np.array(slopes), tuple(solutions))
 
 
 def _step(
