@@ -109,7 +109,7 @@ def test_options_of_plans_are_there() -> None:
 
 
 def test_flags_of_commands_are_there() -> None:
-    from tominpmp.cli.app import COMMANDS
+    from tominpmp.cli.front import COMMANDS
     from tominpmp.cli.parser import new_app
 
     app = new_app()

@@ -20,7 +20,8 @@ from tables import entries, field_rows, kinds, plain, summary
 
 import tominpmp as tm
 from tominpmp import exceptions
-from tominpmp.cli.app import COMMANDS, run
+from tominpmp.cli.app import run
+from tominpmp.cli.front import COMMANDS
 from tominpmp.constraints import PathConstraint
 from tominpmp.datasheets import datasheets
 from tominpmp.files.records import classes, motions

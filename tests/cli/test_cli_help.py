@@ -16,7 +16,7 @@ from cli_samples import (
     needs_panda,
 )
 
-from tominpmp.cli.app import COMMANDS, EXAMPLES
+from tominpmp.cli.front import COMMANDS, EXAMPLES
 from tominpmp.options import LP_SOLVERS, METHODS
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from tominpmp.bounds.result import USELESS, LowerBound
 from tominpmp.cell.batch import Progress, plan_many
-from tominpmp.cell.commands import BatchOptions, TourOptions
+from tominpmp.cell.options import BatchOptions, TourOptions
 from tominpmp.cell.tours import Tour, plan_tour
 from tominpmp.cell.tours.tour_file import load_tour
 from tominpmp.cli.output_files import (

@@ -1,6 +1,6 @@
 """The command line: ``tominpmp``, or ``python -m tominpmp``.
 
-:mod:`~tominpmp.cli.app` has the list of the commands and :mod:`~tominpmp.cli.options`
+:mod:`~tominpmp.cli.front` has the list of the commands and :mod:`~tominpmp.cli.options`
 what can be said to them. To show help or refuse an option, nothing is imported that
 takes long: the robotics libraries are when a command runs, and NumPy is not even for
 the list of the commands. Nothing at all is before signals are heeded: who ends the

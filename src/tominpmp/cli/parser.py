@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 from cyclopts.help import PlainFormatter
 
-from tominpmp.cli.app import COMMANDS, EXAMPLES, commands
+from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
 from tominpmp.cli.option_fields import SEVERAL, labelled, value_name
 from tominpmp.cli.terminal import BAD_INPUT, complain, error_console, say
 from tominpmp.exceptions import OptionsError, brief

@@ -1,0 +1,60 @@
+"""Options of the commands ``batch`` and ``tour``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tominpmp.cli.option_fields import options
+from tominpmp.cli.options import (
+    OUTPUT_FILE,
+    PLANNING,
+    QUIET,
+    VERBOSE,
+    ReportOptions,
+)
+
+
+@options("Output")
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions(ReportOptions):
+    """Where a batch is planned, and where its results go.
+
+    Attributes:
+        output (FOLDER): Keep the results there, an NPZ file each; what is there from a
+            former run is not planned again. Default: results.
+        workers (N): How many are planned at once. Default: as many as there are cores.
+        backend (NAME): loky (processes), threading, dask, ray, or any other of joblib.
+            Default: loky.
+        warm_start: Let problems begin with the motions of their neighbours.
+        quiet: No progress, only a report, warnings and errors.
+    """
+
+    output: Path = field(default=Path("results"), metadata=OUTPUT_FILE)
+    workers: int | None = field(default=None, metadata=PLANNING)
+    backend: str | None = field(default=None, metadata=PLANNING)
+    warm_start: bool = field(default=False, metadata=PLANNING)
+    quiet: bool = field(default=False, metadata=QUIET)
+
+
+@options("Output")
+@dataclass(frozen=True, kw_only=True)
+class TourOptions(ReportOptions):
+    """What of a tour to write and what to show.
+
+    Attributes:
+        output (FILE): Write the whole cycle there: .csv, .npz, or a ROS 2 message
+            (.yaml, .json, or .mcap for a bag); replaced if it exists.
+        dt (SECONDS): Time between the rows. Default: the nodes of the motions.
+        plot (FILE): Draw a Gantt picture: .png, .pdf or .svg.
+        html (FILE): Write a page that plays the cycle: .html.
+        max_time (SECONDS): Time limit of the planning.
+        verbose: Show the log too.
+    """
+
+    output: Path | None = field(default=None, metadata=OUTPUT_FILE)
+    dt: float | None = None
+    plot: Path | None = None
+    html: Path | None = None
+    max_time: float | None = field(default=None, metadata=PLANNING)
+    verbose: bool = field(default=False, metadata=VERBOSE)
