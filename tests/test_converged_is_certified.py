@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.clearances import nearest_instants
+from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import optimality

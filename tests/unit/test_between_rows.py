@@ -9,8 +9,8 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.arrays import Array
-from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.clearances import Nearest, nearest_instants
+from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.task import Task
 from tominpmp.planner.attempt import Attempt
 from tominpmp.status import Status

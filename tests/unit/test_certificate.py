@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections import Counter
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,15 +16,19 @@ from optimum_cases import Case, friction_cases, pendulum_cases, swing_cases
 from sample_arms import DOWNWARD, make_arm, rod, slide
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import Certificate
-from tominpmp.certificate.clearances import clearances
 from tominpmp.certificate.costates import integrate_costates
 from tominpmp.certificate.dual_program import solve_dual_program
 from tominpmp.certificate.limit_rows import LimitRows
+from tominpmp.certificate.limits import limits_of
 from tominpmp.certificate.minimum_principle import certify
-from tominpmp.certificate.perturbations import MOST, Perturbations, certificate_grid
-from tominpmp.certificate.state_limits import constraints
+from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.perturbations import (
+    MOST,
+    Instants,
+    Perturbations,
+    certificate_grid,
+)
 from tominpmp.certificate.task import Task
 from tominpmp.constraints import KeepUpright, States, ToolSpeed
 from tominpmp.dynamics import RobotDynamics
@@ -459,27 +464,19 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
             problem.robot.joint_names, t, np.array(q), np.array(v), u, a, inverse
         )
 
-    def all_rows(motion: Motion) -> list[LimitRows]:
-        states = [*clearances(motion), *constraints(motion)]
-        return [*motion.efforts(), *motion.declared(), *states]
+    def keyed(rows: LimitRows) -> list[tuple[object, ...]]:
+        """What tells rows apart; their instants may move a little."""
+        keys, seen = [], Counter[tuple[object, ...]]()
+        places = rows.kind, rows.at.interval, rows.subject, np.round(rows.at.share, 3)
+        for key in zip(*(part.tolist() for part in places), strict=True):
+            seen[key] += 1
+            keys.append((*key, seen[key]))
+        return keys
 
     def rooms(motion: Motion) -> dict[tuple[object, ...], float]:
         """How far each row is below its upper bound."""
-        return {
-            key: float(room)
-            for number, rows in enumerate(all_rows(motion))
-            for key, room in zip(keys(number, rows), rows.upper, strict=True)
-        }
-
-    def keys(number: int, rows: LimitRows) -> list[tuple[object, ...]]:
-        """What tells rows apart; their instants may move a little."""
-        share = np.broadcast_to(rows.share, rows.interval.shape)
-        places = zip(rows.interval, rows.subject, share, strict=True)
-        found: list[tuple[object, ...]] = [
-            (number, rows.kind, int(k), int(i), round(float(s), 3))
-            for k, i, s in places
-        ]
-        return found
+        rows = limits_of(motion)
+        return dict(zip(keyed(rows), rows.upper.tolist(), strict=True))
 
     base = build(a, h)
     speed = ToolSpeed("tip", 1.0)
@@ -497,8 +494,8 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
     task = Task.of(replace(problem, goal=reached, constraints=limited))
     motion = Motion.of(task, base)
     assert motion.changes.shape == "ramps"
-    groups = all_rows(motion)
-    assert {rows.kind for rows in groups} >= {
+    rows = limits_of(motion)
+    assert set(rows.kind.tolist()) >= {
         "effort",
         "effort rate",
         "effort over speed",
@@ -521,16 +518,16 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(miss, 0.0, atol=1e-6)
     high, low = rooms(Motion.of(task, after)), rooms(Motion.of(task, before))
     compared = 0
-    for number, rows in enumerate(groups):
-        slope = rows.change.matrix @ z + rows.change.by_length @ dh
-        scale = max(float(np.max(np.abs(slope))), 1.0)
-        here = keys(number, rows)
-        for row in np.flatnonzero(np.isfinite(rows.upper) & (rows.upper > 1e-3)):
-            key = here[row]
-            if key in high and key in low:
-                found = -(high[key] - low[key]) / (2.0 * step)
-                assert slope[row] == pytest.approx(found, abs=2e-4 * scale), key
-                compared += 1
+    slope = rows.change.matrix @ z + rows.change.by_length @ dh
+    kinds = rows.kind.tolist()
+    scale = {k: max(float(np.max(np.abs(slope[rows.of(k)]))), 1.0) for k in kinds}
+    for row, key in enumerate(keyed(rows)):
+        room = rows.upper[row]
+        if np.isfinite(room) and room > 1e-3 and key in high and key in low:
+            found = -(high[key] - low[key]) / (2.0 * step)
+            tolerance = 2e-4 * scale[kinds[row]]
+            assert slope[row] == pytest.approx(found, abs=tolerance), key
+            compared += 1
     assert compared > 500
 
 
@@ -558,13 +555,12 @@ def test_steps_carry_positions(rng: np.random.Generator) -> None:
     changes = Perturbations(np.append(0.0, np.cumsum(h)), q, v, "steps")
     z = np.append(np.concatenate([dq, dv], axis=1)[1:].ravel(), da.ravel())
     assert z.size == changes.size
-    for change, expected in (
-        (changes.position_at(share, q_in), inside),
-        (changes.velocity_at(share, v_in), speed),
-    ):
-        assert sp.issparse(change.matrix)
-        found = change.matrix @ z + change.by_length @ dh
-        np.testing.assert_allclose(found, expected.ravel(), atol=1e-7)
+    at = Instants.spread((0, N), np.array([share]))
+    eye = np.broadcast_to(np.eye(2 * n), (N, 2 * n, 2 * n))
+    change = changes.values(at, q_in, v_in, *np.split(eye, 2, axis=2))
+    assert sp.issparse(change.matrix)
+    found = change.matrix @ z + change.by_length @ dh
+    np.testing.assert_allclose(found, np.hstack([inside, speed]).ravel(), atol=1e-7)
 
 
 # -- the record, and the figure --------------------------------------------------------

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.bulges import bulges
-from tominpmp.certificate.clearances import CLOSE, clearances
+from tominpmp.certificate.clearances import CLOSE
 from tominpmp.certificate.limit_rows import LimitRows
+from tominpmp.certificate.limits import limits_of
+from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import JointGoal
@@ -68,9 +68,10 @@ def approaches(problem: Problem, motion: Trajectory) -> dict[int, tuple[float, f
     }
 
 
-def rows_of(problem: Problem, motion: Trajectory) -> tuple[Motion, list[LimitRows]]:
+def rows_of(problem: Problem, motion: Trajectory) -> tuple[Motion, LimitRows]:
     seen = Motion.of(Task.of(problem), motion)
-    return seen, clearances(seen)
+    every = limits_of(seen)
+    return seen, every.kept(every.of("clearance"))
 
 
 @pytest.mark.parametrize("name", OBSTACLES)
@@ -78,20 +79,14 @@ def test_the_nearest_instant_of_a_pair_is_a_row(name: str) -> None:
     """It was the node or the middle beside it: millimetres too far, and too late."""
     problem = passing(name)
     motion = build(problem, WAVES, np.full(N, H))
-    seen, groups = rows_of(problem, motion)
-    compared = 0
+    seen, rows = rows_of(problem, motion)
+    times, compared = seen.changes.times(rows.at), 0
     for pair, (time, distance) in approaches(problem, motion).items():
         room = distance - float(problem.margins[pair])
         if room > CLOSE * seen.task.reach:
             continue
-        found = []
-        for rows in groups:
-            share = np.broadcast_to(rows.share, rows.interval.shape)
-            times = (
-                seen.changes.t[rows.interval] + share * seen.changes.h[rows.interval]
-            )
-            mine = rows.subject == pair
-            found += list(zip(times[mine], rows.upper[mine], strict=True))
+        mine = rows.subject == pair
+        found = list(zip(times[mine], rows.upper[mine], strict=True))
         when, left = min(found, key=lambda item: abs(item[0] - time))
         assert when == pytest.approx(time, abs=2e-4)
         assert left * seen.task.reach == pytest.approx(room, abs=2e-4)
@@ -107,7 +102,8 @@ def test_a_row_is_the_derivative_of_the_least_distance(
     problem = passing(name)
     h = np.full(N, H)
     base = build(problem, WAVES, h)
-    seen, groups = rows_of(problem, base)
+    seen, rows = rows_of(problem, base)
+    times = seen.changes.times(rows.at)
     step, compared = 2e-4, 0
     before = approaches(problem, base)
     for da, dh in (
@@ -121,16 +117,13 @@ def test_a_row_is_the_derivative_of_the_least_distance(
         counts = np.maximum(np.rint(np.diff(seen.changes.t) / H), 1).astype(int)
         assert counts.size == N  # no interval was cut
         z = np.append(dx.ravel(), da.ravel())
-        for rows in groups:
-            slope = rows.change.matrix @ z + rows.change.by_length @ dh
-            share = np.broadcast_to(rows.share, rows.interval.shape)
-            times = seen.changes.t[rows.interval] + share * h[rows.interval]
-            for k, pair in enumerate(rows.subject.tolist()):
-                if pair not in before or abs(times[k] - before[pair][0]) > 2e-4:
-                    continue
-                found = (ends[0][pair][1] - ends[1][pair][1]) / (2 * step)
-                assert -slope[k] * seen.task.reach == pytest.approx(found, abs=6e-3)
-                compared += 1
+        slope = rows.change.matrix @ z + rows.change.by_length @ dh
+        for k, pair in enumerate(rows.subject.tolist()):
+            if pair not in before or abs(times[k] - before[pair][0]) > 2e-4:
+                continue
+            found = (ends[0][pair][1] - ends[1][pair][1]) / (2 * step)
+            assert -slope[k] * seen.task.reach == pytest.approx(found, abs=6e-3)
+            compared += 1
     assert compared >= 2
 
 
@@ -138,8 +131,7 @@ def test_each_approach_is_one_row() -> None:
     """A second one beside it would hold the pace, which nothing holds."""
     problem = passing("ball")
     motion = build(problem, WAVES, np.full(N, H))
-    _, groups = rows_of(problem, motion)
-    pairs = np.concatenate([rows.subject for rows in groups])
+    pairs = rows_of(problem, motion)[1].subject
     assert pairs.size == np.unique(pairs).size
     assert pairs.size
 
@@ -164,8 +156,8 @@ def test_a_joint_that_turns_back_between_the_nodes_is_held_there(
         position_upper={"joint1": top, "joint2": 50.0, "joint3": 50.0},
     )
     bounded = Problem(robot, START, JointGoal(START), v_start=SPEED)
-    found = bulges(Motion.of(Task.of(bounded), motion))
-    rows = next(rows for rows in found if rows.kind == "position")
+    found = limits_of(Motion.of(Task.of(bounded), motion))
+    rows = found.kept(found.of("position"))
     assert rows.subject.tolist() == [0]
-    assert rows.interval.tolist() == [7]
+    assert rows.at.interval.tolist() == [7]
     assert rows.upper[0] == pytest.approx(0.0, abs=1e-9)

@@ -15,7 +15,7 @@ import pytest
 from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
-from tominpmp.certificate.active_limits import Motion
+from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.verification.replay import torque_pieces

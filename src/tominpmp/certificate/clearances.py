@@ -1,4 +1,4 @@
-"""Clearances of a motion as linear rows on its small changes.
+"""Where pairs of bodies are nearest in a motion, and what the distances change by.
 
 A pair of bodies limits a motion where it is nearest. That instant moves with the
 motion, so that to first order the least distance changes as the distance at that
@@ -12,16 +12,14 @@ as it is for a while there are others.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.instants import Instants, local_maxima
-from tominpmp.certificate.limit_rows import LimitRows
-from tominpmp.certificate.perturbations import picked
-from tominpmp.certificate.task import Room
+from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.perturbations import Instants
 
 # Where a pair that stays near is a row, too: the middles and the ends of the intervals.
 REGULAR = (0.5, 1.0)
@@ -41,27 +39,26 @@ class Contacts(NamedTuple):
 
     Attributes:
         at: The instants, k of them.
+        times: When these are [s], shape (k,).
         pair: The pair of each, shape (k,).
-        missing: What it lacks of its margin, as a share of the reach, shape (k,).
-        slopes: Derivatives of that by the configuration, shape (k, n).
+        slopes: Derivatives of what it lacks by the configuration, shape (k, n). Where a
+            corner passes, which has others before and after, they are those of the
+            least distance of all.
         rates: Derivatives by time, of what moves by itself [1/s], shape (k,).
+        missing: What it lacks of its margin, as a share of the reach, shape (k,).
     """
 
     at: Instants
+    times: Array
     pair: IntArray
-    missing: Array
     slopes: Array
     rates: Array
+    missing: Array
 
     def kept(self, which: IntArray | BoolArray) -> Contacts:
         """Some of them."""
-        return Contacts(
-            self.at.kept(which),
-            self.pair[which],
-            self.missing[which],
-            self.slopes[which],
-            self.rates[which],
-        )
+        found: Any = (part[which] for part in self[1:])
+        return Contacts(self.at.kept(which), *found)
 
 
 class Nearest(NamedTuple):
@@ -88,116 +85,104 @@ class Nearest(NamedTuple):
         return cls(np.zeros(0), index, np.zeros((0, n)), np.zeros(0))
 
 
-def clearances(motion: Motion) -> list[LimitRows]:
-    """Distances that are near their margins, as shares of the reach."""
-    if motion.task.room is None:
+def contacts(motion: Motion, attention: float = ATTENTION) -> list[Contacts]:
+    """The nearest instants of all pairs, and those at which they stay near.
+
+    Args:
+        motion: The motion.
+        attention: Pairs with more room than this share of the reach are left out.
+    """
+    if not motion.task.problem.checker.pairs:
         return []
-    rows = []
-    for found in _Approaches(motion, motion.task.room).contacts():
-        inside = found.at.share < 1.0
-        for own in (np.flatnonzero(inside), np.flatnonzero(~inside)):
-            if own.size:
-                rows.append(_rows(motion, found.kept(own)))
-    return rows
+    return _Approaches(motion, attention).contacts()
 
 
 def nearest_instants(motion: Motion) -> Nearest:
     """When pairs that come close are nearest, and how the least distances change."""
-    if motion.task.room is None:
-        return Nearest.none(motion.changes.n)
-    found = _Approaches(motion, motion.task.room, CLOSE).contacts()
-    close = [item.kept(item.missing > -CLOSE) for item in found]
+    close = [item.kept(item.missing > -CLOSE) for item in contacts(motion, CLOSE)]
     if not close:
         return Nearest.none(motion.changes.n)
-    return Nearest(
-        np.concatenate([item.at.times(motion.changes) for item in close]),
-        np.concatenate([item.pair for item in close]),
-        np.concatenate([item.slopes for item in close]),
-        np.concatenate([item.rates for item in close]),
-    )
+    _, times, pairs, slopes, rates, _ = zip(*close, strict=True)
+    return Nearest(*map(np.concatenate, (times, pairs, slopes, rates)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Approaches:
-    """Looks for the instants at which pairs limit a motion.
-
-    Attributes:
-        motion: The motion.
-        room: What pairs have left.
-        attention: Pairs with more room than this share of the reach are left out.
-    """
+    """Looks for the instants at which pairs limit a motion."""
 
     motion: Motion
-    room: Room
-    attention: float = ATTENTION
+    attention: float
+
+    @cached_property
+    def _margins(self) -> Array:
+        """Distances to keep, shape (pairs,) [m]."""
+        problem = self.motion.task.problem
+        return problem.checker.margins(problem.margin)
 
     def contacts(self) -> list[Contacts]:
         """The nearest instants of all pairs, and those at which they stay near."""
-        changes = self.motion.changes
-        at = Instants.spread(changes.N, np.arange(1, SAMPLES + 1) / SAMPLES)
-        first, end = self.motion.span
-        at = at.kept((at.interval >= first) & (at.interval < end))
-        times = at.times(changes)
-        row, pair, missing = self.room.near(self._q(times), self.attention, times)
-        if not row.size:
+        task, changes = self.motion.task, self.motion.changes
+        at = self.motion.spread(np.arange(1, SAMPLES + 1) / SAMPLES)
+        times = changes.times(at)
+        cutoff = self._margins + self.attention * task.reach
+        found = task.problem.checker.distances(self._q(times), cutoff, times)
+        table = (self._margins - found) / task.reach
+        near = table > -self.attention
+        seen = np.flatnonzero(near.any(axis=0))
+        if not seen.size:
             return []
-        seen, column = np.unique(pair, return_inverse=True)
-        table = np.full((times.size, seen.size), -np.inf)
-        table[row, column] = missing
+        table = np.where(near, table, -np.inf)[:, seen]
         nearest = local_maxima(table)
         rough, close = nearest & (table <= -CLOSE), nearest & (table > -CLOSE)
         regular = np.isin(at.share, REGULAR)[:, None] & (table > -np.inf) & ~nearest
-        out = [self._sampled(at, times, seen, table, rough)]
-        staying = self._sampled(at, times, seen, table, regular)
-        out.append(staying.kept(self._stays(staying)))
-        return [*out, *self._closest(times, seen, table, close)]
+
+        def sampled(flags: BoolArray) -> Contacts:
+            rows, columns = np.nonzero(flags)
+            pair, missing = seen[columns], table[rows, columns]
+            slopes = self._slopes(times[rows], pair)
+            return Contacts(at.kept(rows), times[rows], pair, *slopes, missing)
+
+        staying = sampled(regular)
+        # They stay as near as they are for a while.
+        speed = np.abs(self._speed(staying.times, staying.slopes, staying.rates))
+        room, T = np.maximum(-staying.missing, 0.0), float(changes.t[-1])
+        staying = staying.kept(room >= STAYING * T * speed)
+        out = [sampled(rough), staying]
+        if close.any():
+            out.append(self._closest(times, seen, table, close))
+        return [item for item in out if item.pair.size]
 
     def _q(self, times: Array) -> Array:
         """Configurations, shape (m, n)."""
         return np.asarray(self.motion.trajectory(times).q)
 
-    def _sampled(
-        self, at: Instants, times: Array, seen: IntArray, table: Array, flags: BoolArray
-    ) -> Contacts:
-        """Contacts at flagged samples of pairs."""
-        rows, columns = np.nonzero(flags)
-        found = self._slopes(times[rows], seen[columns])
-        return Contacts(at.kept(rows), seen[columns], table[rows, columns], *found)
-
     def _slopes(self, times: Array, pair: IntArray) -> tuple[Array, Array]:
         """Derivatives of what pairs lack, at a time each."""
         if not times.size:
             return np.zeros((0, self.motion.changes.n)), np.zeros(0)
+        task = self.motion.task
         distinct, index = np.unique(times, return_inverse=True)
-        found = self.room.derivatives_at(self._q(distinct), index, pair, distinct)
-        return found[0], found[1]
+        q = self._q(distinct)
+        found = task.problem.checker.derivatives_at(q, index, pair, distinct)
+        return -found[0] / task.reach, -found[1] / task.reach
 
     def _speed(self, times: Array, slopes: Array, rates: Array) -> Array:
         """How fast what is missing grows along the motion [1/s], shape (k,)."""
         v = self.motion.trajectory(times).v
         return np.asarray(np.einsum("kj,kj->k", slopes, v) + rates)
 
-    def _stays(self, found: Contacts) -> BoolArray:
-        """Whether pairs stay as near as they are for a while."""
-        T = float(self.motion.changes.t[-1])
-        times = found.at.times(self.motion.changes)
-        speed = np.abs(self._speed(times, found.slopes, found.rates))
-        return np.asarray(np.maximum(-found.missing, 0.0) >= STAYING * T * speed)
-
     def _closest(
         self, times: Array, seen: IntArray, table: Array, flags: BoolArray
-    ) -> list[Contacts]:
+    ) -> Contacts:
         """The nearest instants around flagged samples, found by halving the time.
 
         A corner that passes is a kink of the distance in time, or nearly: its slope
         there is that mean of those before and after which does not change with time.
         """
         rows, columns = np.nonzero(flags)
-        if not rows.size:
-            return []
-        pair, (first, end) = seen[columns], self.motion.span
-        outside = self.motion.changes.t[[first, end]]
-        padded = np.concatenate([outside[:1], times, outside[1:]])
+        pair, changes = seen[columns], self.motion.changes
+        first, end = changes.t[list(self.motion.span)]
+        padded = np.concatenate([[first], times, [end]])
         ends = [padded[rows], padded[rows + 2]]
         slopes = [self._slopes(time, pair) for time in ends]
         speeds = [self._speed(ends[i], *slopes[i]) for i in (0, 1)]
@@ -220,36 +205,24 @@ class _Approaches:
         by_q = (1.0 - after)[:, None] * slopes[0][0] + after[:, None] * slopes[1][0]
         by_t = (1.0 - after) * slopes[0][1] + after * slopes[1][1]
         missing = np.maximum(self._missing(time, pair), table[rows, columns])
-        at = Instants.at_times(self.motion.changes, time)
-        return [Contacts(at, pair, missing, by_q, by_t)]
+        return Contacts(changes.instants(time), time, pair, by_q, by_t, missing)
 
     def _missing(self, times: Array, pair: IntArray) -> Array:
         """What pairs lack at a time each, shape (k,)."""
-        missing = self.room.missing(self._q(times), pair, self.attention, times)
+        task, margin = self.motion.task, self._margins[pair]
+        enough, every = margin + self.attention * task.reach, np.arange(pair.size)
+        q = self._q(times)
+        found = task.problem.checker.measured(q, every, pair, enough, times)
+        missing = (margin - found) / task.reach
         return np.where(missing > -self.attention, missing, -np.inf)
 
 
-def _rows(motion: Motion, found: Contacts) -> LimitRows:
-    """Rows of contacts, all inside the intervals or all at their ends."""
-    changes, (at, pair, missing, slopes, rates) = motion.changes, found
-    by_q = picked(slopes, pair.size, np.arange(pair.size))
-    if at.share[0] < 1.0:
-        state = motion.trajectory(at.times(changes))
-        change = changes.inside(*at, state.q, state.v)[0].after(by_q)
-    else:
-        joints = np.arange(changes.n)
-        rows = ((at.interval[:, None] + 1) * changes.n + joints).ravel()
-        change = changes.fixed(by_q @ changes.positions[rows])
-    if motion.task.room is not None and motion.task.room.moving:
-        change = at.with_time(change, rates)
-    return LimitRows(
-        kind="clearance",
-        change=change,
-        lower=np.full(pair.size, -np.inf),
-        upper=np.maximum(-missing, 0.0),
-        interval=at.interval,
-        subject=pair,
-        share=at.share,
-        slopes=slopes,
-        unit=motion.task.reach,
-    )
+def local_maxima(table: Array) -> BoolArray:
+    """Where values are not smaller than before, and larger than after.
+
+    Args:
+        table: Values, one row an instant, shape (m, p); minus infinity where unknown.
+    """
+    padded = np.pad(table, ((1, 1), (0, 0)), constant_values=-np.inf)
+    known = table > -np.inf
+    return np.asarray(known & (table >= padded[:-2]) & (table > padded[2:]))

@@ -14,10 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.dual_program import PLACES
-from tominpmp.certificate.dual_solution import DualSolution
-from tominpmp.certificate.friction import overcoming
+from tominpmp.certificate.dual_program import PLACES, DualSolution
+from tominpmp.certificate.motion import Motion
 from tominpmp.verification.replay import Replay
 
 # Steps of an interval: one ends wherever costates may fall.
@@ -55,7 +53,12 @@ def integrate_costates(
         q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
         v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)
-    left = overcoming(motion.task.problem.robot, motion.trajectory, times, state)
+    # What dry friction leaves of the torques.
+    trajectory, robot = motion.trajectory, motion.task.problem.robot
+    if trajectory.inverse_dynamics is None:
+        left = state.u - robot.friction * trajectory.turns.at(times)
+    else:
+        left = motion.task.dynamics.inverse(state.q, state.v, state.a)
     slope = motion.task.dynamics.forward_jacobians(x, left).f_x
     steps = _transitions(slope, np.repeat(changes.h / STEPS, STEPS))
     steps = steps.reshape(changes.N, STEPS, 2 * n, 2 * n)

@@ -10,20 +10,17 @@ have no room.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.all_limits import limits_of
-from tominpmp.certificate.dual_solution import DualSolution
-from tominpmp.certificate.limit_rows import LimitRows
-from tominpmp.certificate.multipliers import GOAL, TRUST, Collection, Multipliers
-from tominpmp.certificate.perturbations import Linearised
+from tominpmp.arrays import Array
+from tominpmp.certificate.limit_rows import TRUST, LimitRows
+from tominpmp.certificate.limits import limits_of
+from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.perturbations import Instants, Linearised
 from tominpmp.certificate.stays import still_nodes
 from tominpmp.linear_programs import Nearly, PiqpSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
@@ -46,27 +43,34 @@ FAR = RADIUS * (1.0 - 1e-9)  # a bound at least this far is the trust region's
 PLACES = 4  # of an interval at which costates may fall; even: one is the middle
 
 
-class _Bounds(NamedTuple):
-    """Bounds of the unknowns, in scaled units, and what they are.
+@dataclass(frozen=True, eq=False)
+class DualSolution:
+    """Costates and multipliers that the linear program gives for a motion.
 
     Attributes:
-        lower: Shape (size,).
-        upper: Shape (size,).
-        kind: 0 for positions, 1 for velocities, 2 for accelerations, shape (size,).
-        interval: Shape (size,).
-        joint: Shape (size,).
-        unit: A scaled unit in units of the limit, shape (size,).
+        costates: Derivatives of the duration by the states just before the nodes 1 to
+            N, shape (N, 2 n).
+        jumps: By how much costates fall at these nodes, where a limit on the state
+            holds, shape (N, 2 n).
+        pushes: By how much they fall inside the intervals, at the places nearest to
+            where a limit on the state holds: k / PLACES of an interval, shape
+            (N, PLACES, 2 n).
+        switching: Derivative of the Hamiltonian by the torques, mean over each
+            interval, in shares of the torque limits, shape (N, n).
+        hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
+        multipliers: All limits with their multipliers, the trust region among them.
+        promise: Reduction of the duration to first order, as a share of it.
+        state_scale: Changes of the state that the trust region allows, shape (2 n,).
     """
 
-    lower: Array
-    upper: Array
-    kind: IntArray
-    interval: IntArray
-    joint: IntArray
-    unit: Array
-
-
-BOUND_KINDS = ("position", "velocity", "acceleration")
+    costates: Array
+    jumps: Array
+    pushes: Array
+    switching: Array
+    hamiltonian: Array
+    multipliers: LimitRows
+    promise: float
+    state_scale: Array
 
 
 def solve_dual_program(
@@ -92,161 +96,134 @@ class _Program:
     """The linear program of a motion, in units that make its numbers of order one.
 
     Columns are the unknowns of the changes, a change of each interval, and one of the
-    duration; rows are the equations of motion, the limits, and the goal.
+    duration of each segment; rows are the equations of motion, the limits, and the
+    goals.
     """
 
     def __init__(self, motion: Motion, far: float = np.inf, near: bool = True) -> None:
         self.motion = motion
-        changes, system = motion.changes, motion.task
+        changes, task = motion.changes, motion.task
         self.n, self.N = changes.n, changes.N
         self.T = float(changes.t[-1])
-        way = np.ptp(changes.q, axis=0) / system.step_scale
+        way = np.ptp(changes.q, axis=0) / task.step_scale
         self.share = min(1.0, WAYS * max(float(way.max()), np.finfo(float).eps))
-        place = self.share * system.step_scale
+        place = self.share * task.step_scale
         self.state_scale = np.concatenate([place, SPEED_RADIUS * place / self.T])
         mass = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
         drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
         inertia = mass + drag * self.T / self.N
-        self.acceleration_scale = system.effort_half / np.maximum(inertia, 1e-12)
-        self.limits = limits_of(motion, far, near)
-        self.goal = self._goal()
+        self.acceleration_scale = task.effort_half / np.maximum(inertia, 1e-12)
+        self.rows = limits_of(motion, far, near)
 
     # -- columns -----------------------------------------------------------------------
 
     @cached_property
-    def bounds(self) -> _Bounds:
-        """Limits of states and accelerations, and the trust region."""
-        N, n, controls = self.N, self.n, self.motion.changes.controls
-        problem, changes = self.motion.task.problem, self.motion.changes
-        limits = problem.robot.limits
+    def columns(self) -> LimitRows:
+        """Bounds of the unknowns in scaled units: limits, and the trust region."""
+        parts = self._states(), self._accelerations(), self._lengths()
+        return LimitRows.joined(parts)
+
+    def _states(self) -> LimitRows:
+        """Positions and velocities at all nodes but the first."""
+        N, n, changes = self.N, self.n, self.motion.changes
+        limits = self.motion.task.problem.robot.limits
         states = np.concatenate([changes.q, changes.v], axis=1)[1:]
         low = np.concatenate([limits.position_lower, -limits.velocity])
         high = np.concatenate([limits.position_upper, limits.velocity])
-        lower = np.clip((low - states) / self.state_scale, -RADIUS, 0.0)
-        upper = np.clip((high - states) / self.state_scale, 0.0, RADIUS)
-        below, above, most = self._acceleration_bounds()
         place, speed = np.split(self.state_scale, 2)
-        units = np.concatenate([place, speed / limits.velocity])
-        return _Bounds(
-            np.concatenate([lower.ravel(), below.ravel()]),
-            np.concatenate([upper.ravel(), above.ravel()]),
-            np.append(np.tile(np.repeat([0, 1], n), N), np.full(controls * n, 2)),
-            np.append(
-                np.repeat(np.arange(N), 2 * n),
-                np.repeat(np.minimum(np.arange(controls), N - 1), n),
+        return LimitRows.of_kind(
+            np.tile(np.repeat(["position", "velocity"], n), N),
+            Instants.spread((0, N), np.ones(2 * n)),
+            np.tile(np.arange(n), 2 * N),
+            (
+                np.maximum((low - states) / self.state_scale, -RADIUS).ravel(),
+                np.minimum((high - states) / self.state_scale, RADIUS).ravel(),
             ),
-            np.tile(np.arange(n), 2 * N + controls),
-            np.append(np.tile(units, N), (self.acceleration_scale / most).ravel()),
+            *self._of_columns(2 * n * N),
+            unit=np.tile(np.concatenate([place, speed / limits.velocity]), N),
         )
 
-    def _acceleration_bounds(self) -> tuple[Array, Array, Array]:
-        """Room below and above, and the limits, shape (controls, n) each."""
-        motion, controls = self.motion, self.motion.changes.controls
-        most = np.full((controls, self.n), np.inf)
+    def _accelerations(self) -> LimitRows:
+        """Accelerations of intervals, or at nodes."""
+        motion, N, n = self.motion, self.N, self.n
+        controls = motion.changes.controls
+        most = np.full((controls, n), np.inf)
         for part in motion.segments:
             limits, (first, end) = part.task.problem.motion_limits, part.span
             if limits is None:
                 continue
             names = part.task.problem.robot.joint_names
-            rows = slice(first, end + (controls > self.N))
+            rows = slice(first, end + (controls > N))
             most[rows] = np.minimum(most[rows], limits.by_joint("acceleration", names))
         least, largest = motion.a.min(axis=1), motion.a.max(axis=1)
         if motion.changes.shape == "ramps":
             least = largest = np.concatenate([motion.a[:, 0], motion.a[-1:, 1]])
-        below = np.minimum((-most - least) / self.acceleration_scale, 0.0)
-        above = np.maximum((most - largest) / self.acceleration_scale, 0.0)
+        below = (-most - least) / self.acceleration_scale
+        above = (most - largest) / self.acceleration_scale
         still = still_nodes(motion)
         below[still] = above[still] = 0.0
-        return below, above, most
-
-    # -- rows --------------------------------------------------------------------------
-
-    def _goal(self) -> tuple[sp.csr_matrix, Array, Array]:
-        """Rows of the goals of all segments with their bounds."""
-        found = [self._goal_of(part) for part in self.motion.segments]
-        rows, low, high = zip(*found, strict=True)
-        matrix = sp.vstack(rows, format="csr")
-        return matrix, np.concatenate(low), np.concatenate(high)
-
-    def _goal_of(self, part: Motion) -> tuple[sp.csr_matrix, Array, Array]:
-        """Rows of the goal at the end of a segment."""
-        system, changes, node = part.task, part.changes, part.span[1]
-        q, v = changes.q[node], changes.v[node]
-        goal = system.problem.goal.nearest(system.kinematics, q, v)
-        value, by_q, by_v = goal.residual(system.kinematics, q, v)
-        lower, upper = goal.bounds(system.kinematics)
-        loose = lower < upper
-        low = np.where(loose, np.minimum(lower - value, 0.0), 0.0)
-        high = np.where(loose, np.maximum(upper - value, 0.0), 0.0)
-        by_x = sp.csr_matrix(np.hstack([by_q, by_v]))
-        before = sp.csr_matrix((value.size, 2 * (node - 1) * self.n))
-        left = 2 * (self.N - node) + changes.controls
-        after = sp.csr_matrix((value.size, left * self.n))
-        return sp.hstack([before, by_x, after], format="csr"), low, high
-
-    def _all_rows(self, gaps: Linearised) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-        """All rows, by unknowns and lengths of intervals; unknowns and gaps scaled."""
-        goal, low, _ = self.goal
-        matrix = sp.vstack(
-            [gaps.matrix, *(rows.change.matrix for rows in self.limits), goal],
-            format="csr",
+        control = np.repeat(np.arange(controls), n)
+        return LimitRows.of_kind(
+            "acceleration",
+            Instants(np.minimum(control, N - 1), (control == controls - 1) + 0.0),
+            np.tile(np.arange(n), controls),
+            (below.ravel(), above.ravel()),
+            *self._of_columns(controls * n),
+            unit=(self.acceleration_scale / most).ravel(),
         )
-        lengths = sp.vstack(
-            [
-                gaps.by_length,
-                *(rows.change.by_length for rows in self.limits),
-                sp.csr_matrix((low.size, self.N)),
-            ],
-            format="csr",
-        )
-        columns = np.concatenate(
-            [
-                np.tile(self.state_scale, self.N),
-                np.tile(self.acceleration_scale, self.motion.changes.controls),
-            ]
-        )
-        scale = np.ones(matrix.shape[0])
-        scale[: 2 * self.N * self.n] = np.tile(1.0 / self.state_scale, self.N)
-        left = sp.diags(scale)
-        return (left @ matrix @ sp.diags(columns)).tocsr(), (left @ lengths).tocsr()
 
-    def _row_units(self) -> Array:
-        """Factors that make the rows of limits and goals of order one, shape (rows,).
+    def _lengths(self) -> LimitRows:
+        """Lengths of the intervals, and of the segments, in shares of the duration."""
+        segments = self.motion.segments
+        firsts = [part.span[0] for part in segments]
+        interval = np.append(np.arange(self.N), firsts)
+        radius = np.full(len(segments), LENGTH_RADIUS)
+        shift = np.append(SHIFT * self.motion.changes.h / self.T, radius)
+        at = Instants(interval, np.zeros(interval.size))
+        none = np.full(interval.size, -1)
+        parts = self._of_columns(interval.size)
+        return LimitRows.of_kind(TRUST, at, none, (-shift, shift), *parts)
 
-        What depends on positions alone changes by as little as they do.
-        """
-        units = [np.ones(2 * self.N * self.n)]
-        for rows in self.limits:
-            unit = 1.0 if rows.slopes is None else self.share
-            units.append(np.full(rows.lower.size, 1.0 / unit))
-        units.append(np.full(self.goal[1].size, 1.0 / self.share))
-        return np.concatenate(units)
+    def _of_columns(self, count: int) -> tuple[Array, Linearised]:
+        """Slopes and changes, which columns do not need."""
+        changes = self.motion.changes
+        nothing = sp.csr_matrix((count, changes.size))
+        return np.zeros((count, 2 * self.n)), changes.fixed(nothing)
 
     # -- solution ----------------------------------------------------------------------
 
     def solve(self) -> DualSolution | None:
         """Solve the program; None if no solver can."""
-        changes, (_, low, high) = self.motion.changes, self.goal
-        matrix, lengths = self._all_rows(changes.gaps())
+        changes, limits = self.motion.changes, self.rows
+        every = Linearised.stacked([changes.gaps(), limits.change])
+        scale = np.append(
+            np.tile(self.state_scale, self.N),
+            np.tile(self.acceleration_scale, changes.controls),
+        )
+        matrix, lengths = every.matrix @ sp.diags(scale), every.by_length
         # Each segment can take longer by itself.
         spans = [slice(*part.span) for part in self.motion.segments]
         each = [lengths[:, span] @ changes.h[span] for span in spans]
         stretch = sp.csr_matrix(np.stack(each, axis=1))
         rows = sp.hstack([matrix, self.T * lengths, stretch], format="csc")
+        rows.eliminate_zeros()
         # Lengths are in shares of the duration, as the objective.
         shares = [float(changes.h[span].sum()) / self.T for span in spans]
         cost = np.concatenate([np.zeros(changes.size), np.ones(self.N), shares])
-        radius = np.full(len(spans), LENGTH_RADIUS)
-        shift = np.append(SHIFT * changes.h / self.T, radius)
+        # What depends on states alone changes by as little as they do.
+        of_states = np.any(limits.slopes != 0.0, axis=1)
+        units = np.append(
+            np.tile(1.0 / self.state_scale, self.N),
+            np.where(of_states, 1.0 / self.share, 1.0),
+        )
         equations = np.zeros(2 * self.N * self.n)
-        units, limits = self._row_units(), self.limits
         program = LinearProgram(
             cost,
             (sp.diags(units) @ rows).tocsc(),
-            units * np.concatenate([equations, *(one.lower for one in limits), low]),
-            units * np.concatenate([equations, *(one.upper for one in limits), high]),
-            np.append(self.bounds.lower, -shift),
-            np.append(self.bounds.upper, shift),
+            units * np.append(equations, limits.lower),
+            units * np.append(equations, limits.upper),
+            self.columns.lower,
+            self.columns.upper,
             np.arange(rows.shape[0]),
             np.arange(rows.shape[1]),
         )
@@ -254,129 +231,88 @@ class _Program:
         if found is None:
             return None
         duals = units * found.row_duals
-        hamiltonian = 1.0 + self.T * (lengths.T @ duals)
-        return self._read(duals, cost + rows.T @ duals, shift, hamiltonian)
+        return self._read(
+            duals[: equations.size],
+            replace(limits, y=duals[equations.size :]),
+            replace(self.columns, y=-(cost + rows.T @ duals)),
+            1.0 + self.T * (lengths.T @ duals),
+        )
 
     def _read(
-        self, duals: Array, slopes: Array, shift: Array, hamiltonian: Array
+        self, gaps: Array, rows: LimitRows, columns: LimitRows, hamiltonian: Array
     ) -> DualSolution:
-        """Turn the duals of the rows, and what they leave of the costs, into times."""
-        N, n, states = self.N, self.n, 2 * self.N * self.n
-        lower, upper = self.bounds.lower[:states], self.bounds.upper[:states]
-        slope = slopes[:states]
+        """Turn the multipliers of the program into times.
+
+        Args:
+            gaps: Those of the equations of motion, shape (2 N n,).
+            rows: The limits that are rows.
+            columns: The bounds of the unknowns.
+            hamiltonian: Mean over each interval, shape (N,).
+        """
+        N, n = self.N, self.n
         # The trust region is no limit of the problem.
-        held = np.where(slope > 0.0, -lower, upper) < FAR
-        jumps = np.where(held, -slope, 0.0).reshape(N, -1) * self.T / self.state_scale
+        far = (np.where(columns.held_above, columns.upper, -columns.lower) >= FAR) & (
+            columns.of("position", "velocity")
+        )
+        jumps = np.where(far, 0.0, columns.y)[: gaps.size].reshape(N, -1)
+        jumps = jumps * self.T / self.state_scale
         pushes = np.zeros((N, PLACES, 2 * n))
-        for rows, y in self._of_rows(duals):
-            if rows.slopes is None:
-                continue
-            falls = np.zeros((y.size, 2 * n))
-            falls[:, :n] = rows.slopes
-            falls[:, n:] = 0.0 if rows.speed_slopes is None else rows.speed_slopes
-            falls *= self.T * y[:, None]
-            share = rows.at.share
-            inside = share < 1.0
-            place = np.clip(np.rint(share * PLACES).astype(int), 1, PLACES - 1)[inside]
-            np.add.at(pushes, (rows.interval[inside], place), falls[inside])
-            np.add.at(jumps, rows.interval[~inside], falls[~inside])
-        multipliers = self._multipliers(duals, slopes, shift)
-        costates = -duals[:states].reshape(N, -1) * self.T / self.state_scale
+        falls, (interval, share) = self.T * rows.y[:, None] * rows.slopes, rows.at
+        inside = share < 1.0
+        place = np.clip(np.rint(share * PLACES).astype(int), 1, PLACES - 1)[inside]
+        np.add.at(pushes, (interval[inside], place), falls[inside])
+        np.add.at(jumps, interval[~inside], falls[~inside])
+        columns = replace(
+            columns,
+            kind=np.where(far, TRUST, columns.kind),
+            unit=np.where(far, 1.0, columns.unit),
+        )
+        given = LimitRows.joined([rows, columns])
+        bounded = np.where(given.held_above, given.above, given.below)
+        given = given.kept(np.isfinite(bounded) & (given.unit > 0.0))
+        torques = rows.kept(rows.of("effort", "passive"))
         return DualSolution(
-            costates=costates - self._arriving(duals),
+            costates=-gaps.reshape(N, -1) * self.T - self._arriving(torques),
             jumps=jumps,
             pushes=pushes,
-            switching=self._switching(duals),
+            switching=self._switching(torques),
             hamiltonian=hamiltonian,
-            multipliers=multipliers,
-            promise=float(multipliers.promise.sum()),
+            multipliers=given,
+            promise=float(given.promise.sum()),
             state_scale=self.state_scale,
-            rows=tuple(self._of_rows(duals)),
         )
 
-    def _of_rows(self, duals: Array) -> Iterator[tuple[LimitRows, Array]]:
-        """Rows of the limits with their multipliers."""
-        at = 2 * self.N * self.n
-        for rows in self.limits:
-            yield rows, duals[at : at + rows.lower.size]
-            at += rows.lower.size
-
-    def _multipliers(self, duals: Array, slopes: Array, shift: Array) -> Multipliers:
-        """Sort the multipliers of rows and bounds by what they belong to."""
-        found = Collection()
-        for rows, y in self._of_rows(duals):
-            about = rows.kind, rows.interval, rows.subject
-            found.add(*about, y, rows.lower, rows.upper, rows.unit)
-        _, low, high = self.goal
-        last = self._goal_intervals
-        found.add(
-            GOAL, last, np.arange(low.size), duals[duals.size - low.size :], low, high
-        )
-        bounds, size = self.bounds, self.bounds.lower.size
-        y = -slopes[:size]
-        near = np.where(y > 0.0, bounds.upper, -bounds.lower)
-        far = (near >= FAR) & (bounds.kind < 2)
-
-        def add(kind: str, own: BoolArray, unit: Array) -> None:
-            interval, joint = bounds.interval[own], bounds.joint[own]
-            lower, upper = bounds.lower[own], bounds.upper[own]
-            found.add(kind, interval, joint, y[own], lower, upper, unit[own])
-
-        for code, kind in enumerate(BOUND_KINDS):
-            add(kind, (bounds.kind == code) & ~far & (bounds.unit > 0.0), bounds.unit)
-        add(TRUST, far, np.ones(size))
-        no_subject = np.full(shift.size, -1)
-        firsts = [part.span[0] for part in self.motion.segments]
-        interval = np.append(np.arange(self.N), firsts)
-        found.add(TRUST, interval, no_subject, -slopes[size:], -shift, shift)
-        return found.multipliers()
-
-    @cached_property
-    def _goal_intervals(self) -> IntArray:
-        """The interval at whose end each row of a goal stands."""
-        found = []
-        for part in self.motion.segments:
-            lower, _ = part.task.problem.goal.bounds(part.task.kinematics)
-            found.append(np.full(lower.size, part.span[1] - 1, dtype=np.int64))
-        return np.concatenate(found)
-
-    def _arriving(self, duals: Array) -> Array:
+    def _arriving(self, torques: LimitRows) -> Array:
         """Share of the torques before a node in the multipliers there, shape (N, 2 n).
 
         The costate changes over an interval as the torques on it depend on the state;
         rows at its end have that change at the node itself, where it is too late.
         """
-        motion, n = self.motion, self.n
-        at_end, ramps = np.zeros((self.N, n)), motion.changes.shape == "ramps"
-        for rows, y in self._of_rows(duals):
-            if rows.kind not in ("effort", "passive"):
-                continue
-            if rows.mean:
-                np.add.at(at_end, (rows.interval, rows.subject), 0.5 * y)
-            elif rows.end == 1:
-                np.add.at(at_end, (rows.interval, rows.subject), y)
-            elif rows.end == 0 and ramps:
-                later = rows.interval > 0
-                index = (rows.interval[later] - 1, rows.subject[later])
-                np.add.at(at_end, index, 0.5 * y[later])
+        motion, (interval, share), y = self.motion, torques.at, torques.y
+        at_end = np.zeros((self.N, self.n))
+        own = np.where(torques.mean, 0.5, 1.0 * (share == 1.0)) * y
+        np.add.at(at_end, (interval, torques.subject), own)
+        if motion.changes.shape == "ramps":
+            later = (share == 0.0) & ~torques.mean & (interval > 0)
+            index = (interval[later] - 1, torques.subject[later])
+            np.add.at(at_end, index, 0.5 * y[later])
         parts, at_end = motion.parts, self.T * at_end / motion.task.effort_half
         by_q = np.einsum("kj,kji->ki", at_end, parts.tau_q[1::2])
         by_v = np.einsum("kj,kji->ki", at_end, parts.tau_v[1::2])
         return np.concatenate([by_q, by_v], axis=1)
 
-    def _switching(self, duals: Array) -> Array:
+    def _switching(self, torques: LimitRows) -> Array:
         """Multipliers of the torques, as a density over time."""
         N, n, h = self.N, self.n, self.motion.changes.h
-        ramps = self.motion.changes.shape == "ramps"
+        interval, share = torques.at
         at_nodes, inside = np.zeros((N + 1, n)), np.zeros((N, n))
-        for rows, y in self._of_rows(duals):
-            if rows.kind not in ("effort", "passive"):
-                continue
-            if ramps and rows.end is not None:
-                node = rows.interval + rows.end
-                np.add.at(at_nodes, (node, rows.subject), y)
-            else:
-                np.add.at(inside, (rows.interval, rows.subject), y)
+        ramps = self.motion.changes.shape == "ramps"
+        of_node = np.isin(share, (0.0, 1.0)) & ramps
+        for out, place, own in (
+            (at_nodes, interval + (share == 1.0), of_node),
+            (inside, interval, ~of_node),
+        ):
+            np.add.at(out, (place[own], torques.subject[own]), torques.y[own])
         # A node stands for half of both intervals beside it.
         width = np.append(h, 0.0) + np.append(0.0, h)
         density = at_nodes / width[:, None]
@@ -388,8 +324,6 @@ def _solve(program: LinearProgram) -> LpSolution | None:
     numbers = (program.matrix.data, program.row_lower, program.row_upper)
     if any(np.any(np.isnan(part)) for part in numbers):
         return None
-    # Interior points find the middle of the multipliers; where they do not, HiGHS finds
-    # a corner of them.
     found = PiqpSolver(ROUGHLY).solve(program)
     right = found.optimal and bool(np.all(np.isfinite(found.row_duals)))
     return found if right else None

@@ -28,12 +28,11 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, frozen_array
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.certificate.costates import disagreement, integrate_costates
-from tominpmp.certificate.dual_program import solve_dual_program
-from tominpmp.certificate.dual_solution import DualSolution
+from tominpmp.certificate.dual_program import DualSolution, solve_dual_program
+from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.optimality_report import (
     conditions_kept,
     failed_conditions,
@@ -298,23 +297,24 @@ class _Reading:
     def _active(self) -> Iterator[ActiveLimit]:
         """Limits without room whose multipliers are worth mention."""
         given = self.found.multipliers
-        density = given.value * self.T / self.h[given.interval]
+        interval = given.at.interval
+        density = given.value * self.T / self.h[interval]
         holding = given.limits & (density > HOLDING) & (given.room <= ON_LIMIT)
         holding &= ~given.of("passive")
-        for code, kind in enumerate(given.kinds):
-            of_kind = holding & (given.code == code)
+        for kind in dict.fromkeys(given.kind.tolist()):
+            of_kind = holding & given.of(kind)
             for subject in np.unique(given.subject[of_kind]).tolist():
                 rows = np.flatnonzero(of_kind & (given.subject == subject))
-                interval, first = np.unique(given.interval[rows], return_index=True)
+                held, first = np.unique(interval[rows], return_index=True)
                 total = np.zeros(self.h.size)
-                np.add.at(total, given.interval[rows], density[rows])
+                np.add.at(total, interval[rows], density[rows])
                 yield ActiveLimit(
                     kind,
                     name_of(self.motion, kind, subject),
-                    frozen_array(self.t[interval]),
-                    frozen_array(self.t[interval + 1]),
-                    frozen_array(total[interval]),
-                    given.upper[rows[first]],
+                    frozen_array(self.t[held]),
+                    frozen_array(self.t[held + 1]),
+                    frozen_array(total[held]),
+                    given.held_above[rows[first]],
                 )
 
     def _covered(self, active: tuple[ActiveLimit, ...]) -> BoolArray:

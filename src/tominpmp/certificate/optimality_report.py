@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.certificate import Certificate
-from tominpmp.certificate.dual_solution import DualSolution
-from tominpmp.certificate.multipliers import GOAL, TRUST
-from tominpmp.certificate.stays import ARRIVAL
+from tominpmp.certificate.dual_program import DualSolution
+from tominpmp.certificate.limit_rows import GOAL, TRUST
+from tominpmp.certificate.limits import ARRIVAL
+from tominpmp.certificate.motion import Motion
 from tominpmp.options import Tolerances
 from tominpmp.verification.verification import Verification
 
@@ -211,16 +211,16 @@ class _Failures:
         given = self.found.multipliers
         promise = given.promise
         # One number for each kind and subject.
-        key = given.code * (int(given.subject.max()) + 2) + given.subject + 1
-        groups, of_group = np.unique(key, return_inverse=True)
-        sums = np.bincount(of_group, weights=promise, minlength=groups.size)
+        owners = list(zip(given.kind.tolist(), given.subject.tolist(), strict=True))
+        names = {owner: number for number, owner in enumerate(dict.fromkeys(owners))}
+        of_group = np.array([names[owner] for owner in owners])
+        sums = np.bincount(of_group, weights=promise)
         rows = np.flatnonzero(of_group == int(np.argmax(sums)))
-        total = float(sums.max())
-        at = np.zeros(self.h.size)
-        np.add.at(at, given.interval[rows], promise[rows])
+        total, interval = float(sums.max()), given.at.interval
+        at = np.bincount(interval[rows], weights=promise[rows])
         k = int(np.argmax(at))
-        peak = rows[np.argmax(promise[rows] * (given.interval[rows] == k))]
-        kind, subject = given.kinds[given.code[peak]], int(given.subject[peak])
+        peak = rows[np.argmax(promise[rows] * (interval[rows] == k))]
+        kind, subject = owners[peak]
         when, room = self._middle(k), float(given.room[peak])
         share = f"{_percent(total)} of the duration"
         if kind == TRUST:
@@ -237,10 +237,10 @@ class _Failures:
                 f"than need be at {when:.3f} s."
             )
         if kind == ARRIVAL:
+            side = "earlier" if given.held_above[peak] else "later"
             return (
                 f"Most of it, {share}: the goal of segment {subject + 1} is met "
-                f"{_time(room)} {'earlier' if given.upper[peak] else 'later'} than "
-                "need be."
+                f"{_time(room)} {side} than need be."
             )
         if kind == GOAL:
             return f"Most of it, {share}, is in where the motion ends."
@@ -252,7 +252,7 @@ class _Failures:
                 f"most at {when:.3f} s."
             )
         what = {"effort": "torque"}.get(kind, kind)
-        side = "upper" if given.upper[peak] else "lower"
+        side = "upper" if given.held_above[peak] else "lower"
         far = f"{room:.3g}" if kind == "position" else f"{_percent(room)} of it"
         return (
             f"Most of it, {share}: the {what} of joint {self.names[subject]} stays off "

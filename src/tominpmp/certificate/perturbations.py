@@ -93,31 +93,55 @@ class Linearised(NamedTuple):
             return NotImplemented
         return Linearised(self.matrix + other.matrix, self.by_length + other.by_length)
 
+    def __sub__(self, other: Linearised) -> Linearised:
+        """Difference, row by row."""
+        return Linearised(self.matrix - other.matrix, self.by_length - other.by_length)
+
     def after(self, left: sp.spmatrix) -> Linearised:
         """The rows combined by a matrix from the left."""
         return Linearised((left @ self.matrix).tocsr(), (left @ self.by_length).tocsr())
 
+    def times(self, factor: Array) -> Linearised:
+        """Each row by its factor, shape (m,)."""
+        return self.after(sp.diags(factor))
 
-def blocks(parts: Array) -> sp.csr_matrix:
-    """Block-diagonal matrix of blocks of shape (m, k, n)."""
-    m, k, n = parts.shape
-    columns = np.repeat(np.arange(m) * n, k)[:, None] + np.arange(n)
-    starts = np.arange(m * k + 1) * n
-    return sp.csr_matrix((parts.ravel(), columns.ravel(), starts), shape=(m * k, m * n))
+    def kept(self, rows: IntArray | BoolArray) -> Linearised:
+        """Some of the rows."""
+        return Linearised(self.matrix[rows], self.by_length[rows])
+
+    @classmethod
+    def stacked(cls, parts: list[Linearised]) -> Linearised:
+        """The rows of one quantity after the other."""
+        both = zip(*parts, strict=True)
+        return cls(*(sp.vstack(each, format="csr") for each in both))
 
 
-def picked(values: Array, m: int, at: IntArray) -> sp.csr_matrix:
-    """Matrix whose rows combine the joints at one of m instants each.
+class Instants(NamedTuple):
+    """Instants of a motion on a grid, interval by interval.
 
-    Args:
-        values: By joint, shape (k, n).
-        m: Number of instants.
-        at: The instant of each row, shape (k,).
+    Attributes:
+        interval: Interval of each, shape (m,).
+        share: Where in it, from 0 to 1, shape (m,).
     """
-    k, n = values.shape
-    columns = at[:, None] * n + np.arange(n)
-    starts = np.arange(k + 1) * n
-    return sp.csr_matrix((values.ravel(), columns.ravel(), starts), shape=(k, m * n))
+
+    interval: IntArray
+    share: Array
+
+    @classmethod
+    def spread(cls, span: tuple[int, int], shares: Array) -> Instants:
+        """The same shares of all intervals from a first one, up to an end."""
+        every = np.arange(*span)
+        return cls(np.repeat(every, shares.size), np.tile(shares, every.size))
+
+    @property
+    def inside(self) -> Instants:
+        """The same, just inside of their intervals where they are at ends of them."""
+        share = np.clip(self.share, JUST_INSIDE, 1.0 - JUST_INSIDE)
+        return Instants(self.interval, share)
+
+    def kept(self, which: IntArray | BoolArray) -> Instants:
+        """Some of them."""
+        return Instants(self.interval[which], self.share[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,126 +189,82 @@ class Perturbations:
         """Number of unknowns."""
         return (2 * self.N + self.controls) * self.n
 
-    def _pick(self, columns: IntArray, known: IntArray | None = None) -> sp.csr_matrix:
-        """Rows that pick unknowns; those that are known do not change."""
-        data = np.ones(columns.size)
-        if known is not None:
-            data[known] = 0.0
-        starts = np.arange(columns.size + 1)
-        shape = (columns.size, self.size)
-        picked = sp.csr_matrix((data, np.maximum(columns, 0), starts), shape=shape)
-        picked.eliminate_zeros()
-        return picked
+    # -- instants ----------------------------------------------------------------------
 
-    def _state_columns(self, part: int) -> IntArray:
-        node = np.arange(-1, self.N)[:, None] * 2 * self.n
-        return (node + part * self.n + np.arange(self.n)).ravel()
+    def times(self, at: Instants) -> Array:
+        """When instants are [s], shape (m,)."""
+        return np.asarray(self.t[at.interval] + at.share * self.h[at.interval])
 
-    @cached_property
-    def positions(self) -> sp.csr_matrix:
-        """Positions at the nodes, shape ((N + 1) n, size)."""
-        return self._pick(self._state_columns(0), np.arange(self.n))
+    def instants(self, times: Array) -> Instants:
+        """The instants at times [s] within the motion, shape (m,)."""
+        interval = np.searchsorted(self.t, times, side="left") - 1
+        interval = np.clip(interval, 0, self.N - 1)
+        share = (times - self.t[interval]) / self.h[interval]
+        return Instants(interval, np.clip(share, 0.0, 1.0))
 
-    @cached_property
-    def velocities(self) -> sp.csr_matrix:
-        """Velocities at the nodes, shape ((N + 1) n, size)."""
-        return self._pick(self._state_columns(1), np.arange(self.n))
+    # -- states ------------------------------------------------------------------------
 
-    def accelerations(self, end: int) -> sp.csr_matrix:
-        """Accelerations at the beginnings (0) or ends (1) of the intervals."""
-        shift = end * self.n if self.shape == "ramps" else 0
-        first = 2 * self.N * self.n + shift
-        return self._pick(first + np.arange(self.N * self.n))
+    def values(
+        self,
+        at: Instants,
+        q: Array,
+        v: Array,
+        *slopes: Array,
+        carried: bool = False,
+    ) -> Linearised:
+        """Values that depend on the states at instants.
 
-    def _scaled(self, factor: Array) -> sp.dia_matrix:
-        """Diagonal matrix of a factor an interval, shape (N n, N n)."""
-        return sp.diags(np.repeat(factor, self.n))
-
-    def _by_own_length(self, values: Array) -> sp.csr_matrix:
-        """Values of shape (N, n), each by the length of its interval."""
-        columns, starts = np.repeat(np.arange(self.N), self.n), np.arange(values.size)
-        starts = np.append(starts, values.size)
-        return sp.csr_matrix(
-            (values.ravel(), columns, starts), shape=(values.size, self.N)
-        )
-
-    def position_at(self, share: float, q: Array) -> Linearised:
-        """Positions inside the intervals, begun from the nodes before them.
+        States inside an interval begin from the node before it; at its end they are
+        those of the node there.
 
         Args:
-            share: Where, from 0 to 1.
-            q: Positions there, shape (N, n).
-        """
-        rows, s, h = self.N * self.n, share, self.h
-        first, last = s**2 / 2 - s**3 / 6, s**3 / 6
-        matrix = (
-            self.positions[:rows]
-            + self._scaled(s * h) @ self.velocities[:rows]
-            + self._scaled(first * h**2) @ self.accelerations(0)
-            + self._scaled(last * h**2) @ self.accelerations(1)
-        )
-        # With the accelerations as they are: twice the way, less what is uniform of it.
-        way = (q - self.q[:-1]) / h[:, None]
-        by_length = self._by_own_length(2.0 * way - s * self.v[:-1])
-        return Linearised(matrix.tocsr(), by_length)
-
-    def velocity_at(self, share: float, v: Array) -> Linearised:
-        """Velocities inside the intervals, likewise."""
-        rows, s, h = self.N * self.n, share, self.h
-        matrix = (
-            self.velocities[:rows]
-            + self._scaled((s - s**2 / 2) * h) @ self.accelerations(0)
-            + self._scaled(s**2 / 2 * h) @ self.accelerations(1)
-        )
-        by_length = self._by_own_length((v - self.v[:-1]) / h[:, None])
-        return Linearised(matrix.tocsr(), by_length)
-
-    def inside(
-        self, interval: IntArray, share: Array, q: Array, v: Array
-    ) -> tuple[Linearised, Linearised, Linearised]:
-        """Positions, velocities and accelerations at instants inside the intervals.
-
-        Args:
-            interval: Intervals of the instants, shape (m,).
-            share: Where in them, from 0 to 1, shape (m,).
+            at: The instants, m of them.
             q: Positions there, shape (m, n).
             v: Velocities there, shape (m, n).
+            *slopes: Derivatives by position, velocity and acceleration, as many as
+                there are, shape (m, n), or of k values at each instant (m, k, n).
+            carried: Whether ends of intervals begin from the node before as well.
 
         Returns:
-            Rows of one instant after the other, m n each.
+            Rows of one instant after the other, m k in all.
         """
-        m, n, h, s = interval.size, self.n, self.h[interval], share
-        rows = (interval[:, None] * n + np.arange(n)).ravel()
-
-        def times(factor: Array, matrix: sp.csr_matrix) -> sp.csr_matrix:
-            return sp.diags(np.repeat(factor, n)) @ matrix[rows]
-
-        def by_own_length(values: Array) -> sp.csr_matrix:
-            columns, starts = np.repeat(interval, n), np.arange(m * n + 1)
-            return sp.csr_matrix((values.ravel(), columns, starts), (m * n, self.N))
-
-        before = self.accelerations(0), self.accelerations(1)
-        positions = (
-            self.positions[rows]
-            + times(s * h, self.velocities)
-            + times((s**2 / 2 - s**3 / 6) * h**2, before[0])
-            + times(s**3 / 6 * h**2, before[1])
+        n, N, interval, s = self.n, self.N, at.interval, at.share
+        given = [part if part.ndim == 3 else part[:, None] for part in slopes]
+        none = np.zeros_like(given[0])
+        by_q, by_v, by_a = (*given, none, none)[:3]
+        ended = (s >= 1.0) & (not carried)
+        node, h = interval + ended, self.h[interval]
+        passed = np.where(ended, 0.0, s)
+        p, t, after = (part[:, None, None] for part in (passed, passed * h, s))
+        by_unknowns = [
+            by_q,
+            t * by_q + by_v,
+            (1 / 2 - p / 6) * t**2 * by_q + (1 - p / 2) * t * by_v + (1 - after) * by_a,
+            p / 6 * t**2 * by_q + p / 2 * t * by_v + after * by_a,
+        ]
+        last = interval + (self.shape == "ramps")
+        first = [2 * node - 2, 2 * node - 1, 2 * N + interval, 2 * N + last]
+        columns = np.concatenate([n * k[:, None] + np.arange(n) for k in first], axis=1)
+        # What is at the first node does not change.
+        data = np.where(columns[:, None] < 0, 0.0, np.concatenate(by_unknowns, axis=2))
+        columns = np.broadcast_to(np.maximum(columns, 0)[:, None], data.shape)
+        rows = data.shape[0] * data.shape[1]
+        starts = 4 * n * np.arange(rows + 1)
+        matrix = sp.csr_matrix(
+            (data.ravel(), columns.ravel(), starts), (rows, self.size)
         )
-        velocities = (
-            self.velocities[rows]
-            + times((s - s**2 / 2) * h, before[0])
-            + times(s**2 / 2 * h, before[1])
-        )
-        accelerations = times(1.0 - s, before[0]) + times(s, before[1])
+        matrix.sum_duplicates()
+        matrix.eliminate_zeros()
         # With the accelerations as they are: twice the way, less what is uniform of it.
-        way = (q - self.q[interval]) / h[:, None]
-        gained = (v - self.v[interval]) / h[:, None]
-        longer = 2.0 * way - s[:, None] * self.v[interval]
-        return (
-            Linearised(positions.tocsr(), by_own_length(longer)),
-            Linearised(velocities.tocsr(), by_own_length(gained)),
-            self.fixed(accelerations),
-        )
+        run = ~ended[:, None] / h[:, None]
+        way, gained = (q - self.q[node]) * run, (v - self.v[node]) * run
+        longer = 2.0 * way - passed[:, None] * self.v[node]
+        own = np.einsum("mkn,mn->mk", by_q, longer)
+        own += np.einsum("mkn,mn->mk", by_v, gained)
+        owner = np.repeat(interval, own.shape[1])
+        by_length = sp.csr_matrix((own.ravel(), owner, np.arange(rows + 1)), (rows, N))
+        by_length.eliminate_zeros()
+        return Linearised(matrix, by_length)
 
     def fixed(self, matrix: sp.spmatrix) -> Linearised:
         """Something that does not depend on the lengths of the intervals."""
@@ -297,51 +277,47 @@ class Perturbations:
         Zero for changes that a motion can make: the equations of motion. Rows are
         (q, v) of one node after the other, shape (2 N n,).
         """
-        N, n = self.N, self.n
-        q, v = self.position_at(1.0, self.q[1:]), self.velocity_at(1.0, self.v[1:])
-        order = np.arange(2 * N * n).reshape(2, N, n).swapaxes(0, 1).ravel()
-        led = Linearised(
-            sp.vstack([q.matrix, v.matrix], format="csr")[order],
-            sp.vstack([q.by_length, v.by_length], format="csr")[order],
-        )
-        states = sp.identity(2 * N * n, format="csr")
-        states.resize(2 * N * n, self.size)
-        return Linearised(states - led.matrix, -led.by_length)
+        states = 2 * self.N * self.n
+        ends = Instants.spread((0, self.N), np.ones(1))
+        by_state = np.broadcast_to(np.eye(2 * self.n), (self.N, 2 * self.n, 2 * self.n))
+        slopes = np.split(by_state, 2, axis=2)
+        led = self.values(ends, self.q[1:], self.v[1:], *slopes, carried=True)
+        return self.fixed(sp.eye(states, self.size, format="csr")) - led
 
-    def rises(self, begin: Linearised, end: Linearised, slopes: Array) -> Linearised:
-        """Slopes over time on each interval, from its beginning to its end.
+    # -- time --------------------------------------------------------------------------
+
+    def with_time(self, change: Linearised, at: Instants, rate: Array) -> Linearised:
+        """Rows with what the times of instants add, which follow the lengths.
 
         Args:
-            begin: Changes of something of each joint at the beginnings, N n rows.
-            end: Those at the ends.
-            slopes: What the slopes are now, shape (N, n).
+            change: The rows at the shares of the intervals, whatever the time.
+            at: The instants, m of them.
+            rate: What they change by with time alone, shape (m,), in their units [1/s].
         """
-        rise = Linearised(end.matrix - begin.matrix, end.by_length - begin.by_length)
-        out = rise.after(self._scaled(1.0 / self.h))
-        by_length = self._by_own_length(-slopes / self.h[:, None])
-        return Linearised(out.matrix, out.by_length + by_length)
+        passed = np.where(at.interval[:, None] > np.arange(self.N), 1.0, 0.0)
+        passed[np.arange(rate.size), at.interval] = at.share
+        later = sp.csr_matrix(rate[:, None] * passed)
+        return Linearised(change.matrix, (change.by_length + later).tocsr())
 
-    def differences(self, what: Linearised, values: Array) -> Linearised:
-        """Slopes over time between the middles of neighbouring intervals.
+    def slopes(
+        self,
+        rise: Linearised,
+        slopes: Array,
+        interval: IntArray,
+        shares: list[float],
+    ) -> Linearised:
+        """Slopes over time of something of each joint.
 
         Args:
-            what: Changes of something of each joint on each interval, N n rows.
-            values: What is there now, shape (N, n).
+            rise: Changes of what it rises by, m n rows.
+            slopes: What the slopes are now, shape (m, n).
+            interval: The intervals on which it rises, shape (m,).
+            shares: Of these, and of those after them, how much passes.
         """
-        n, h = self.n, self.h
-        apart = 0.5 * (h[1:] + h[:-1])
-        weight = np.repeat(1.0 / apart, n)
-        rows = weight.size
-        step = sp.diags([-weight, weight], [0, n], shape=(rows, rows + n))
-        slopes = -(np.diff(values, axis=0) / apart[:, None] ** 2 / 2.0).ravel()
-        interval = np.repeat(np.arange(self.N - 1), n)
-        every = np.arange(rows)
-        by_length = sp.csr_matrix(
-            (
-                np.tile(slopes, 2),
-                (np.tile(every, 2), np.append(interval, interval + 1)),
-            ),
-            shape=(rows, self.N),
-        )
-        out = what.after(step.tocsr())
-        return Linearised(out.matrix, out.by_length + by_length)
+        n = slopes.shape[1]
+        diagonals = sp.diags(shares, range(len(shares)), shape=(self.N, self.N))
+        passed = diagonals.tocsr()[interval]
+        apart = np.repeat(passed @ self.h, n)
+        longer = sp.kron(passed, np.ones((n, 1)))
+        by_length = rise.by_length - sp.diags(slopes.ravel()) @ longer
+        return Linearised(rise.matrix, by_length).times(1.0 / apart)

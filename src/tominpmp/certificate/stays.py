@@ -14,18 +14,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.sparse as sp
 
-from tominpmp.certificate.active_limits import Motion
-from tominpmp.certificate.limit_rows import LimitRows
-from tominpmp.certificate.perturbations import Linearised
+from tominpmp.certificate.motion import Motion
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import spans_of
 
-# What a problem with times at which goals are to be met has rows of.
-ARRIVAL = "arrival"
 # Nodes this near to a time are at it, as a share of the duration.
 SAME = 1e-9
 
@@ -126,38 +121,4 @@ def still_nodes(motion: Motion) -> list[int]:
         ):
             if segment.dwell > 0.0 and (smooth(part) or smooth(after)):
                 found.append(part.span[1])
-    return found
-
-
-def arrivals(motion: Motion) -> list[LimitRows]:
-    """Rows of the times at which goals are met, where these are limited.
-
-    Args:
-        motion: The motion, without its stays.
-    """
-    changes, T = motion.changes, float(motion.changes.t[-1])
-    found, stayed = [], 0.0
-    segments = motion.task.problem.segments
-    for number, (part, segment) in enumerate(
-        zip(motion.segments, segments, strict=False)
-    ):
-        if segment.arrival is not None:
-            end = part.span[1]
-            room = (np.array(segment.arrival) - stayed - float(changes.t[end])) / T
-            before = np.where(np.arange(changes.N) < end, 1.0 / T, 0.0)
-            found.append(
-                LimitRows(
-                    kind=ARRIVAL,
-                    change=Linearised(
-                        sp.csr_matrix((1, changes.size)), sp.csr_matrix(before)
-                    ),
-                    lower=np.minimum(room[:1], 0.0),
-                    upper=np.maximum(room[1:], 0.0),
-                    interval=np.array([end - 1]),
-                    subject=np.array([number]),
-                    share=1.0,
-                    unit=T,
-                )
-            )
-        stayed += segment.dwell
     return found

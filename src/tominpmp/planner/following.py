@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.clearances import Nearest, nearest_instants
+from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.task import Task
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options

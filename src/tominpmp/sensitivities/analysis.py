@@ -7,34 +7,46 @@ numbers p: speeds, torques, margins, masses. By the envelope theorem
 
 at the optimum, with the motion z as it is: no plan is made again. The multipliers
 :math:`\lambda_i` are those of the certificate.
+
+A goal that is moved one way is the same as a robot that is moved the other way before
+it. So both, and what gravity and constraints have to do with the base, come from the
+values of a robot whose base stands a little elsewhere, with the motion of its joints as
+it is; contacts give the rest by their normals.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.certificate.active_limits import Motion
 from tominpmp.certificate.dual_program import solve_dual_program
+from tominpmp.certificate.limit_rows import GOAL, LimitRows
+from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.sensitivities.limits import LimitValues
-from tominpmp.sensitivities.places import PlaceValues
+from tominpmp.robot import Robot
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
-from tominpmp.sensitivities.sections import Section, sections
 from tominpmp.sensitivities.torques import TorqueWeights
 from tominpmp.verification.stages import with_segments
+
+# Displacements of differences [m, rad], and changes of gravity, as a share of it.
+STEP, GRAVITY_STEP = 1e-6, 1e-4
+# Multipliers below this change nothing [1/m].
+NOTHING = 1e-9
 
 
 @on_one_thread
@@ -74,7 +86,12 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
             "motion whose linear program of small changes can be solved",
             "trajectory",
         )
-    parts = [_read(section, T) for section in sections(motion, found)]
+    # Multipliers are shares of the time without stays, which nothing changes.
+    share, parts = given.duration / T, []
+    for segment in _segments(motion, found.multipliers):
+        records = tuple(record.scaled(share) for record in segment.records())
+        base = share * segment.base
+        parts.append(Sensitivities(T, records, share * found.promise, base))
     return parts[0] if len(parts) == 1 else Sensitivities.of_segments(parts)
 
 
@@ -92,72 +109,378 @@ def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
     return without_stays(problem, given)
 
 
-def _read(section: Section, T: float) -> Sensitivities:
-    """Sensitivities of a motion of duration T from the multipliers of a segment."""
-    motion, found, number = section
-    torques = TorqueWeights.of(motion, found)
-    places = PlaceValues(motion, found, torques, number)
-    records = [
-        *LimitValues(motion, found).records(),
-        *_of_forces(motion, torques, places),
-        *places.records(),
-    ]
-    # Multipliers are shares of the time without stays, which nothing changes.
-    share = float(motion.changes.t[-1]) / T
-    records = [item.scaled(share) for item in records]
-    return Sensitivities(T, tuple(records), share * found.promise, share * places.base)
+def _segments(motion: Motion, given: LimitRows) -> Iterator[Segment]:
+    """The segments of a motion, with the rows of each and subjects as in its problem.
+
+    The program of the small changes of a motion is one, with the duration of each
+    segment by itself. What each limit is worth is read segment by segment, since robot,
+    load, limits and obstacles are those of the segment.
+    """
+    for number, part in enumerate(motion.segments):
+        first, end = part.span
+        rows = given.kept((given.at.interval >= first) & (given.at.interval < end))
+        subject = rows.subject.copy()
+        for kind in set(rows.kind.tolist()):
+            subject[rows.of(kind)] -= motion.first_subjects(kind)[number]
+        yield Segment(part, replace(rows, subject=subject))
 
 
-def _of_forces(
-    motion: Motion, torques: TorqueWeights, places: PlaceValues
-) -> Iterator[Sensitivity]:
-    """Gravity, loads and friction."""
-    robot = motion.task.problem.robot
-    by_gravity = torques.by_gravity(robot)
-    size = float(np.linalg.norm(robot.gravity))
-    yield Sensitivity(
-        "gravity",
-        None,
-        "",
-        float(by_gravity @ robot.gravity) + places.by_gravity(),
-        limit=size,
-        limit_unit="m/s^2",
-        vector=by_gravity,
-    )
-    for load in robot.payloads:
-        worth = torques.by_mass(robot, load)
-        heavy = load.mass > 0.0
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Reads what limits are worth from the multipliers of a segment of a motion.
+
+    Attributes:
+        motion: The motion, with the task of the segment.
+        rows: The limits that hold on it, with their multipliers.
+    """
+
+    motion: Motion
+    rows: LimitRows
+
+    def records(self) -> Iterator[Sensitivity]:
+        """Records of all that holds the motion."""
+        yield from self._shares()
+        yield from self._curves()
+        yield from self._positions()
+        yield from self._clearances()
+        yield from self._constraints()
+        yield from self._forces()
+        yield from self._goal()
+        for item in self._problem.scene:
+            place = self._contacts.get(item.name, np.zeros(6))[:3]
+            yield _place("obstacle", item.name, place)
+
+    @property
+    def _problem(self) -> Problem:
+        return self.motion.task.problem
+
+    @property
+    def _robot(self) -> Robot:
+        return self._problem.robot
+
+    @cached_property
+    def _places(self) -> list[str]:
+        """Units of the positions of the joints."""
+        return ["m" if slides else "rad" for slides in prismatic_joints(self._robot)]
+
+    @cached_property
+    def _forces_of(self) -> list[str]:
+        """Units of their torques."""
+        return ["N" if place == "m" else "N m" for place in self._places]
+
+    def _sums(self, kind: str, values: Array, count: int) -> Array:
+        """Sums of values of the rows of a kind by subject, shape (count,)."""
+        own = self.rows.of(kind)
+        found = np.bincount(self.rows.subject[own], values[own], minlength=count)
+        return np.asarray(found, dtype=float)
+
+    def _of_joints(
+        self,
+        kind: str,
+        value: Array,
+        limit: Array | None = None,
+        units: list[str] | None = None,
+        *,
+        joints: Iterable[int],
+        places: bool = False,
+        subject: str = "{}",
+    ) -> Iterator[Sensitivity]:
+        """Records of some joints.
+
+        Args:
+            kind: Kind of the records.
+            value: By joint, shape (n,).
+            limit: The limits, if they are numbers, shape (n,).
+            units: Their units.
+            joints: Which joints.
+            places: Whether values are by places, and not by shares of limits.
+            subject: What the records are about, the joint in braces.
+        """
+        names = self._robot.joint_names
+        for joint in joints:
+            yield Sensitivity(
+                kind,
+                names[joint],
+                subject.format(names[joint]),
+                float(value[joint]),
+                f"1/{self._places[joint]}" if places else "",
+                None if limit is None else float(limit[joint]),
+                "" if units is None else units[joint],
+            )
+
+    # -- limits ------------------------------------------------------------------------
+
+    def _shares(self) -> Iterator[Sensitivity]:
+        """Speeds, torques, and what motors and controllers limit beside them.
+
+        A multiplier counts by the share of the limit that the motion uses, so that time
+        scaling, which changes what is used, holds for the sums however near the
+        optimum the motion is.
+        """
+        names, limits = self._robot.joint_names, self._robot.limits
+        declared, rows = self._problem.motion_limits, self.rows
+        # Torques count as they are: between nodes they may pass limits.
+        used = np.where(rows.of("effort"), rows.used, 1.0 - rows.room)
+        if declared is not None and declared.continuous:
+            # The first and the last acceleration are zero whatever the limit is.
+            last = (rows.at.interval == self.motion.changes.N - 1) & (
+                rows.at.share == 1.0
+            )
+            first = (rows.at.interval == 0) & (rows.at.share == 0.0)
+            used = np.where(rows.of("acceleration") & (first | last), 0.0, used)
+        driven = np.isin(np.arange(len(names)), self.motion.driven)
+        found = {
+            "velocity": (limits.velocity, self._places, "/s"),
+            "effort": (
+                np.where(driven, limits.effort_upper, np.inf),
+                self._forces_of,
+                "",
+            ),
+        }
+        if declared is not None:
+            for kind, units, time in (
+                ("acceleration", self._places, "/s^2"),
+                ("jerk", self._places, "/s^3"),
+                ("effort rate", self._forces_of, "/s"),
+            ):
+                limit = declared.by_joint(kind.replace(" ", "_"), names)
+                found[kind] = limit, units, time
+        for kind, (limit, units, time) in found.items():
+            yield from self._of_joints(
+                kind,
+                0.0 - self._sums(kind, rows.value * used, len(names)),
+                limit,
+                [unit + time for unit in units],
+                joints=np.flatnonzero(np.isfinite(limit)),
+            )
+
+    def _curves(self) -> Iterator[Sensitivity]:
+        """Torques over speed, by both axes of their curves."""
+        limits, motion = self._problem.motion_limits, self.motion
+        curves = {} if limits is None else (limits.effort_curves or {})
+        for name, curve in sorted(curves.items()):
+            joint = self._robot.joint_names.index(name)
+            rows = self.rows.kept(
+                self.rows.of("effort over speed") & (self.rows.subject == joint)
+            )
+            state = motion.states(rows.at.inside)
+            u, v = state.u[:, joint], state.v[:, joint]
+            each = rows.y * np.abs(rows.by_torque)
+            by_speed = curve(v)[1] * np.abs(v)
+            for kind, by in (
+                ("effort over speed", -np.abs(u)),
+                ("speed of effort curve", by_speed),
+            ):
+                yield Sensitivity(kind, name, name, float(each @ by))
+
+    def _positions(self) -> Iterator[Sensitivity]:
+        """Ends of the ranges of joints, each by a range that is wider there."""
+        rows, limits = self.rows, self._robot.limits
+        for side, limit, held in (
+            ("upper", limits.position_upper, rows.held_above),
+            ("lower", limits.position_lower, ~rows.held_above),
+        ):
+            yield from self._of_joints(
+                f"{side} position",
+                0.0 - self._sums("position", rows.value * held, limit.size),
+                limit,
+                self._places,
+                joints=np.flatnonzero(np.isfinite(limit)),
+                places=True,
+            )
+
+    def _clearances(self) -> Iterator[Sensitivity]:
+        """Clearances by obstacle, by other links, and the margin of all of them."""
+        problem, pairs = self._problem, self._problem.checker.pairs
+        worth = self._sums("clearance", self.rows.value, len(pairs))
+        names: dict[str, float] = {item.name: 0.0 for item in problem.scene}
+        for index, (one, other) in enumerate(pairs):
+            if index < problem.checker.obstacle_pairs:
+                names[other] += float(worth[index])
+            elif worth[index] > 0.0:
+                pair = f"{one} and {other}"
+                names[pair] = names.get(pair, 0.0) + float(worth[index])
+        for name, value in names.items():
+            yield Sensitivity("clearance", None, name, value, "1/m")
+        margin = float(worth[problem.checker.margins(1.0) > 0.0].sum())
+        share, unit = (problem.margin, "") if problem.margin > 0.0 else (1.0, "1/m")
         yield Sensitivity(
-            "payload",
-            None,
-            load.name,
-            worth * load.mass if heavy else worth,
-            "" if heavy else "1/kg",
-            load.mass,
-            "kg",
+            "margin", None, "", share * margin, unit, max(problem.margin, 0.0), "m"
         )
-    slides = prismatic_joints(robot)
-    viscous = np.where(slides, "N s/m", "N m s/rad").tolist()
-    dry = np.where(slides, "N", "N m").tolist()
-    for kind, given, torque, units in (
-        ("damping", robot.damping, robot.damping * torques.v, viscous),
-        ("friction", robot.friction, robot.friction * torques.way, dry),
-    ):
-        yield from _by_joint(kind, robot.joint_names, given, torques, torque, units)
+
+    def _constraints(self) -> Iterator[Sensitivity]:
+        """What the problem asks for along the way."""
+        items = self._problem.constraints
+        for index, item in enumerate(items):
+            worth = float(self._sums(item.name, self.rows.value, len(items))[index])
+            limit = float(item.largest)
+            share, unit = (limit, "") if limit > 0.0 else (1.0, f"1/{item.unit}")
+            value = 0.0 - worth * share
+            yield Sensitivity(
+                item.name, None, item.subject, value, unit, limit, item.unit
+            )
+
+    # -- gravity, loads and friction ---------------------------------------------------
+
+    @cached_property
+    def _torques(self) -> TorqueWeights:
+        return TorqueWeights.of(self.motion, self.rows)
+
+    def _forces(self) -> Iterator[Sensitivity]:
+        """Gravity, loads and friction."""
+        robot, torques = self._robot, self._torques
+        by_gravity, size = (
+            torques.by_gravity(robot),
+            float(np.linalg.norm(robot.gravity)),
+        )
+        value = float(by_gravity @ robot.gravity) + self._by_gravity()
+        yield Sensitivity("gravity", None, "", value, "", size, "m/s^2", by_gravity)
+        for load in robot.payloads:
+            worth = torques.by_mass(robot, load)
+            share, unit = (load.mass, "") if load.mass > 0.0 else (1.0, "1/kg")
+            yield Sensitivity(
+                "payload", None, load.name, worth * share, unit, load.mass, "kg"
+            )
+        viscous = ["N s/m" if unit == "m" else "N m s/rad" for unit in self._places]
+        for kind, given, ways, units in (
+            ("damping", robot.damping, torques.v, viscous),
+            ("friction", robot.friction, torques.way, self._forces_of),
+        ):
+            worth = np.sum(torques.weight * given * ways, axis=0)
+            joints = np.flatnonzero(given)
+            yield from self._of_joints(kind, worth, given, units, joints=joints)
+
+    def _by_gravity(self) -> float:
+        """Share of T by a share of gravity that constraints cost, as loads do."""
+        robot = self._robot
+        if not np.any(robot.gravity) or not self._asked_of:
+            return 0.0
+        less, more = (
+            self._asked(robot.with_changes(gravity=robot.gravity * (1.0 + step)))
+            for step in (-GRAVITY_STEP, GRAVITY_STEP)
+        )
+        return (more - less) / (2.0 * GRAVITY_STEP)
+
+    # -- places of the goal, of obstacles and of the base ------------------------------
+
+    @cached_property
+    def _goal_multipliers(self) -> Array:
+        """Multipliers of the rows of the goal, positive at the upper side."""
+        return self._sums(GOAL, self.rows.y, 0)
+
+    def _goal(self) -> Iterator[Sensitivity]:
+        """The goal: a configuration joint by joint, or a place."""
+        goal, number = self._problem.goal, self.motion.number
+        of_segment = "" if number is None else f" of segment {number + 1}"
+        if goal.configuration is None:
+            name = goal.frame_name
+            subject = "goal" if name is None else f"frame {name}"
+            yield _place("goal", subject + of_segment, -self._base_of_goal[:3])
+            return
+        yield from self._of_joints(
+            "goal",
+            0.0 - self._goal_multipliers,
+            goal.configuration,
+            self._places,
+            joints=range(self._robot.n),
+            places=True,
+            subject="{}" + of_segment,
+        )
+
+    @cached_property
+    def _moved_robots(self) -> list[tuple[Robot, Robot]]:
+        """The robot with its base a little before and after, along six coordinates."""
+        return [
+            (
+                _displaced(self._robot, -STEP * axis),
+                _displaced(self._robot, STEP * axis),
+            )
+            for axis in np.eye(6)
+        ]
+
+    @cached_property
+    def _base_of_goal(self) -> Array:
+        """Share of T by the base, as far as the goal has to do with it, shape (6,)."""
+        y, node = self._goal_multipliers, self.motion.span[1]
+        if self._problem.goal.configuration is not None or not y.size:
+            return np.zeros(6)
+        state = self.motion.changes.q[node], self.motion.changes.v[node]
+        goal = self._problem.goal.nearest(self.motion.task.kinematics, *state)
+
+        def value(robot: Robot) -> float:
+            return float(y @ goal.residual(RobotKinematics(robot), *state).value)
+
+        return np.array([value(b) - value(a) for a, b in self._moved_robots]) / 2 / STEP
+
+    @cached_property
+    def _contacts(self) -> dict[str, Array]:
+        """Share of T by displacements of obstacles by name.
+
+        Three translations [1/m] and three rotations about the origin of the world
+        [1/rad], shape (6,) each.
+        """
+        checker, rows = self._problem.checker, self.rows
+        held = rows.of("clearance") & (rows.subject < checker.obstacle_pairs)
+        rows = rows.kept(held & (rows.y > NOTHING * rows.unit))
+        out: dict[str, Array] = {}
+        if not rows.subject.size:
+            return out
+        times = self.motion.changes.times(rows.at)
+        q = self.motion.trajectory(times).q
+        normal, point = checker.witnesses(q, rows.subject, times)
+        # An obstacle that goes along the normal gives room.
+        twists = np.hstack([normal, np.cross(point, normal)]) * -rows.value[:, None]
+        for pair, twist in zip(rows.subject.tolist(), twists, strict=True):
+            name = checker.pairs[pair][1]
+            out[name] = out.get(name, np.zeros(6)) + twist
+        return out
+
+    @cached_property
+    def base(self) -> Array:
+        """Share of T by a displacement of the base, shape (6,) [1/m, 1/rad]."""
+        out = self._base_of_goal - sum(self._contacts.values(), np.zeros(6))
+        # In the axes of the base it is gravity that turns.
+        by_gravity = self._torques.by_gravity(self._robot)
+        out[3:] += np.cross(by_gravity, self._robot.gravity)
+        for index, (before, after) in enumerate(self._moved_robots):
+            out[index] += (self._asked(after) - self._asked(before)) / (2.0 * STEP)
+        return np.asarray(out)
+
+    @cached_property
+    def _asked_of(self) -> list[tuple[int, LimitRows]]:
+        """Constraints with their rows that hold the motion."""
+        every = self.rows.kept(np.abs(self.rows.y) > NOTHING)
+        found = []
+        for index, item in enumerate(self._problem.constraints):
+            rows = every.kept(every.of(item.name) & (every.subject == index))
+            if rows.subject.size:
+                found.append((index, rows))
+        return found
+
+    def _asked(self, robot: Robot) -> float:
+        """Values of the constraints for another robot, weighted by multipliers."""
+        total = 0.0
+        for index, rows in self._asked_of:
+            item = self._problem.constraints[index].on(robot)
+            state = self.motion.states(rows.at.inside)
+            values = item.value_rows(state.q, state.v, state.a)
+            total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
+        return total
 
 
-def _by_joint(
-    kind: str,
-    names: tuple[str, ...],
-    given: Array,
-    torques: TorqueWeights,
-    torque: Array,
-    units: list[str],
-) -> Iterator[Sensitivity]:
-    """Records of joints that have some of a friction."""
-    worth = torques.by_joint(torque)
-    for joint in np.flatnonzero(given).tolist():
-        name, value = names[joint], float(worth[joint])
-        yield Sensitivity(
-            kind, name, name, value, "", float(given[joint]), units[joint]
-        )
+def _displaced(robot: Robot, twist: Array) -> Robot:
+    """The robot with its base moved by a small twist in the world, without shapes."""
+    model = robot.model.copy()
+    move = pin.SE3(pin.exp3(twist[3:]), twist[:3])
+    for joint in range(1, model.njoints):
+        if model.parents[joint] == 0:
+            model.jointPlacements[joint] = move * model.jointPlacements[joint]
+    for frame in model.frames:
+        if frame.parentJoint == 0:
+            frame.placement = move * frame.placement
+    return replace(robot, model=model)
+
+
+def _place(kind: str, subject: str, gradient: Array) -> Sensitivity:
+    length = float(np.linalg.norm(gradient))
+    return Sensitivity(kind, None, subject, length, "1/m", vector=gradient)

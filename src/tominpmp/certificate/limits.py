@@ -1,0 +1,504 @@
+"""Limits of a motion as linear rows on its small changes.
+
+Torques run through the intervals as the inverse dynamics has them, speeds and positions
+as the accelerations do: they are limited at the nodes, and wherever they are largest
+between them. What a problem asks for beyond that is looked at closely in time, and is a
+row where it is nearest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.certificate.clearances import contacts, local_maxima
+from tominpmp.certificate.limit_rows import GOAL, LimitRows
+from tominpmp.certificate.motion import Motion, States
+from tominpmp.certificate.perturbations import JUST_INSIDE, Instants, Linearised
+from tominpmp.motion_limits import EffortCurve
+
+# What a problem with times at which goals are to be met has rows of.
+ARRIVAL = "arrival"
+# Where in the intervals it is looked at torques, speeds and positions.
+SHARES = np.arange(1, 10) / 10
+# Values are rows inside an interval where they are larger there than at both of its
+# ends by this share of their limits, and near them.
+BULGE = 1e-3
+NEAR = 0.97
+# A torque that is less than this smaller in the middle runs along its limit.
+FLAT = 1e-2
+# Positions with less room than this [rad, or shares of the reach] that turn back inside
+# an interval, by more than this.
+ROOM, TURN = 0.05, 1e-5
+# Where other constraints are rows in any case: the middles and the ends of intervals.
+REGULAR = (0.5, 1.0)
+# Samples of an interval between which their nearest instants are looked for.
+SAMPLES = 16
+# Those farther below their limits, in units of their scale, are no rows.
+NEAR_CONSTRAINT = 0.1
+
+
+def limits_of(motion: Motion, far: float = np.inf, near: bool = True) -> LimitRows:
+    """Rows of all limits, of one segment after the other, and of the goals.
+
+    Args:
+        motion: The motion.
+        far: Torques with more room than this to both limits are left out.
+        near: Whether distances are looked at: for them all meshes are cut.
+    """
+    found = [*_arrivals(motion)]
+    for number, part in enumerate(motion.segments):
+        for rows in _efforts(part):
+            held = np.minimum(-rows.lower, rows.upper) < far
+            found.append(rows.kept(held | ~rows.of("effort")))
+        inside = part.states(part.spread(SHARES))
+        smooth = motion.changes.shape != "torques"
+        found += [*_over_speed(part, inside if smooth else None), *_slopes(part)]
+        found += [_speeds(part, inside), _positions(part, inside)]
+        if smooth:
+            found.append(_bulging_efforts(part, inside))
+        asked = [*(_clearances(part) if near else ()), *_constraints(part)]
+        found += [_counted(motion, number, rows) for rows in asked]
+    goals = [_goal(part) for part in motion.segments]
+    found += [_counted(motion, number, rows) for number, rows in enumerate(goals)]
+    return LimitRows.joined(found)
+
+
+def _counted(motion: Motion, number: int, rows: LimitRows) -> LimitRows:
+    """Rows of a segment with subjects that are counted through all of them."""
+    before = motion.first_subjects(str(rows.kind[0]))[number]
+    return replace(rows, subject=rows.subject + before)
+
+
+def _rows_of_states(
+    motion: Motion,
+    kind: str,
+    at: States,
+    subject: IntArray,
+    room: tuple[Array, Array],
+    slopes: tuple[Array, ...],
+    *,
+    rates: Array | None = None,
+    unit: Array | float = 1.0,
+    component: IntArray | int = -1,
+) -> LimitRows:
+    """Rows of what depends on the state at instants.
+
+    Args:
+        motion: The motion.
+        kind: Name of the rows.
+        at: The motion at their instants, m of them.
+        subject: Joints or pairs.
+        room: What is left below and above.
+        slopes: Derivatives by position, velocity and acceleration, as many as there
+            are, shape (m, n).
+        rates: Derivatives by time alone [1/s], shape (m,), if anything moves.
+        unit: A unit in units of the limit.
+        component: Which values they are.
+    """
+    change = motion.changes.values(at.at, at.q, at.v, *slopes)
+    if rates is not None:
+        change = motion.changes.with_time(change, at.at, rates)
+    by_v = slopes[1] if len(slopes) > 1 else np.zeros_like(slopes[0])
+    by_state = np.hstack([slopes[0], by_v])
+    return LimitRows.of_kind(
+        kind, at.at, subject, room, by_state, change, unit=unit, component=component
+    )
+
+
+def _shares(value: Array) -> tuple[Array, Array]:
+    """What values leave of limits, all as shares of them."""
+    return -1.0 - value, 1.0 - value
+
+
+def _one_of(joint: IntArray, n: int, value: Array) -> Array:
+    """Slopes that are values for one joint each, shape (m, n)."""
+    out = np.zeros((joint.size, n))
+    out[np.arange(joint.size), joint] = value
+    return out
+
+
+# -- torques, their slopes, and jerks --------------------------------------------------
+
+
+def _torques(motion: Motion, at: States, end: int) -> Linearised:
+    """Changes of all torques at one end of intervals [N m or N]."""
+    parts = (part[end::2][at.at.interval] for part in motion.parts[1:])
+    return motion.changes.values(at.at, at.q, at.v, *parts)
+
+
+def _rows_of_joints(
+    motion: Motion,
+    kind: str,
+    interval: IntArray,
+    share: float,
+    change: Linearised,
+    value: Array,
+    limit: Array,
+    by_torque: Array,
+    *,
+    mean: bool = False,
+) -> LimitRows:
+    """Rows of all joints on intervals, as shares of limits; none where infinite.
+
+    Args:
+        motion: The motion.
+        kind: Name of the rows.
+        interval: The intervals, shape (k,).
+        share: Where in them they stand.
+        change: Changes of the limited quantities, k n rows.
+        value: What these are now, in shares of the limits, shape (k, n).
+        limit: The limits, shape (n,).
+        by_torque: Derivatives of the shares by the torque of their joint, shape (n,).
+        mean: Whether they are of the mean of both ends.
+    """
+    n, k = limit.size, interval.size
+    kept = np.flatnonzero(np.tile(np.isfinite(limit), k))
+    at = Instants(np.repeat(interval, n), np.full(k * n, share))
+    rows = LimitRows.of_kind(
+        kind,
+        at,
+        np.tile(np.arange(n), k),
+        _shares(value.ravel()),
+        np.zeros((k * n, 2 * n)),
+        change.times(np.tile(1.0 / limit, k)),
+        by_torque=np.tile(by_torque, k),
+        mean=mean,
+    )
+    return rows.kept(kept)
+
+
+def _efforts(motion: Motion) -> Iterator[LimitRows]:
+    """Torques at the nodes, as shares of their limits."""
+    ends = [motion.ends(0.0), motion.ends(1.0)]
+    torques = [_torques(motion, at, end) for end, at in enumerate(ends)]
+    mean = (torques[0] + torques[1]).times(np.full(torques[0].matrix.shape[0], 0.5))
+    interval, half = ends[0].at.interval, motion.task.effort_half
+    driven = np.isin(np.arange(half.size), motion.driven)
+    active, passive = np.where(driven, half, np.inf), np.where(driven, np.inf, half)
+    load = motion.load[interval]
+    by_torque = 1.0 / half
+
+    def means(kind: str, limit: Array) -> LimitRows:
+        parts = interval, 0.5, mean, load, limit, by_torque
+        return _rows_of_joints(motion, kind, *parts, mean=True)
+
+    if not driven.all():
+        # What has no motor obeys its equation of motion in the mean.
+        rows = means("passive", passive)
+        yield replace(rows, below=0.0 * rows.below, above=0.0 * rows.above)
+    if motion.changes.shape == "torques":
+        yield means("effort", active)
+        return
+    for end, change in enumerate(torques):
+        parts = interval, float(end), change, motion.loads[interval, end]
+        rows = _rows_of_joints(motion, "effort", *parts, active, by_torque)
+        if end == 1 and motion.changes.shape == "ramps" and motion.number is None:
+            # The others begin the next interval.
+            rows = rows.kept(rows.at.interval == motion.changes.N - 1)
+        yield rows
+
+
+def _slopes(motion: Motion) -> Iterator[LimitRows]:
+    """Slopes of torques and accelerations over time, as shares of limits.
+
+    What is continuous has one over each interval: those between the middles of
+    intervals would leave half of the first interval free, and with it the height of all
+    that follows.
+    """
+    limits, changes = motion.task.problem.motion_limits, motion.changes
+    if limits is None:
+        return
+    ramps, names = changes.shape == "ramps", motion.trajectory.joint_names
+    ends = [motion.ends(share, beyond=int(not ramps)) for share in (0.0, 1.0)]
+    interval, h = ends[0].at.interval, changes.h
+    for kind, name in (("effort rate", "effort_rate"), ("jerk", "jerk")):
+        limit = limits.by_joint(name, names)
+        if not np.any(np.isfinite(limit)):
+            continue
+        if kind == "jerk":
+            values = motion.a[interval]
+            eye = np.broadcast_to(np.eye(limit.size), (interval.size, *2 * limit.shape))
+            slopes = np.zeros_like(eye), np.zeros_like(eye), eye
+            begin, end = (changes.values(at.at, at.q, at.v, *slopes) for at in ends)
+        else:
+            values = motion.u[interval]
+            begin, end = (_torques(motion, at, k) for k, at in enumerate(ends))
+        if ramps:
+            own, shares, rise = interval, [1.0], end - begin
+            found = np.diff(values, axis=1)[:, 0] / h[interval, None]
+        else:
+            own, shares = interval[:-1], [0.5, 0.5]
+            mean = (begin + end).times(np.full(begin.matrix.shape[0], 0.5))
+            rise = mean.kept(np.arange(limit.size, mean.matrix.shape[0]))
+            rise -= mean.kept(np.arange(mean.matrix.shape[0] - limit.size))
+            apart = 0.5 * (h[interval[1:]] + h[interval[:-1]])
+            found = np.diff(values.mean(axis=1), axis=0) / apart[:, None]
+        change = changes.slopes(rise, found, own, shares)
+        by_torque = 1.0 / limit if kind == "effort rate" else np.zeros(limit.size)
+        parts = own, 0.5, change, found / limit, limit, by_torque
+        yield _rows_of_joints(motion, kind, *parts)
+
+
+# -- torques, speeds and positions inside the intervals --------------------------------
+
+
+def _largest(
+    motion: Motion, inside: Array, ends: Array, near: float = NEAR, more: float = BULGE
+) -> tuple[IntArray, IntArray]:
+    """Instants and joints at which values are largest, of those near their limits.
+
+    Args:
+        motion: The motion.
+        inside: Values as shares of their limits at all instants, shape (m, n).
+        ends: Values at both ends of all intervals, shape (N, 2, n).
+        near: What is near.
+        more: By how much they are larger than at the ends.
+
+    Returns:
+        Indices of the instants and joints, shape (k,) each.
+    """
+    values = inside.reshape(-1, SHARES.size, inside.shape[1])
+    peak, worst = np.max(values, axis=1), np.argmax(values, axis=1)
+    beside = np.max(ends[slice(*motion.span)], axis=1)
+    interval, joint = np.nonzero((peak > near) & (peak > beside + more))
+    return interval * SHARES.size + worst[interval, joint], joint
+
+
+def _at_ends(values: Array) -> Array:
+    """Values at nodes, at both ends of the intervals, shape (N, 2, n)."""
+    return np.stack([values[:-1], values[1:]], axis=1)
+
+
+def _speeds(motion: Motion, inside: States) -> LimitRows:
+    """Speeds that are largest between the nodes, or may come to be."""
+    limit, changes = motion.task.problem.robot.limits.velocity, motion.changes
+    share, ends = inside.v / limit, np.abs(changes.v) / limit
+    index, joint = _largest(motion, np.abs(share), _at_ends(ends))
+    if changes.shape == "ramps":
+        # An acceleration that is raised at the beginning of an interval and lowered at
+        # its end leaves the speeds at both as they are; light joints can do that by
+        # much, so that the middle is a row.
+        inertia = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
+        strongest = 2.0 * motion.task.effort_half / np.maximum(inertia, 1e-12)
+        every, h = SHARES.size, changes.h[slice(*motion.span)]
+        room = (limit - np.abs(inside.v))[every // 2 :: every]
+        light = h[:, None] * strongest / 8.0 > room
+        light[index // every, joint] = False
+        interval, more = np.nonzero(light)
+        index = np.append(index, interval * every + every // 2)
+        joint = np.append(joint, more)
+    at, value = inside.kept(index), share[index, joint]
+    by_v = _one_of(joint, changes.n, 1.0 / limit[joint])
+    slopes = np.zeros_like(by_v), by_v
+    return _rows_of_states(motion, "velocity", at, joint, _shares(value), slopes)
+
+
+def _positions(motion: Motion, inside: States) -> LimitRows:
+    """Positions of joints that turn back at a limit between the nodes."""
+    limits, scale = motion.task.problem.robot.limits, motion.task.step_scale
+    low, high = limits.position_lower, limits.position_upper
+
+    def beyond(q: Array) -> Array:
+        return np.asarray(np.maximum(q - high, low - q) / scale)
+
+    ends = _at_ends(beyond(motion.changes.q))
+    index, joint = _largest(motion, beyond(inside.q), ends, -ROOM, TURN)
+    at, unit = inside.kept(index), scale[joint]
+    q = inside.q[index, joint]
+    return _rows_of_states(
+        motion,
+        "position",
+        at,
+        joint,
+        ((low[joint] - q) / unit, (high[joint] - q) / unit),
+        (_one_of(joint, scale.size, 1.0 / unit),),
+        unit=unit,
+    )
+
+
+def _rows_of_torques(
+    motion: Motion,
+    kind: str,
+    at: States,
+    joint: IntArray,
+    room: tuple[Array, Array],
+    by_torque: Array,
+    by_speed: Array,
+) -> LimitRows:
+    """Rows of the torques of joints, an instant each, and of what their speeds add."""
+    every, n = np.arange(joint.size), motion.changes.n
+    parts = motion.task.dynamics.inverse_jacobians(at.q, at.v, at.a)[1:]
+    slopes = [by_torque[:, None] * part[every, joint] for part in parts]
+    slopes[1] += _one_of(joint, n, by_speed)
+    change = motion.changes.values(at.at, at.q, at.v, *slopes)
+    none = np.zeros((joint.size, 2 * n))
+    return LimitRows.of_kind(
+        kind, at.at, joint, room, none, change, by_torque=by_torque
+    )
+
+
+def _bulging_efforts(motion: Motion, inside: States) -> LimitRows:
+    """Torques that are largest inside an interval."""
+    load = motion.task.share_of_effort(inside.u)
+    seen = np.zeros(load.shape)
+    seen[:, motion.driven] = np.abs(load[:, motion.driven])
+    # Where a torque runs along its limit, the middle is a row as well as the ends: it
+    # does not change as their mean does.
+    seen[SHARES.size // 2 :: SHARES.size] += FLAT
+    index, joint = _largest(motion, seen, np.abs(motion.loads))
+    at, by_torque = inside.kept(index), 1.0 / motion.task.effort_half[joint]
+    room = _shares(load[index, joint])
+    return _rows_of_torques(
+        motion, "effort", at, joint, room, by_torque, np.zeros(joint.size)
+    )
+
+
+def _over_speed(motion: Motion, inside: States | None) -> Iterator[LimitRows]:
+    """Torques at what their speed allows: at nodes, and nearest inside intervals."""
+    limits, changes = motion.task.problem.motion_limits, motion.changes
+    curves = {} if limits is None else (limits.effort_curves or {})
+    for name, curve in sorted(curves.items()):
+        own = motion.trajectory.joint_names.index(name)
+        half = motion.task.effort_half[own]
+
+        def used(
+            u: Array, v: Array, curve: EffortCurve = curve, half: float = half
+        ) -> Array:
+            return np.asarray(1.0 + (u - curve(v)[0]) / half)
+
+        for sign in (1.0, -1.0):
+            looked_at = [motion.ends(0.0), motion.ends(1.0)]
+            if inside is not None:
+                use = used(sign * inside.u[:, own], inside.v[:, own])[:, None]
+                speeds = _at_ends(changes.v[:, own])
+                ends = used(sign * motion.u[:, :, own], speeds)[:, :, None]
+                looked_at.append(inside.kept(_largest(motion, use, ends)[0]))
+            for at in looked_at:
+                u, v = at.u[:, own], at.v[:, own]
+                joint, slope = np.full(v.size, own), curve(v)[1] * np.sign(v)
+                yield _rows_of_torques(
+                    motion,
+                    "effort over speed",
+                    at,
+                    joint,
+                    (np.full(v.size, -np.inf), 1.0 - used(sign * u, v)),
+                    np.full(v.size, sign / half),
+                    -slope / half,
+                )
+
+
+# -- what the problem asks for ---------------------------------------------------------
+
+
+def _clearances(motion: Motion) -> Iterator[LimitRows]:
+    """Distances that are near their margins, as shares of the reach."""
+    for found in contacts(motion):
+        yield _rows_of_states(
+            motion,
+            "clearance",
+            motion.states(found.at),
+            found.pair,
+            (np.full(found.pair.size, -np.inf), -found.missing),
+            (found.slopes,),
+            rates=found.rates if motion.task.problem.checker.moving else None,
+            unit=motion.task.reach,
+        )
+
+
+def _constraints(motion: Motion) -> Iterator[LimitRows]:
+    """Constraints of the problem that are near their limits."""
+    for index, item in enumerate(motion.task.problem.ready_constraints):
+        shares = np.arange(1, SAMPLES + 1) / SAMPLES
+        regular = np.isin(shares, REGULAR)
+        if item.order > 1:
+            # Accelerations jump at the nodes: it is looked at on both sides.
+            shares, regular = np.append(JUST_INSIDE, shares), np.append(True, regular)
+        at = motion.states(motion.spread(shares).inside)
+        values = item.value_rows(at.q, at.v, at.a)
+        lower, upper = item.bounds(len(values))
+        excess = np.maximum(values - upper, lower - values)
+        if item.window is not None:
+            holds = item.window.asked(motion.changes.times(at.at))
+            excess = np.where(holds[:, None], excess, -np.inf)
+        kept = _beside(local_maxima(excess))
+        kept |= np.tile(regular, len(values) // regular.size)[:, None]
+        k, which = np.nonzero((excess > -NEAR_CONSTRAINT) & kept)
+        if not k.size:
+            continue
+        used, place = np.unique(k, return_inverse=True)
+        _, *by = item.term_rows(at.q[used], at.v[used], at.a[used])
+        slopes = [
+            part[place, which] if part.size else np.zeros((k.size, motion.changes.n))
+            for part in by
+        ]
+        own, here, rates = at.kept(k), values[k, which], None
+        if item.window is not None:
+            # It stays at its times: what is earlier by so much is on its way for that
+            # much longer. Slopes by accelerations count for nothing: those run little.
+            rates = -np.einsum("kj,kj->k", slopes[0], own.v)
+            rates -= np.einsum("kj,kj->k", slopes[1], own.a)
+        share = np.where(own.at.share >= 1.0 - JUST_INSIDE, 1.0, own.at.share)
+        yield _rows_of_states(
+            motion,
+            item.name,
+            own._replace(at=Instants(own.at.interval, share)),
+            np.full(k.size, index),
+            (lower[k, which] - here, upper[k, which] - here),
+            tuple(slopes),
+            rates=rates,
+            unit=item.scale,
+            component=which,
+        )
+
+
+def _beside(flags: BoolArray) -> BoolArray:
+    """The rows that are flagged, and those before and after them, shape (m, p)."""
+    out = flags.copy()
+    out[1:] |= flags[:-1]
+    out[:-1] |= flags[1:]
+    return out
+
+
+# -- goals, and when they are met ------------------------------------------------------
+
+
+def _arrivals(motion: Motion) -> Iterator[LimitRows]:
+    """Rows of the times at which goals are met, where these are limited."""
+    changes, T, stayed = motion.changes, float(motion.changes.t[-1]), 0.0
+    segments = motion.task.problem.segments
+    for number, (part, segment) in enumerate(
+        zip(motion.segments, segments, strict=False)
+    ):
+        if segment.arrival is not None:
+            end = part.span[1]
+            room = (np.array(segment.arrival) - stayed - float(changes.t[end])) / T
+            before = np.where(np.arange(changes.N) < end, 1.0 / T, 0.0)
+            yield LimitRows.of_kind(
+                ARRIVAL,
+                Instants(np.array([end - 1]), np.ones(1)),
+                np.array([number]),
+                (room[:1], room[1:]),
+                np.zeros((1, 2 * changes.n)),
+                Linearised(sp.csr_matrix((1, changes.size)), sp.csr_matrix(before)),
+                unit=T,
+            )
+        stayed += segment.dwell
+
+
+def _goal(motion: Motion) -> LimitRows:
+    """Rows of the goal at the end of a segment."""
+    task, changes, node = motion.task, motion.changes, motion.span[1]
+    q, v = changes.q[node], changes.v[node]
+    goal = task.problem.goal.nearest(task.kinematics, q, v)
+    value, by_q, by_v = goal.residual(task.kinematics, q, v)
+    lower, upper = goal.bounds(task.kinematics)
+    loose = lower < upper
+    room = np.where(loose, [lower - value, upper - value], 0.0)
+    at = motion.ends(1.0).kept(np.full(value.size, node - 1 - motion.span[0]))
+    every = np.arange(value.size)
+    return _rows_of_states(motion, GOAL, at, every, tuple(room), (by_q, by_v))
