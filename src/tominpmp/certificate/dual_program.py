@@ -15,8 +15,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.limit_rows import TRUST, LimitRows
 from tominpmp.certificate.limits import limits_of
 from tominpmp.certificate.motion import Motion
@@ -131,16 +132,13 @@ class _Program:
         low = np.concatenate([limits.position_lower, -limits.velocity])
         high = np.concatenate([limits.position_upper, limits.velocity])
         place, speed = np.split(self.state_scale, 2)
-        return LimitRows.of_kind(
+        return self._columns(
             np.tile(np.repeat(["position", "velocity"], n), N),
             Instants.spread((0, N), np.ones(2 * n)),
             np.tile(np.arange(n), 2 * N),
-            (
-                np.maximum((low - states) / self.state_scale, -RADIUS).ravel(),
-                np.minimum((high - states) / self.state_scale, RADIUS).ravel(),
-            ),
-            *self._of_columns(2 * n * N),
-            unit=np.tile(np.concatenate([place, speed / limits.velocity]), N),
+            np.maximum((low - states) / self.state_scale, -RADIUS),
+            np.minimum((high - states) / self.state_scale, RADIUS),
+            np.tile(np.concatenate([place, speed / limits.velocity]), N),
         )
 
     def _accelerations(self) -> LimitRows:
@@ -163,14 +161,10 @@ class _Program:
         still = still_nodes(motion)
         below[still] = above[still] = 0.0
         control = np.repeat(np.arange(controls), n)
-        return LimitRows.of_kind(
-            "acceleration",
-            Instants(np.minimum(control, N - 1), (control == controls - 1) + 0.0),
-            np.tile(np.arange(n), controls),
-            (below.ravel(), above.ravel()),
-            *self._of_columns(controls * n),
-            unit=(self.acceleration_scale / most).ravel(),
-        )
+        at = Instants(np.minimum(control, N - 1), (control == controls - 1) + 0.0)
+        joint, unit = np.tile(np.arange(n), controls), self.acceleration_scale / most
+        kind = np.array("acceleration")
+        return self._columns(kind, at, joint, below, above, unit.ravel())
 
     def _lengths(self) -> LimitRows:
         """Lengths of the intervals, and of the segments, in shares of the duration."""
@@ -181,14 +175,22 @@ class _Program:
         shift = np.append(SHIFT * self.motion.changes.h / self.T, radius)
         at = Instants(interval, np.zeros(interval.size))
         none = np.full(interval.size, -1)
-        parts = self._of_columns(interval.size)
-        return LimitRows.of_kind(TRUST, at, none, (-shift, shift), *parts)
+        return self._columns(np.array(TRUST), at, none, -shift, shift, np.ones(()))
 
-    def _of_columns(self, count: int) -> tuple[Array, Linearised]:
-        """Slopes and changes, which columns do not need."""
-        changes = self.motion.changes
-        nothing = sp.csr_matrix((count, changes.size))
-        return np.zeros((count, 2 * self.n)), changes.fixed(nothing)
+    def _columns(
+        self,
+        kind: NDArray[np.str_],
+        at: Instants,
+        subject: IntArray,
+        below: Array,
+        above: Array,
+        unit: Array,
+    ) -> LimitRows:
+        """Bounds of unknowns in scaled units."""
+        changes, slopes = self.motion.changes, np.zeros(2 * self.n)
+        change = changes.fixed(sp.csr_matrix((subject.size, changes.size)))
+        room = below.ravel(), above.ravel()
+        return LimitRows(kind, at, subject, *room, slopes, change, unit)
 
     # -- solution ----------------------------------------------------------------------
 

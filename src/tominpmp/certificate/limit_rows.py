@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ GOAL = "goal"
 class LimitRows:
     """Limits of a motion, one a row.
 
+    Numbers that are given once are those of all rows.
+
     Attributes:
         kind: "effort", "velocity", "clearance", ..., shape (m,).
         at: Where the rows stand.
@@ -28,16 +31,16 @@ class LimitRows:
         below: What is left to the lower side, negative: infinite where there is none,
             positive where the motion breaks it, shape (m,).
         above: What is left to the upper side, positive, likewise.
-        y: Multipliers, as shares of the duration, positive where the upper side holds,
-            shape (m,).
+        slopes: Derivatives by the state there, shape (m, 2 n); zero of torques.
+        change: How the limited quantities change; left out of unknowns, which are
+            columns of the program.
         unit: A unit of each row in units of its limit: the reach for clearances [m],
             shape (m,).
         by_torque: Derivatives by the torque of the joint [1/(N m) or 1/N], shape (m,).
         mean: Whether each is the mean of both ends of its interval, shape (m,).
         component: Which value of its constraint each is, shape (m,).
-        slopes: Derivatives by the state there, shape (m, 2 n); zero of torques.
-        change: How the limited quantities change; left out of unknowns, which are
-            columns of the program.
+        y: Multipliers, as shares of the duration, positive where the upper side holds,
+            shape (m,).
     """
 
     kind: NDArray[np.str_]
@@ -45,61 +48,22 @@ class LimitRows:
     subject: IntArray
     below: Array
     above: Array
-    y: Array
-    unit: Array
-    by_torque: Array
-    mean: BoolArray
-    component: IntArray
     slopes: Array
     change: Linearised
+    unit: Array = field(default_factory=partial(np.ones, ()))
+    by_torque: Array = field(default_factory=partial(np.zeros, ()))
+    mean: BoolArray = field(default_factory=lambda: np.array(False))
+    component: IntArray = field(default_factory=lambda: np.array(-1))
+    y: Array = field(default_factory=partial(np.zeros, ()))
 
-    @classmethod
-    def of_kind(
-        cls,
-        kind: str | NDArray[np.str_],
-        at: Instants,
-        subject: IntArray,
-        room: tuple[Array, Array],
-        slopes: Array,
-        change: Linearised,
-        *,
-        unit: Array | float = 1.0,
-        by_torque: Array | float = 0.0,
-        mean: bool = False,
-        component: IntArray | int = -1,
-    ) -> LimitRows:
-        """Rows of limits, of numbers that are the same for all or one for each.
-
-        Args:
-            kind: What they limit.
-            at: Where they stand.
-            subject: Joints or pairs.
-            room: What is left below and above.
-            slopes: Derivatives by the state.
-            change: How the limited quantities change.
-            unit: A unit in units of the limit.
-            by_torque: Derivatives by the torque.
-            mean: Whether they are means.
-            component: Which values they are.
-        """
-
-        def every(value: Any) -> Any:
-            return np.broadcast_to(value, subject.shape)
-
-        return cls(
-            kind=every(kind),
-            at=at,
-            subject=subject,
-            below=every(room[0]),
-            above=every(room[1]),
-            y=np.zeros(subject.size),
-            unit=every(unit),
-            by_torque=every(by_torque),
-            mean=every(mean),
-            component=every(component),
-            slopes=slopes,
-            change=change,
-        )
+    def __post_init__(self) -> None:
+        """Give all rows the numbers that are given once."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                each = value.shape[-1:] if item.name == "slopes" else ()
+                value = np.broadcast_to(value, (self.subject.size, *each))
+                object.__setattr__(self, item.name, value)
 
     # -- room and multipliers ----------------------------------------------------------
 

@@ -8,8 +8,9 @@ row where it is nearest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,8 +19,15 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.clearances import contacts, local_maxima
 from tominpmp.certificate.limit_rows import GOAL, LimitRows
 from tominpmp.certificate.motion import Motion, States
-from tominpmp.certificate.perturbations import JUST_INSIDE, Instants, Linearised
-from tominpmp.motion_limits import EffortCurve
+from tominpmp.certificate.perturbations import (
+    BEGIN,
+    END,
+    JUST_INSIDE,
+    MEAN,
+    Instants,
+    Linearised,
+    Stencil,
+)
 
 # What a problem with times at which goals are to be met has rows of.
 ARRIVAL = "arrival"
@@ -74,17 +82,15 @@ def _counted(motion: Motion, number: int, rows: LimitRows) -> LimitRows:
     return replace(rows, subject=rows.subject + before)
 
 
-def _rows_of_states(
+def _rows(
     motion: Motion,
     kind: str,
     at: States,
     subject: IntArray,
-    room: tuple[Array, Array],
-    slopes: tuple[Array, ...],
-    *,
+    room: Sequence[Array],
+    *slopes: Array,
     rates: Array | None = None,
-    unit: Array | float = 1.0,
-    component: IntArray | int = -1,
+    **more: Any,
 ) -> LimitRows:
     """Rows of what depends on the state at instants.
 
@@ -94,20 +100,21 @@ def _rows_of_states(
         at: The motion at their instants, m of them.
         subject: Joints or pairs.
         room: What is left below and above.
-        slopes: Derivatives by position, velocity and acceleration, as many as there
+        *slopes: Derivatives by position, velocity and acceleration, as many as there
             are, shape (m, n).
         rates: Derivatives by time alone [1/s], shape (m,), if anything moves.
-        unit: A unit in units of the limit.
-        component: Which values they are.
+        **more: Other attributes of the rows.
     """
     change = motion.changes.values(at.at, at.q, at.v, *slopes)
     if rates is not None:
         change = motion.changes.with_time(change, at.at, rates)
-    by_v = slopes[1] if len(slopes) > 1 else np.zeros_like(slopes[0])
-    by_state = np.hstack([slopes[0], by_v])
-    return LimitRows.of_kind(
-        kind, at.at, subject, room, by_state, change, unit=unit, component=component
-    )
+    by_state = np.zeros((subject.size, 2 * motion.changes.n))
+    if "by_torque" not in more:
+        both = np.hstack(slopes[:2])
+        by_state[:, : both.shape[1]] = both
+    below, above = room
+    name = np.array(kind)
+    return LimitRows(name, at.at, subject, below, above, by_state, change, **more)
 
 
 def _shares(value: Array) -> tuple[Array, Array]:
@@ -122,126 +129,96 @@ def _one_of(joint: IntArray, n: int, value: Array) -> Array:
     return out
 
 
-# -- torques, their slopes, and jerks --------------------------------------------------
-
-
-def _torques(motion: Motion, at: States, end: int) -> Linearised:
-    """Changes of all torques at one end of intervals [N m or N]."""
-    parts = (part[end::2][at.at.interval] for part in motion.parts[1:])
-    return motion.changes.values(at.at, at.q, at.v, *parts)
+# -- torques at the nodes, their slopes, and jerks -------------------------------------
 
 
 def _rows_of_joints(
     motion: Motion,
     kind: str,
     interval: IntArray,
-    share: float,
-    change: Linearised,
-    value: Array,
+    joints: IntArray,
+    stencil: Stencil,
     limit: Array,
-    by_torque: Array,
-    *,
-    mean: bool = False,
+    load: Array | None = None,
 ) -> LimitRows:
-    """Rows of all joints on intervals, as shares of limits; none where infinite.
+    """Rows of sums over ends of intervals, of torques or else of accelerations.
 
     Args:
         motion: The motion.
-        kind: Name of the rows.
+        kind: Name of the rows; jerks are of accelerations.
         interval: The intervals, shape (k,).
-        share: Where in them they stand.
-        change: Changes of the limited quantities, k n rows.
-        value: What these are now, in shares of the limits, shape (k, n).
-        limit: The limits, shape (n,).
-        by_torque: Derivatives of the shares by the torque of their joint, shape (n,).
-        mean: Whether they are of the mean of both ends.
+        joints: The joints.
+        stencil: Which ends, and their weights.
+        limit: Limits of the joints, shape (joints,).
+        load: Shares of them that are used, shape (k, joints); None where the sums are
+            rises, whose slopes are limited.
     """
-    n, k = limit.size, interval.size
-    kept = np.flatnonzero(np.tile(np.isfinite(limit), k))
-    at = Instants(np.repeat(interval, n), np.full(k * n, share))
-    rows = LimitRows.of_kind(
-        kind,
-        at,
-        np.tile(np.arange(n), k),
-        _shares(value.ravel()),
-        np.zeros((k * n, 2 * n)),
-        change.times(np.tile(1.0 / limit, k)),
-        by_torque=np.tile(by_torque, k),
-        mean=mean,
+    changes, n, shape = motion.changes, motion.changes.n, (interval.size, joints.size)
+    change = changes.fixed(sp.csr_matrix((interval.size * joints.size, changes.size)))
+    total, jerk, none = np.zeros(shape), kind == "jerk", np.zeros((len(interval), n, n))
+    for shift, end, weight in stencil:
+        at, scale = motion.ends(interval + shift, end), weight / limit[:, None]
+        slopes = [none, none, none + np.eye(n)]
+        if not jerk:
+            slopes = [part[end::2][interval + shift] for part in motion.parts[1:]]
+        each = [scale * part[:, joints] for part in slopes]
+        change += changes.values(at.at, at.q, at.v, *each)
+        total += (at.a if jerk else at.u)[:, joints] * scale.T
+    share = sum(end * weight for _, end, weight in stencil)
+    if load is None:
+        share, load = 0.5, total / changes.apart(interval)[:, None]
+        change = changes.slopes(change, load, interval)
+    # What has no motor obeys its equation of motion in the mean.
+    bound = 0.0 * load if kind == "passive" else np.ones(shape)
+    load = 0.0 * load if kind == "passive" else load
+    return LimitRows(
+        np.array(kind),
+        Instants(np.repeat(interval, joints.size), np.full(load.size, share)),
+        np.tile(joints, interval.size),
+        (-bound - load).ravel(),
+        (bound - load).ravel(),
+        np.zeros(2 * n),
+        change,
+        by_torque=np.tile((not jerk) / limit, interval.size),
+        mean=np.array(stencil is MEAN),
     )
-    return rows.kept(kept)
 
 
 def _efforts(motion: Motion) -> Iterator[LimitRows]:
     """Torques at the nodes, as shares of their limits."""
-    ends = [motion.ends(0.0), motion.ends(1.0)]
-    torques = [_torques(motion, at, end) for end, at in enumerate(ends)]
-    mean = (torques[0] + torques[1]).times(np.full(torques[0].matrix.shape[0], 0.5))
-    interval, half = ends[0].at.interval, motion.task.effort_half
-    driven = np.isin(np.arange(half.size), motion.driven)
-    active, passive = np.where(driven, half, np.inf), np.where(driven, np.inf, half)
-    load = motion.load[interval]
-    by_torque = 1.0 / half
-
-    def means(kind: str, limit: Array) -> LimitRows:
-        parts = interval, 0.5, mean, load, limit, by_torque
-        return _rows_of_joints(motion, kind, *parts, mean=True)
-
-    if not driven.all():
-        # What has no motor obeys its equation of motion in the mean.
-        rows = means("passive", passive)
-        yield replace(rows, below=0.0 * rows.below, above=0.0 * rows.above)
+    half, driven = motion.task.effort_half, motion.driven
+    passive, interval = np.setdiff1d(np.arange(half.size), driven), motion.intervals
+    asked = [("passive", passive, MEAN, interval)]
     if motion.changes.shape == "torques":
-        yield means("effort", active)
-        return
-    for end, change in enumerate(torques):
-        parts = interval, float(end), change, motion.loads[interval, end]
-        rows = _rows_of_joints(motion, "effort", *parts, active, by_torque)
-        if end == 1 and motion.changes.shape == "ramps" and motion.number is None:
-            # The others begin the next interval.
-            rows = rows.kept(rows.at.interval == motion.changes.N - 1)
-        yield rows
+        asked.append(("effort", driven, MEAN, interval))
+    else:
+        whole = motion.changes.shape == "ramps" and motion.number is None
+        # Others that end an interval begin the next one.
+        last = interval[-1:] if whole else interval
+        asked += [("effort", driven, BEGIN, interval), ("effort", driven, END, last)]
+    for kind, joints, stencil, own in asked:
+        load = motion.load if stencil is MEAN else motion.loads[:, stencil[0][1]]
+        load = load[own][:, joints]
+        if joints.size:
+            yield _rows_of_joints(
+                motion, kind, own, joints, stencil, half[joints], load
+            )
 
 
 def _slopes(motion: Motion) -> Iterator[LimitRows]:
-    """Slopes of torques and accelerations over time, as shares of limits.
-
-    What is continuous has one over each interval: those between the middles of
-    intervals would leave half of the first interval free, and with it the height of all
-    that follows.
-    """
+    """Slopes of torques and accelerations over time, as shares of limits."""
     limits, changes = motion.task.problem.motion_limits, motion.changes
     if limits is None:
         return
-    ramps, names = changes.shape == "ramps", motion.trajectory.joint_names
-    ends = [motion.ends(share, beyond=int(not ramps)) for share in (0.0, 1.0)]
-    interval, h = ends[0].at.interval, changes.h
-    for kind, name in (("effort rate", "effort_rate"), ("jerk", "jerk")):
-        limit = limits.by_joint(name, names)
-        if not np.any(np.isfinite(limit)):
-            continue
-        if kind == "jerk":
-            values = motion.a[interval]
-            eye = np.broadcast_to(np.eye(limit.size), (interval.size, *2 * limit.shape))
-            slopes = np.zeros_like(eye), np.zeros_like(eye), eye
-            begin, end = (changes.values(at.at, at.q, at.v, *slopes) for at in ends)
-        else:
-            values = motion.u[interval]
-            begin, end = (_torques(motion, at, k) for k, at in enumerate(ends))
-        if ramps:
-            own, shares, rise = interval, [1.0], end - begin
-            found = np.diff(values, axis=1)[:, 0] / h[interval, None]
-        else:
-            own, shares = interval[:-1], [0.5, 0.5]
-            mean = (begin + end).times(np.full(begin.matrix.shape[0], 0.5))
-            rise = mean.kept(np.arange(limit.size, mean.matrix.shape[0]))
-            rise -= mean.kept(np.arange(mean.matrix.shape[0] - limit.size))
-            apart = 0.5 * (h[interval[1:]] + h[interval[:-1]])
-            found = np.diff(values.mean(axis=1), axis=0) / apart[:, None]
-        change = changes.slopes(rise, found, own, shares)
-        by_torque = 1.0 / limit if kind == "effort rate" else np.zeros(limit.size)
-        parts = own, 0.5, change, found / limit, limit, by_torque
-        yield _rows_of_joints(motion, kind, *parts)
+    last = changes.N - changes.passing.size
+    interval, names = motion.intervals, motion.trajectory.joint_names
+    interval = interval[interval <= last]
+    for kind in ("effort rate", "jerk"):
+        limit = limits.by_joint(kind.replace(" ", "_"), names)
+        joints = np.flatnonzero(np.isfinite(limit))
+        if joints.size:
+            rise, most = changes.rise, limit[joints]
+            yield _rows_of_joints(motion, kind, interval, joints, rise, most)
 
 
 # -- torques, speeds and positions inside the intervals --------------------------------
@@ -295,7 +272,7 @@ def _speeds(motion: Motion, inside: States) -> LimitRows:
     at, value = inside.kept(index), share[index, joint]
     by_v = _one_of(joint, changes.n, 1.0 / limit[joint])
     slopes = np.zeros_like(by_v), by_v
-    return _rows_of_states(motion, "velocity", at, joint, _shares(value), slopes)
+    return _rows(motion, "velocity", at, joint, _shares(value), *slopes)
 
 
 def _positions(motion: Motion, inside: States) -> LimitRows:
@@ -308,17 +285,10 @@ def _positions(motion: Motion, inside: States) -> LimitRows:
 
     ends = _at_ends(beyond(motion.changes.q))
     index, joint = _largest(motion, beyond(inside.q), ends, -ROOM, TURN)
-    at, unit = inside.kept(index), scale[joint]
-    q = inside.q[index, joint]
-    return _rows_of_states(
-        motion,
-        "position",
-        at,
-        joint,
-        ((low[joint] - q) / unit, (high[joint] - q) / unit),
-        (_one_of(joint, scale.size, 1.0 / unit),),
-        unit=unit,
-    )
+    at, unit, q = inside.kept(index), scale[joint], inside.q[index, joint]
+    room = (low[joint] - q) / unit, (high[joint] - q) / unit
+    by_q = _one_of(joint, scale.size, 1.0 / unit)
+    return _rows(motion, "position", at, joint, room, by_q, unit=unit)
 
 
 def _rows_of_torques(
@@ -331,15 +301,11 @@ def _rows_of_torques(
     by_speed: Array,
 ) -> LimitRows:
     """Rows of the torques of joints, an instant each, and of what their speeds add."""
-    every, n = np.arange(joint.size), motion.changes.n
+    every = np.arange(joint.size)
     parts = motion.task.dynamics.inverse_jacobians(at.q, at.v, at.a)[1:]
     slopes = [by_torque[:, None] * part[every, joint] for part in parts]
-    slopes[1] += _one_of(joint, n, by_speed)
-    change = motion.changes.values(at.at, at.q, at.v, *slopes)
-    none = np.zeros((joint.size, 2 * n))
-    return LimitRows.of_kind(
-        kind, at.at, joint, room, none, change, by_torque=by_torque
-    )
+    slopes[1] += _one_of(joint, motion.changes.n, by_speed)
+    return _rows(motion, kind, at, joint, room, *slopes, by_torque=by_torque)
 
 
 def _bulging_efforts(motion: Motion, inside: States) -> LimitRows:
@@ -364,31 +330,28 @@ def _over_speed(motion: Motion, inside: States | None) -> Iterator[LimitRows]:
     curves = {} if limits is None else (limits.effort_curves or {})
     for name, curve in sorted(curves.items()):
         own = motion.trajectory.joint_names.index(name)
-        half = motion.task.effort_half[own]
-
-        def used(
-            u: Array, v: Array, curve: EffortCurve = curve, half: float = half
-        ) -> Array:
-            return np.asarray(1.0 + (u - curve(v)[0]) / half)
-
+        half, interval = motion.task.effort_half[own], motion.intervals
         for sign in (1.0, -1.0):
-            looked_at = [motion.ends(0.0), motion.ends(1.0)]
+            looked_at = [motion.ends(interval, end) for end in (0, 1)]
             if inside is not None:
-                use = used(sign * inside.u[:, own], inside.v[:, own])[:, None]
-                speeds = _at_ends(changes.v[:, own])
-                ends = used(sign * motion.u[:, :, own], speeds)[:, :, None]
-                looked_at.append(inside.kept(_largest(motion, use, ends)[0]))
+                most = curve(inside.v[:, own])[0]
+                use = 1.0 + (sign * inside.u[:, own] - most) / half
+                most = curve(_at_ends(changes.v[:, own]))[0]
+                ends = 1.0 + (sign * motion.u[:, :, own] - most) / half
+                index, _ = _largest(motion, use[:, None], ends[:, :, None])
+                looked_at.append(inside.kept(index))
             for at in looked_at:
                 u, v = at.u[:, own], at.v[:, own]
-                joint, slope = np.full(v.size, own), curve(v)[1] * np.sign(v)
+                most, slope = curve(v)
+                none = np.full(v.size, -np.inf)
                 yield _rows_of_torques(
                     motion,
                     "effort over speed",
                     at,
-                    joint,
-                    (np.full(v.size, -np.inf), 1.0 - used(sign * u, v)),
+                    np.full(v.size, own),
+                    (none, (most - sign * u) / half),
                     np.full(v.size, sign / half),
-                    -slope / half,
+                    -slope * np.sign(v) / half,
                 )
 
 
@@ -398,15 +361,15 @@ def _over_speed(motion: Motion, inside: States | None) -> Iterator[LimitRows]:
 def _clearances(motion: Motion) -> Iterator[LimitRows]:
     """Distances that are near their margins, as shares of the reach."""
     for found in contacts(motion):
-        yield _rows_of_states(
+        yield _rows(
             motion,
             "clearance",
             motion.states(found.at),
             found.pair,
             (np.full(found.pair.size, -np.inf), -found.missing),
-            (found.slopes,),
+            found.slopes,
             rates=found.rates if motion.task.problem.checker.moving else None,
-            unit=motion.task.reach,
+            unit=np.array(motion.task.reach),
         )
 
 
@@ -443,15 +406,15 @@ def _constraints(motion: Motion) -> Iterator[LimitRows]:
             rates = -np.einsum("kj,kj->k", slopes[0], own.v)
             rates -= np.einsum("kj,kj->k", slopes[1], own.a)
         share = np.where(own.at.share >= 1.0 - JUST_INSIDE, 1.0, own.at.share)
-        yield _rows_of_states(
+        yield _rows(
             motion,
             item.name,
             own._replace(at=Instants(own.at.interval, share)),
             np.full(k.size, index),
             (lower[k, which] - here, upper[k, which] - here),
-            tuple(slopes),
+            *slopes,
             rates=rates,
-            unit=item.scale,
+            unit=np.array(item.scale),
             component=which,
         )
 
@@ -478,14 +441,15 @@ def _arrivals(motion: Motion) -> Iterator[LimitRows]:
             end = part.span[1]
             room = (np.array(segment.arrival) - stayed - float(changes.t[end])) / T
             before = np.where(np.arange(changes.N) < end, 1.0 / T, 0.0)
-            yield LimitRows.of_kind(
-                ARRIVAL,
+            yield LimitRows(
+                np.array(ARRIVAL),
                 Instants(np.array([end - 1]), np.ones(1)),
                 np.array([number]),
-                (room[:1], room[1:]),
-                np.zeros((1, 2 * changes.n)),
+                room[:1],
+                room[1:],
+                np.zeros(2 * changes.n),
                 Linearised(sp.csr_matrix((1, changes.size)), sp.csr_matrix(before)),
-                unit=T,
+                unit=np.array(T),
             )
         stayed += segment.dwell
 
@@ -498,7 +462,6 @@ def _goal(motion: Motion) -> LimitRows:
     value, by_q, by_v = goal.residual(task.kinematics, q, v)
     lower, upper = goal.bounds(task.kinematics)
     loose = lower < upper
-    room = np.where(loose, [lower - value, upper - value], 0.0)
-    at = motion.ends(1.0).kept(np.full(value.size, node - 1 - motion.span[0]))
-    every = np.arange(value.size)
-    return _rows_of_states(motion, GOAL, at, every, tuple(room), (by_q, by_v))
+    below, above = (np.where(loose, side - value, 0.0) for side in (lower, upper))
+    at, every = motion.ends(np.full(value.size, node - 1), 1), np.arange(value.size)
+    return _rows(motion, GOAL, at, every, (below, above), by_q, by_v)

@@ -160,8 +160,8 @@ def examine(
             motion = Motion.of(Task.of(problem), trajectory)
             found = solve_dual_program(motion, ENOUGH * tolerance, near=near)
             if found is not None:
-                reading = _Reading(motion, found, verification, tolerance, rounding)
-                return Findings(reading.certificate(), motion, found)
+                out = _read(motion, found, verification, tolerance, rounding)
+                return Findings(out, motion, found)
     except np.linalg.LinAlgError:
         pass
     return Findings(_nothing(trajectory, verification, tolerance), None, None)
@@ -201,123 +201,94 @@ def _nothing(
     )
 
 
-class _Reading:
-    """A motion and its multipliers, while a certificate is made of them."""
-
-    def __init__(
-        self,
-        motion: Motion,
-        found: DualSolution,
-        verification: Verification | None,
-        tolerance: float,
-        rounding: float,
-    ) -> None:
-        self.motion, self.found, self.rounding = motion, found, rounding
-        self.verification, self.tolerance = verification, tolerance
-        self.names = motion.trajectory.joint_names
-        self.t, self.h = motion.changes.t, motion.changes.h
-        self.T = float(self.t[-1])
-        load = motion.loads
-        if motion.changes.shape == "torques":
-            load = motion.load[:, None]
-        # Room of the torques to their limits, in half ranges, shape (N, n).
-        self.above = np.maximum(1.0 - load.max(axis=1), 0.0)
-        self.below = np.maximum(1.0 + load.min(axis=1), 0.0)
-
-    def certificate(self) -> Certificate:
-        """The certificate."""
-        found, motion, h = self.found, self.motion, self.h
-        H = found.hamiltonian
-        apart = np.abs(H - np.average(H, weights=h))
-        sigma = found.switching
-        room = np.where(sigma < 0.0, self.above, self.below)
-        slope = np.abs(sigma)
-        obeys = (room <= AT_LIMIT) | (slope <= NO_SLOPE)
-        # Or where the Hamiltonian could fall by next to nothing of the cost of time.
-        obeys |= slope * room <= self.tolerance
-        driven = motion.driven
-        obeys[:, np.setdiff1d(np.arange(motion.changes.n), driven)] = True
-        saturated = np.minimum(self.above, self.below) <= ON_LIMIT
-        busy = saturated[:, driven].any(axis=1)
-        active = tuple(self._active())
-        replay = None if self.verification is None else self.verification.replay
-        error: float | None = None
-        if motion.sections:
-            costates = np.vstack([found.costates[:1], found.costates])
-        else:
-            costates = integrate_costates(motion, found, replay)
+def _read(
+    motion: Motion,
+    found: DualSolution,
+    verification: Verification | None,
+    tolerance: float,
+    rounding: float,
+) -> Certificate:
+    """The certificate of a motion from its multipliers."""
+    h, driven, sigma = motion.changes.h, motion.driven, found.switching
+    T, H, limits = float(h.sum()), found.hamiltonian, motion.task.problem.motion_limits
+    load = motion.loads
+    if motion.changes.shape == "torques":
+        load = motion.load[:, None]
+    # Room of the torques to their limits, in half ranges, shape (N, n).
+    above = np.maximum(1.0 - load.max(axis=1), 0.0)
+    below = np.maximum(1.0 + load.min(axis=1), 0.0)
+    room, slope = np.where(sigma < 0.0, above, below), np.abs(sigma)
+    # Or where the Hamiltonian could fall by next to nothing of the cost of time.
+    obeys = (room <= AT_LIMIT) | (slope <= NO_SLOPE) | (slope * room <= tolerance)
+    obeys[:, np.setdiff1d(np.arange(motion.changes.n), driven)] = True
+    busy = (np.minimum(above, below) <= ON_LIMIT)[:, driven].any(axis=1)
+    # What torques promise that may switch within the intervals.
+    mean = np.where(sigma < 0.0, 1.0 - motion.load, 1.0 + motion.load)
+    more = slope * np.maximum(mean - room, 0.0) * h[:, None]
+    active = tuple(_active(motion, found))
+    begins = [item.begin for item in active]
+    covered = np.isin(motion.changes.t[:-1], np.concatenate([np.zeros(0), *begins]))
+    error: float | None = None
+    if motion.sections:
+        costates = np.vstack([found.costates[:1], found.costates])
+    else:
+        replay = None if verification is None else verification.replay
+        costates = integrate_costates(motion, found, replay)
+        if limits is None or not limits.need_smooth:
             error = disagreement(found, costates)
-            costates[1:] = found.costates
-        limits = motion.task.problem.motion_limits
-        out = Certificate(
-            joint_names=self.names,
-            ok=False,
-            message="",
-            t=self.t,
-            costates=costates,
-            switching=sigma,
-            hamiltonian=H,
-            obeys=obeys,
-            active=active,
-            hamiltonian_deviation=float(apart.max()),
-            hamiltonian_mean_deviation=float(np.average(apart, weights=h)),
-            sign_share=self._share(obeys[:, driven].mean(axis=1)),
-            saturated_share=self._share(busy),
-            active_share=self._share(busy | self._covered(active)),
-            complementarity=self._promised(found.multipliers.limits),
-            stationarity=found.promise,
-            grid_gain=self._grid_gain(room),
-            costate_error=error if limits is None or not limits.need_smooth else None,
-            tolerance=self.tolerance,
-            seconds=0.0,
-        )
-        failures = failed_conditions(
-            motion, found, out, self.verification, fastest=not self.rounding
-        )
-        message = " ".join(failures)
-        if not failures:
-            message = conditions_kept(motion, out, self.rounding)
-        return replace(out, ok=not failures, message=message)
+        costates[1:] = found.costates
+    apart = np.abs(H - np.average(H, weights=h))
+    promise = found.multipliers.promise
 
-    def _share(self, flags: Array | BoolArray) -> float:
-        return float(np.average(flags, weights=self.h))
+    def share(flags: Array | BoolArray) -> float:
+        return float(np.average(flags, weights=h))
 
-    def _promised(self, which: BoolArray) -> float:
-        return float(self.found.multipliers.promise[which].sum())
+    out = Certificate(
+        joint_names=motion.trajectory.joint_names,
+        ok=False,
+        message="",
+        t=motion.changes.t,
+        costates=costates,
+        switching=sigma,
+        hamiltonian=H,
+        obeys=obeys,
+        active=active,
+        hamiltonian_deviation=float(apart.max()),
+        hamiltonian_mean_deviation=share(apart),
+        sign_share=share(obeys[:, driven].mean(axis=1)),
+        saturated_share=share(busy),
+        active_share=share(busy | covered),
+        complementarity=float(promise[found.multipliers.limits].sum()),
+        stationarity=found.promise,
+        grid_gain=float(found.promise + more[:, driven].sum() / T),
+        costate_error=error,
+        tolerance=tolerance,
+        seconds=0.0,
+    )
+    failures = failed_conditions(motion, found, out, verification, fastest=not rounding)
+    message = " ".join(failures)
+    kept = message or conditions_kept(motion, out, rounding)
+    return replace(out, ok=not message, message=kept)
 
-    def _grid_gain(self, room: Array) -> float:
-        """What torques promise that may switch within the intervals."""
-        sigma, load = self.found.switching, self.motion.load
-        mean = np.where(sigma < 0.0, 1.0 - load, 1.0 + load)
-        more = np.abs(sigma) * np.maximum(mean - room, 0.0) * self.h[:, None]
-        return float(self.found.promise + more[:, self.motion.driven].sum() / self.T)
 
-    # -- limits that hold --------------------------------------------------------------
-
-    def _active(self) -> Iterator[ActiveLimit]:
-        """Limits without room whose multipliers are worth mention."""
-        given = self.found.multipliers
-        interval = given.at.interval
-        density = given.value * self.T / self.h[interval]
-        holding = given.limits & (density > HOLDING) & (given.room <= ON_LIMIT)
-        holding &= ~given.of("passive")
-        for kind in dict.fromkeys(given.kind.tolist()):
-            of_kind = holding & given.of(kind)
-            for subject in np.unique(given.subject[of_kind]).tolist():
-                rows = np.flatnonzero(of_kind & (given.subject == subject))
-                held, first = np.unique(interval[rows], return_index=True)
-                total = np.zeros(self.h.size)
-                np.add.at(total, interval[rows], density[rows])
-                yield ActiveLimit(
-                    kind,
-                    name_of(self.motion, kind, subject),
-                    frozen_array(self.t[held]),
-                    frozen_array(self.t[held + 1]),
-                    frozen_array(total[held]),
-                    given.held_above[rows[first]],
-                )
-
-    def _covered(self, active: tuple[ActiveLimit, ...]) -> BoolArray:
-        """Intervals on which a limit holds, shape (N,)."""
-        begins = [item.begin for item in active]
-        return np.isin(self.t[:-1], np.concatenate([np.zeros(0), *begins]))
+def _active(motion: Motion, found: DualSolution) -> Iterator[ActiveLimit]:
+    """Limits without room whose multipliers are worth mention."""
+    given, (t, h) = found.multipliers, (motion.changes.t, motion.changes.h)
+    density = given.value * float(t[-1]) / h[given.at.interval]
+    holding = given.limits & (density > HOLDING) & (given.room <= ON_LIMIT)
+    holding &= ~given.of("passive")
+    for kind in dict.fromkeys(given.kind.tolist()):
+        of_kind = holding & given.of(kind)
+        for subject in np.unique(given.subject[of_kind]).tolist():
+            rows = np.flatnonzero(of_kind & (given.subject == subject))
+            interval = given.at.interval[rows]
+            held, first = np.unique(interval, return_index=True)
+            total = np.bincount(interval, weights=density[rows])
+            yield ActiveLimit(
+                kind,
+                name_of(motion, kind, subject),
+                frozen_array(t[held]),
+                frozen_array(t[held + 1]),
+                frozen_array(total[held]),
+                given.held_above[rows[first]],
+            )

@@ -171,20 +171,18 @@ class Motion:
         limits = self.task.problem.robot.limits
         return np.flatnonzero(limits.effort_upper > limits.effort_lower)
 
+    @property
+    def intervals(self) -> IntArray:
+        """Those of its span."""
+        return np.arange(*self.span)
+
     # -- states ------------------------------------------------------------------------
 
-    def ends(self, share: float, *, beyond: int = 0) -> States:
-        """The motion at one end of the intervals of its span.
-
-        Args:
-            share: 0 for their beginnings, 1 for their ends.
-            beyond: So many intervals more, if there are.
-        """
-        changes, end = self.changes, int(share)
-        rows = slice(self.span[0], min(self.span[1] + beyond, changes.N))
-        at = Instants.spread((rows.start, rows.stop), np.full(1, share))
-        q, v = changes.q[at.interval + end], changes.v[at.interval + end]
-        return States(at, q, v, self.a[rows, end], self.u[rows, end])
+    def ends(self, interval: IntArray, end: int) -> States:
+        """The motion at the beginnings (0) or ends (1) of some intervals."""
+        at = Instants(interval, np.full(interval.size, float(end)))
+        q, v = self.changes.q[interval + end], self.changes.v[interval + end]
+        return States(at, q, v, self.a[interval, end], self.u[interval, end])
 
     def spread(self, shares: Array) -> Instants:
         """The same shares of all intervals of its span."""

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.dual_program import DualSolution
 from tominpmp.certificate.limit_rows import GOAL, TRUST
@@ -38,31 +37,18 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
     return motion.task.problem.robot.joint_names[subject]
 
 
-def autonomous(motion: Motion) -> bool:
-    """Whether nothing but the state decides what is allowed, so that H is constant.
+def _what_depends_on_time(motion: Motion) -> str:
+    """Why the Hamiltonian may change; nothing where the state decides what may be.
 
     Obstacles that move, times at which goals are to be met, and constraints that hold
     for a time depend on more.
     """
-    return not (_obstacles_move(motion) or _on_time(motion))
-
-
-def _obstacles_move(motion: Motion) -> bool:
-    return any(one.task.problem.scene.moving for one in motion.segments)
-
-
-def _on_time(motion: Motion) -> bool:
-    """Whether something is asked for at some times only."""
-    timed = any(one.arrival is not None for one in motion.task.problem.segments)
-    held = (item for one in motion.segments for item in one.task.problem.constraints)
-    return timed or any(item.during is not None for item in held)
-
-
-def _what_depends_on_time(motion: Motion) -> str:
-    """Why the Hamiltonian may change."""
-    if _obstacles_move(motion):
+    if any(one.task.problem.scene.moving for one in motion.segments):
         return "Obstacles move"
-    return "Limits depend on time"
+    timed = any(one.arrival is not None for one in motion.task.problem.segments)
+    if timed or any(item.during is not None for item in motion.constraints):
+        return "Limits depend on time"
+    return ""
 
 
 def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> str:
@@ -73,13 +59,12 @@ def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> 
         out: Its certificate.
         rounding: Share of T that its clock may have cost.
     """
-    T = float(out.t[-1])
+    T, reason = float(out.t[-1]), _what_depends_on_time(motion)
     constancy = (
         f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
         f"the mean ({out.hamiltonian_deviation:.1g} at most), torques"
-        if autonomous(motion)
-        else f"{_what_depends_on_time(motion)}, so that the Hamiltonian need not be "
-        "constant. Torques"
+        if not reason
+        else f"{reason}, so that the Hamiltonian need not be constant. Torques"
     )
     text = (
         "The motion satisfies the first-order conditions to "
@@ -108,7 +93,7 @@ def failed_conditions(
     verification: Verification | None,
     *,
     fastest: bool = True,
-) -> list[str]:
+) -> Iterator[str]:
     """A sentence for each condition that fails, with where.
 
     Args:
@@ -119,146 +104,121 @@ def failed_conditions(
         fastest: Whether it takes no longer than it must: one that waits for the next
             tick may do so with any torques.
     """
-    return list(_Failures(motion, found, out).sentences(verification, fastest))
-
-
-class _Failures:
-    """What is wrong with a motion."""
-
-    def __init__(self, motion: Motion, found: DualSolution, out: Certificate) -> None:
-        self.motion, self.found, self.out = motion, found, out
-        self.names = out.joint_names
-        self.t = motion.changes.t
-        self.h, self.T = motion.changes.h, float(motion.changes.t[-1])
-
-    def sentences(
-        self, verification: Verification | None, fastest: bool
-    ) -> Iterator[str]:
-        """One for each condition that fails."""
-        out = self.out
-        if verification is None:
-            flaw = self._flaw()
-        else:
-            flaw = "" if verification.ok else verification.message
-        if flaw:
-            yield f"The motion is not admissible: {flaw}"
-        if not out.stationarity <= out.tolerance:
-            yield (
-                "The motion does not satisfy the first-order conditions: small changes "
-                f"promise {_percent(out.stationarity)} of its duration "
-                f"({_time(out.stationarity * self.T)}). {self._worst()}"
-            )
-        if not fastest:
-            return
-        constant = out.hamiltonian_mean_deviation <= HAMILTONIAN
-        if autonomous(self.motion) and not constant:
-            apart = np.abs(
-                out.hamiltonian - np.average(out.hamiltonian, weights=self.h)
-            )
-            k = int(np.argmax(apart * self.h))
-            yield (
-                "The Hamiltonian is not constant: it is off by "
-                f"{out.hamiltonian_mean_deviation:.2g} in the mean, and by "
-                f"{apart[k]:.2g} at {self._middle(k):.3f} s."
-            )
-        if not out.sign_share >= SIGN_SHARE:
-            lost = np.abs(out.switching) * ~out.obeys * self.h[:, None]
-            joint = int(np.argmax(lost.sum(axis=0)))
-            k = int(np.argmax(lost[:, joint]))
-            yield (
-                "Torques obey the signs of their switching functions only "
-                f"{_percent(out.sign_share)} of the time; the worst is that of joint "
-                f"{self.names[joint]}, about {self._middle(k):.3f} s."
-            )
-
-    def _flaw(self) -> str:
-        """What keeps a motion that was not replayed from being one of the problem."""
-        system, changes = self.motion.task, self.motion.changes
-        problem, tolerances = system.problem, Tolerances()
-        apart = np.abs([changes.q[0] - problem.q_start, changes.v[0] - system.v_start])
-        if float(apart.max()) > tolerances.goal:
-            joint = self.names[int(np.argmax(apart.max(axis=0)))]
-            return f"joint {joint} does not start where the problem does."
-        misses = problem.goal.misses(system.kinematics, changes.q[-1], changes.v[-1])
-        for miss in sorted(misses, key=lambda miss: -miss.amount):
-            if miss.amount > (tolerances.speed if miss.moving else tolerances.goal):
-                return f"{miss.name} ends {miss.amount:.3g} {miss.unit} from the goal."
-        load = np.abs(self.motion.loads).max(axis=1)
-        if changes.shape == "torques":
-            load = np.abs(self.motion.load)
-        undriven = np.setdiff1d(np.arange(changes.n), self.motion.driven)
-        load[:, undriven] = 0.0
-        return self._over(load, tolerances.limits)
-
-    def _over(self, load: Array, tolerance: float) -> str:
-        changes, limits = self.motion.changes, self.motion.task.problem.robot.limits
-        speed = np.abs(changes.v) / limits.velocity
-        for what, share in (("torque", load), ("velocity", speed[1:])):
-            k, joint = np.unravel_index(int(np.argmax(share)), share.shape)
-            if share[k, joint] > 1.0 + tolerance:
-                return (
-                    f"the {what} of joint {self.names[joint]} is "
-                    f"{_percent(share[k, joint] - 1.0)} beyond its limit at "
-                    f"{self.t[k + 1]:.3f} s."
-                )
-        return ""
-
-    def _middle(self, k: int) -> float:
-        return float(0.5 * (self.t[k] + self.t[k + 1]))
-
-    def _worst(self) -> str:
-        """The limit, or the joint, that gives away most, and when."""
-        given = self.found.multipliers
-        promise = given.promise
-        # One number for each kind and subject.
-        owners = list(zip(given.kind.tolist(), given.subject.tolist(), strict=True))
-        names = {owner: number for number, owner in enumerate(dict.fromkeys(owners))}
-        of_group = np.array([names[owner] for owner in owners])
-        sums = np.bincount(of_group, weights=promise)
-        rows = np.flatnonzero(of_group == int(np.argmax(sums)))
-        total, interval = float(sums.max()), given.at.interval
-        at = np.bincount(interval[rows], weights=promise[rows])
-        k = int(np.argmax(at))
-        peak = rows[np.argmax(promise[rows] * (interval[rows] == k))]
-        kind, subject = owners[peak]
-        when, room = self._middle(k), float(given.room[peak])
-        share = f"{_percent(total)} of the duration"
-        if kind == TRUST:
-            if subject < 0:
-                return f"Most of it, {share}, is in the pace at {when:.3f} s."
-            return (
-                f"Most of it, {share}, is in the path: no limit holds joint "
-                f"{self.names[subject]} where it is at {when:.3f} s."
-            )
-        if kind == "clearance":
-            name = name_of(self.motion, kind, subject)
-            return (
-                f"Most of it, {share}: {name} are {1e3 * room:.3g} mm farther apart "
-                f"than need be at {when:.3f} s."
-            )
-        if kind == ARRIVAL:
-            side = "earlier" if given.held_above[peak] else "later"
-            return (
-                f"Most of it, {share}: the goal of segment {subject + 1} is met "
-                f"{_time(room)} {side} than need be."
-            )
-        if kind == GOAL:
-            return f"Most of it, {share}, is in where the motion ends."
-        constraints = self.motion.constraints
-        if kind in {item.name for item in constraints}:
-            return (
-                f"Most of it, {share}: the {kind} stays off the limit that its "
-                f"multiplier asks for, by {room:.3g} {constraints[subject].unit} and "
-                f"most at {when:.3f} s."
-            )
-        what = {"effort": "torque"}.get(kind, kind)
-        side = "upper" if given.held_above[peak] else "lower"
-        far = f"{room:.3g}" if kind == "position" else f"{_percent(room)} of it"
-        return (
-            f"Most of it, {share}: the {what} of joint {self.names[subject]} stays off "
-            f"the {side} limit that its multiplier asks for, by {far} and most at "
-            f"{when:.3f} s."
+    h, T = motion.changes.h, float(motion.changes.t[-1])
+    if verification is None:
+        flaw = _flaw(motion)
+    else:
+        flaw = "" if verification.ok else verification.message
+    if flaw:
+        yield f"The motion is not admissible: {flaw}"
+    if not out.stationarity <= out.tolerance:
+        yield (
+            "The motion does not satisfy the first-order conditions: small changes "
+            f"promise {_percent(out.stationarity)} of its duration "
+            f"({_time(out.stationarity * T)}). {_worst(motion, found)}"
         )
+    if not fastest:
+        return
+    constant = out.hamiltonian_mean_deviation <= HAMILTONIAN
+    if not (constant or _what_depends_on_time(motion)):
+        apart = np.abs(out.hamiltonian - np.average(out.hamiltonian, weights=h))
+        k = int(np.argmax(apart * h))
+        yield (
+            "The Hamiltonian is not constant: it is off by "
+            f"{out.hamiltonian_mean_deviation:.2g} in the mean, and by "
+            f"{apart[k]:.2g} at {_middle(motion, k):.3f} s."
+        )
+    if not out.sign_share >= SIGN_SHARE:
+        lost = np.abs(out.switching) * ~out.obeys * h[:, None]
+        joint = int(np.argmax(lost.sum(axis=0)))
+        k = int(np.argmax(lost[:, joint]))
+        yield (
+            "Torques obey the signs of their switching functions only "
+            f"{_percent(out.sign_share)} of the time; the worst is that of joint "
+            f"{out.joint_names[joint]}, about {_middle(motion, k):.3f} s."
+        )
+
+
+def _flaw(motion: Motion) -> str:
+    """What keeps a motion that was not replayed from being one of the problem."""
+    task, changes, names = motion.task, motion.changes, motion.trajectory.joint_names
+    problem, tolerances = task.problem, Tolerances()
+    v_start = 0.0 if problem.v_start is None else problem.v_start
+    apart = np.abs([changes.q[0] - problem.q_start, changes.v[0] - v_start])
+    if float(apart.max()) > tolerances.goal:
+        joint = names[int(np.argmax(apart.max(axis=0)))]
+        return f"joint {joint} does not start where the problem does."
+    misses = problem.goal.misses(task.kinematics, changes.q[-1], changes.v[-1])
+    for miss in sorted(misses, key=lambda miss: -miss.amount):
+        if miss.amount > (tolerances.speed if miss.moving else tolerances.goal):
+            return f"{miss.name} ends {miss.amount:.3g} {miss.unit} from the goal."
+    load = np.abs(motion.loads).max(axis=1)
+    if changes.shape == "torques":
+        load = np.abs(motion.load)
+    load[:, np.setdiff1d(np.arange(changes.n), motion.driven)] = 0.0
+    speed = np.abs(changes.v) / problem.robot.limits.velocity
+    for what, share in (("torque", load), ("velocity", speed[1:])):
+        k, column = np.unravel_index(int(np.argmax(share)), share.shape)
+        beyond = share[k, column] - 1.0
+        if beyond > tolerances.limits:
+            return (
+                f"the {what} of joint {names[column]} is {_percent(beyond)} beyond its "
+                f"limit at {changes.t[k + 1]:.3f} s."
+            )
+    return ""
+
+
+def _middle(motion: Motion, k: int) -> float:
+    return float(0.5 * (motion.changes.t[k] + motion.changes.t[k + 1]))
+
+
+def _worst(motion: Motion, found: DualSolution) -> str:
+    """The limit, or the joint, that gives away most, and when."""
+    given = found.multipliers
+    promise, interval = given.promise, given.at.interval
+    # One number for each kind and subject.
+    owners = list(zip(given.kind.tolist(), given.subject.tolist(), strict=True))
+    sums = dict.fromkeys(owners, 0.0)
+    for owner, value in zip(owners, promise.tolist(), strict=True):
+        sums[owner] += value
+    kind, subject = max(sums, key=lambda owner: sums[owner])
+    own = np.where(given.of(kind) & (given.subject == subject), promise, 0.0)
+    k = int(np.argmax(np.bincount(interval, weights=own)))
+    peak = int(np.argmax(np.where(interval == k, own, -1.0)))
+    room, upper = float(given.room[peak]), bool(given.held_above[peak])
+    what = _what_gives(motion, kind, subject, room, upper)
+    share = f"{_percent(sums[kind, subject])} of the duration"
+    if kind in (ARRIVAL, GOAL):
+        return f"Most of it, {share}{what}."
+    return f"Most of it, {share}{what} at {_middle(motion, k):.3f} s."
+
+
+def _what_gives(
+    motion: Motion, kind: str, subject: int, room: float, upper: bool
+) -> str:
+    """How a limit, or what no limit holds, gives away some of the duration."""
+    if kind == GOAL:
+        return ", is in where the motion ends"
+    if kind == ARRIVAL:
+        side = "earlier" if upper else "later"
+        met = f"the goal of segment {subject + 1} is met {_time(room)} {side}"
+        return f": {met} than need be"
+    if kind == TRUST and subject < 0:
+        return ", is in the pace"
+    name = name_of(motion, kind, subject)
+    if kind == TRUST:
+        return f", is in the path: no limit holds joint {name} where it is"
+    if kind == "clearance":
+        return f": {name} are {1e3 * room:.3g} mm farther apart than need be"
+    if kind in {item.name for item in motion.constraints}:
+        unit = motion.constraints[subject].unit
+        what, side, far = f"the {kind}", "", f"{room:.3g} {unit}"
+    else:
+        what = f"the {'torque' if kind == 'effort' else kind} of joint {name}"
+        side = "upper " if upper else "lower "
+        far = f"{room:.3g}" if kind == "position" else f"{_percent(room)} of it"
+    limit = f"{side}limit that its multiplier asks for"
+    return f": {what} stays off the {limit}, by {far} and most"
 
 
 def _percent(share: float) -> str:

@@ -25,6 +25,12 @@ from tominpmp.motion.trajectory import Trajectory
 # What is constant on an interval: the acceleration, its slope, or the torque.
 Shape: TypeAlias = Literal["steps", "ramps", "torques"]
 
+# Values at beginnings (0) and ends (1) of intervals, so many after one, with weights.
+Stencil: TypeAlias = tuple[tuple[int, int, float], ...]
+BEGIN: Stencil = ((0, 0, 1.0),)
+END: Stencil = ((0, 1, 1.0),)
+MEAN: Stencil = ((0, 0, 0.5), (0, 1, 0.5))
+
 # No interval is longer than this share of the motion: longer ones are cut.
 LONGEST = 0.05
 # Beyond this number neighbours are joined while they are shorter than this share.
@@ -92,10 +98,6 @@ class Linearised(NamedTuple):
         if not isinstance(other, Linearised):
             return NotImplemented
         return Linearised(self.matrix + other.matrix, self.by_length + other.by_length)
-
-    def __sub__(self, other: Linearised) -> Linearised:
-        """Difference, row by row."""
-        return Linearised(self.matrix - other.matrix, self.by_length - other.by_length)
 
     def after(self, left: sp.spmatrix) -> Linearised:
         """The rows combined by a matrix from the left."""
@@ -282,7 +284,8 @@ class Perturbations:
         by_state = np.broadcast_to(np.eye(2 * self.n), (self.N, 2 * self.n, 2 * self.n))
         slopes = np.split(by_state, 2, axis=2)
         led = self.values(ends, self.q[1:], self.v[1:], *slopes, carried=True)
-        return self.fixed(sp.eye(states, self.size, format="csr")) - led
+        nodes = sp.eye(states, self.size, format="csr")
+        return Linearised(nodes - led.matrix, -led.by_length)
 
     # -- time --------------------------------------------------------------------------
 
@@ -299,25 +302,43 @@ class Perturbations:
         later = sp.csr_matrix(rate[:, None] * passed)
         return Linearised(change.matrix, (change.by_length + later).tocsr())
 
-    def slopes(
-        self,
-        rise: Linearised,
-        slopes: Array,
-        interval: IntArray,
-        shares: list[float],
-    ) -> Linearised:
+    @property
+    def rise(self) -> Stencil:
+        """How much something rises over the time that its slopes are limited for.
+
+        What is continuous has a slope over each interval: those between the middles of
+        intervals would leave half of the first interval free, and with it the height of
+        all that follows.
+        """
+        if self.shape == "ramps":
+            return (0, 0, -1.0), (0, 1, 1.0)
+        return (0, 0, -0.5), (0, 1, -0.5), (1, 0, 0.5), (1, 1, 0.5)
+
+    @property
+    def passing(self) -> Array:
+        """Shares of an interval, and of the next one if any, that pass meanwhile."""
+        return np.ones(1) if self.shape == "ramps" else np.full(2, 0.5)
+
+    def _passed(self, interval: IntArray) -> sp.csr_matrix:
+        """Shares of all intervals that pass, from some of them on, shape (m, N)."""
+        offsets = range(self.passing.size)
+        every = sp.diags(self.passing, offsets, shape=(self.N, self.N))
+        return every.tocsr()[interval]
+
+    def apart(self, interval: IntArray) -> Array:
+        """How long that is, from some intervals on [s], shape (m,)."""
+        return np.asarray(self._passed(interval) @ self.h)
+
+    def slopes(self, rise: Linearised, slopes: Array, interval: IntArray) -> Linearised:
         """Slopes over time of something of each joint.
 
         Args:
             rise: Changes of what it rises by, m n rows.
             slopes: What the slopes are now, shape (m, n).
-            interval: The intervals on which it rises, shape (m,).
-            shares: Of these, and of those after them, how much passes.
+            interval: The intervals on which it begins to rise, shape (m,).
         """
         n = slopes.shape[1]
-        diagonals = sp.diags(shares, range(len(shares)), shape=(self.N, self.N))
-        passed = diagonals.tocsr()[interval]
-        apart = np.repeat(passed @ self.h, n)
-        longer = sp.kron(passed, np.ones((n, 1)))
+        longer = sp.kron(self._passed(interval), np.ones((n, 1)))
         by_length = rise.by_length - sp.diags(slopes.ravel()) @ longer
-        return Linearised(rise.matrix, by_length).times(1.0 / apart)
+        change = Linearised(rise.matrix, by_length)
+        return change.times(1.0 / np.repeat(self.apart(interval), n))

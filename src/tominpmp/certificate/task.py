@@ -41,18 +41,6 @@ class Task:
         return cls(problem, dynamics, kinematics, kinematics.length)
 
     @cached_property
-    def v_start(self) -> Array:
-        """Velocities at the start, shape (n,)."""
-        given = self.problem.v_start
-        return np.zeros(self.problem.robot.n) if given is None else given
-
-    @cached_property
-    def effort_middle(self) -> Array:
-        """Middle of the torque range, shape (n,) [N m or N]."""
-        limits = self.problem.robot.limits
-        return 0.5 * (limits.effort_upper + limits.effort_lower)
-
-    @cached_property
     def effort_half(self) -> Array:
         """Half the torque range, shape (n,); 1 where it is empty."""
         limits = self.problem.robot.limits
@@ -63,7 +51,9 @@ class Task:
 
     def share_of_effort(self, torque: Array) -> Array:
         """Torques, shape (..., n) [N m or N], as shares of their limits."""
-        return np.asarray((torque - self.effort_middle) / self.effort_half)
+        limits = self.problem.robot.limits
+        middle = 0.5 * (limits.effort_upper + limits.effort_lower)
+        return np.asarray((torque - middle) / self.effort_half)
 
     @cached_property
     def step_scale(self) -> Array:

@@ -17,7 +17,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.perturbations import Instants
+from tominpmp.certificate.perturbations import MEAN, Instants
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
 
@@ -49,23 +49,17 @@ class TorqueWeights:
         rows = given.kept(np.abs(given.y * given.by_torque) > 0.0)
         changes, (interval, share) = motion.changes, rows.at
         worth, mean, rate = rows.y * rows.by_torque, rows.mean, rows.of("effort rate")
-        # Rows, the intervals and shares where their torques are, and factors.
-        parts: list[Any] = [(~mean & ~rate, interval, share, 1.0)]
-        parts += [(mean, interval, end, 0.5) for end in (0.0, 1.0)]
-        if changes.shape == "ramps":
-            # Rates are slopes over an interval, or of the means of neighbours.
-            for end, sign in ((0.0, -1.0), (1.0, 1.0)):
-                parts.append((rate, interval, end, sign / changes.h[interval]))
-        else:
-            after = np.minimum(interval + 1, changes.N - 1)
-            apart = changes.h[interval] + changes.h[after]
-            for end in (0.0, 1.0):
-                parts.append((rate, interval, end, -1.0 / apart))
-                parts.append((rate, after, end, 1.0 / apart))
-        terms = [
-            np.stack(np.broadcast_arrays(*part, rows.subject, worth * factor))[:, own]
-            for own, *part, factor in parts
+        # Rows, where their torques are, and how these enter.
+        parts: list[Any] = [(~mean & ~rate, 0, share, 1.0)]
+        parts += [(mean, *term) for term in MEAN]
+        parts += [
+            (rate, shift, end, factor / changes.apart(interval))
+            for shift, end, factor in changes.rise
         ]
+        terms = []
+        for own, shift, place, factor in parts:
+            each = interval + shift, place, rows.subject, worth * factor
+            terms.append(np.stack(np.broadcast_arrays(*each))[:, own])
         interval, share, joint, worth = np.concatenate(terms, axis=1)
         kept = np.abs(worth) > NOTHING * np.max(np.abs(worth), initial=0.0)
         place = np.stack([interval, share], axis=1)[kept]
