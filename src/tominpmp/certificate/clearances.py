@@ -11,9 +11,10 @@ as it is for a while there are others.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,33 +33,6 @@ SAMPLES = 16
 CLOSE, HALVINGS = 0.01, 6
 # A pair stays near where at its speed the room would last for this share of the motion.
 STAYING = 0.05
-
-
-class Contacts(NamedTuple):
-    """Pairs at instants, with what distances change by.
-
-    Attributes:
-        at: The instants, k of them.
-        times: When these are [s], shape (k,).
-        pair: The pair of each, shape (k,).
-        slopes: Derivatives of what it lacks by the configuration, shape (k, n). Where a
-            corner passes, which has others before and after, they are those of the
-            least distance of all.
-        rates: Derivatives by time, of what moves by itself [1/s], shape (k,).
-        missing: What it lacks of its margin, as a share of the reach, shape (k,).
-    """
-
-    at: Instants
-    times: Array
-    pair: IntArray
-    slopes: Array
-    rates: Array
-    missing: Array
-
-    def kept(self, which: IntArray | BoolArray) -> Contacts:
-        """Some of them."""
-        found: Any = (part[which] for part in self[1:])
-        return Contacts(self.at.kept(which), *found)
 
 
 class Nearest(NamedTuple):
@@ -84,26 +58,34 @@ class Nearest(NamedTuple):
         index = np.zeros(0, dtype=np.int64)
         return cls(np.zeros(0), index, np.zeros((0, n)), np.zeros(0))
 
+    def kept(self, which: IntArray | BoolArray) -> Nearest:
+        """Some of them."""
+        times, pairs, slopes, rates = self
+        return Nearest(times[which], pairs[which], slopes[which], rates[which])
 
-def contacts(motion: Motion, attention: float = ATTENTION) -> list[Contacts]:
+
+def contacts(motion: Motion, attention: float = ATTENTION) -> tuple[Nearest, Array]:
     """The nearest instants of all pairs, and those at which they stay near.
 
     Args:
         motion: The motion.
         attention: Pairs with more room than this share of the reach are left out.
+
+    Returns:
+        The pairs then, and what each lacks of its margin, as a share of the reach.
     """
-    if not motion.task.problem.checker.pairs:
-        return []
-    return _Approaches(motion, attention).contacts()
+    parts = [(Nearest.none(motion.changes.n), np.zeros(0))]
+    if motion.task.problem.checker.pairs:
+        parts += _Approaches(motion, attention).contacts()
+    found, missing = zip(*parts, strict=True)
+    together = map(np.concatenate, zip(*found, strict=True))
+    return Nearest(*together), np.concatenate(missing)
 
 
 def nearest_instants(motion: Motion) -> Nearest:
     """When pairs that come close are nearest, and how the least distances change."""
-    close = [item.kept(item.missing > -CLOSE) for item in contacts(motion, CLOSE)]
-    if not close:
-        return Nearest.none(motion.changes.n)
-    _, times, pairs, slopes, rates, _ = zip(*close, strict=True)
-    return Nearest(*map(np.concatenate, (times, pairs, slopes, rates)))
+    found, missing = contacts(motion, CLOSE)
+    return found.kept(missing > -CLOSE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,10 +101,10 @@ class _Approaches:
         problem = self.motion.task.problem
         return problem.checker.margins(problem.margin)
 
-    def contacts(self) -> list[Contacts]:
-        """The nearest instants of all pairs, and those at which they stay near."""
+    def contacts(self) -> Iterator[tuple[Nearest, Array]]:
+        """Pairs when they are nearest, or stay near, and what they lack."""
         task, changes = self.motion.task, self.motion.changes
-        at = self.motion.spread(np.arange(1, SAMPLES + 1) / SAMPLES)
+        at = Instants.spread(self.motion.span, np.arange(1, SAMPLES + 1) / SAMPLES)
         times = changes.times(at)
         cutoff = self._margins + self.attention * task.reach
         found = task.problem.checker.distances(self._q(times), cutoff, times)
@@ -130,27 +112,27 @@ class _Approaches:
         near = table > -self.attention
         seen = np.flatnonzero(near.any(axis=0))
         if not seen.size:
-            return []
+            return
         table = np.where(near, table, -np.inf)[:, seen]
         nearest = local_maxima(table)
         rough, close = nearest & (table <= -CLOSE), nearest & (table > -CLOSE)
-        regular = np.isin(at.share, REGULAR)[:, None] & (table > -np.inf) & ~nearest
+        regular = np.isin(at.share, REGULAR)[:, None] & near[:, seen] & ~nearest
 
-        def sampled(flags: BoolArray) -> Contacts:
+        def sampled(flags: BoolArray) -> tuple[Nearest, Array]:
             rows, columns = np.nonzero(flags)
-            pair, missing = seen[columns], table[rows, columns]
-            slopes = self._slopes(times[rows], pair)
-            return Contacts(at.kept(rows), times[rows], pair, *slopes, missing)
+            time, pair = times[rows], seen[columns]
+            found = Nearest(time, pair, *self._slopes(time, pair))
+            return found, table[rows, columns]
 
-        staying = sampled(regular)
+        yield sampled(rough)
+        staying, missing = sampled(regular)
         # They stay as near as they are for a while.
         speed = np.abs(self._speed(staying.times, staying.slopes, staying.rates))
-        room, T = np.maximum(-staying.missing, 0.0), float(changes.t[-1])
-        staying = staying.kept(room >= STAYING * T * speed)
-        out = [sampled(rough), staying]
+        room, T = np.maximum(-missing, 0.0), float(changes.t[-1])
+        kept = room >= STAYING * T * speed
+        yield staying.kept(kept), missing[kept]
         if close.any():
-            out.append(self._closest(times, seen, table, close))
-        return [item for item in out if item.pair.size]
+            yield self._closest(times, seen, table, close)
 
     def _q(self, times: Array) -> Array:
         """Configurations, shape (m, n)."""
@@ -173,7 +155,7 @@ class _Approaches:
 
     def _closest(
         self, times: Array, seen: IntArray, table: Array, flags: BoolArray
-    ) -> Contacts:
+    ) -> tuple[Nearest, Array]:
         """The nearest instants around flagged samples, found by halving the time.
 
         A corner that passes is a kink of the distance in time, or nearly: its slope
@@ -205,7 +187,7 @@ class _Approaches:
         by_q = (1.0 - after)[:, None] * slopes[0][0] + after[:, None] * slopes[1][0]
         by_t = (1.0 - after) * slopes[0][1] + after * slopes[1][1]
         missing = np.maximum(self._missing(time, pair), table[rows, columns])
-        return Contacts(changes.instants(time), time, pair, by_q, by_t, missing)
+        return Nearest(time, pair, by_q, by_t), missing
 
     def _missing(self, times: Array, pair: IntArray) -> Array:
         """What pairs lack at a time each, shape (k,)."""

@@ -15,9 +15,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 from tominpmp.certificate.limit_rows import TRUST, LimitRows
 from tominpmp.certificate.limits import limits_of
 from tominpmp.certificate.motion import Motion
@@ -120,38 +119,63 @@ class _Program:
 
     @cached_property
     def columns(self) -> LimitRows:
-        """Bounds of the unknowns in scaled units: limits, and the trust region."""
-        parts = self._states(), self._accelerations(), self._lengths()
-        return LimitRows.joined(parts)
+        """Bounds of the unknowns in scaled units: limits, and the trust region.
 
-    def _states(self) -> LimitRows:
-        """Positions and velocities at all nodes but the first."""
-        N, n, changes = self.N, self.n, self.motion.changes
-        limits = self.motion.task.problem.robot.limits
+        States at all nodes but the first, accelerations of intervals or at nodes, and
+        lengths of intervals and segments in shares of the duration.
+        """
+        N, n, motion, changes = self.N, self.n, self.motion, self.motion.changes
+        limits, controls = motion.task.problem.robot.limits, changes.controls
         states = np.concatenate([changes.q, changes.v], axis=1)[1:]
         low = np.concatenate([limits.position_lower, -limits.velocity])
         high = np.concatenate([limits.position_upper, limits.velocity])
+        least, largest, most = self._accelerations()
+        firsts = [part.span[0] for part in motion.segments]
+        radius = np.full(len(firsts), LENGTH_RADIUS)
+        shift = np.append(SHIFT * changes.h / self.T, radius)
+        lengths = np.append(np.arange(N), firsts)
+        counts = 2 * n * N, controls * n, lengths.size
+        control, last = np.arange(controls), controls - 1
+        below = np.maximum((low - states) / self.state_scale, -RADIUS)
+        above = np.minimum((high - states) / self.state_scale, RADIUS)
         place, speed = np.split(self.state_scale, 2)
-        return self._columns(
-            np.tile(np.repeat(["position", "velocity"], n), N),
-            Instants.spread((0, N), np.ones(2 * n)),
-            np.tile(np.arange(n), 2 * N),
-            np.maximum((low - states) / self.state_scale, -RADIUS),
-            np.minimum((high - states) / self.state_scale, RADIUS),
-            np.tile(np.concatenate([place, speed / limits.velocity]), N),
+        of_state = np.concatenate([place, speed / limits.velocity])
+        interval = np.repeat(np.minimum(control, N - 1), n)
+        return LimitRows(
+            kind=np.append(
+                np.tile(np.repeat(["position", "velocity"], n), N),
+                np.repeat(["acceleration", TRUST], counts[1:]),
+            ),
+            at=Instants(
+                np.concatenate([np.repeat(np.arange(N), 2 * n), interval, lengths]),
+                np.repeat([1.0, 0.0, 1.0, 0.0], [counts[0], last * n, n, counts[2]]),
+            ),
+            subject=np.append(
+                np.tile(np.arange(n), 2 * N + controls), np.full(counts[2], -1)
+            ),
+            below=np.concatenate([below.ravel(), least.ravel(), -shift]),
+            above=np.concatenate([above.ravel(), largest.ravel(), shift]),
+            slopes=np.zeros(2 * n),
+            change=changes.fixed(sp.csr_matrix((sum(counts), changes.size))),
+            unit=np.concatenate(
+                [
+                    np.tile(of_state, N),
+                    (self.acceleration_scale / most).ravel(),
+                    np.ones(counts[2]),
+                ]
+            ),
         )
 
-    def _accelerations(self) -> LimitRows:
-        """Accelerations of intervals, or at nodes."""
-        motion, N, n = self.motion, self.N, self.n
-        controls = motion.changes.controls
-        most = np.full((controls, n), np.inf)
+    def _accelerations(self) -> tuple[Array, Array, Array]:
+        """Room below and above, and the limits, shape (controls, n) each."""
+        motion, controls = self.motion, self.motion.changes.controls
+        most = np.full((controls, self.n), np.inf)
         for part in motion.segments:
             limits, (first, end) = part.task.problem.motion_limits, part.span
             if limits is None:
                 continue
             names = part.task.problem.robot.joint_names
-            rows = slice(first, end + (controls > N))
+            rows = slice(first, end + (controls > self.N))
             most[rows] = np.minimum(most[rows], limits.by_joint("acceleration", names))
         least, largest = motion.a.min(axis=1), motion.a.max(axis=1)
         if motion.changes.shape == "ramps":
@@ -160,37 +184,7 @@ class _Program:
         above = (most - largest) / self.acceleration_scale
         still = still_nodes(motion)
         below[still] = above[still] = 0.0
-        control = np.repeat(np.arange(controls), n)
-        at = Instants(np.minimum(control, N - 1), (control == controls - 1) + 0.0)
-        joint, unit = np.tile(np.arange(n), controls), self.acceleration_scale / most
-        kind = np.array("acceleration")
-        return self._columns(kind, at, joint, below, above, unit.ravel())
-
-    def _lengths(self) -> LimitRows:
-        """Lengths of the intervals, and of the segments, in shares of the duration."""
-        segments = self.motion.segments
-        firsts = [part.span[0] for part in segments]
-        interval = np.append(np.arange(self.N), firsts)
-        radius = np.full(len(segments), LENGTH_RADIUS)
-        shift = np.append(SHIFT * self.motion.changes.h / self.T, radius)
-        at = Instants(interval, np.zeros(interval.size))
-        none = np.full(interval.size, -1)
-        return self._columns(np.array(TRUST), at, none, -shift, shift, np.ones(()))
-
-    def _columns(
-        self,
-        kind: NDArray[np.str_],
-        at: Instants,
-        subject: IntArray,
-        below: Array,
-        above: Array,
-        unit: Array,
-    ) -> LimitRows:
-        """Bounds of unknowns in scaled units."""
-        changes, slopes = self.motion.changes, np.zeros(2 * self.n)
-        change = changes.fixed(sp.csr_matrix((subject.size, changes.size)))
-        room = below.ravel(), above.ravel()
-        return LimitRows(kind, at, subject, *room, slopes, change, unit)
+        return below, above, most
 
     # -- solution ----------------------------------------------------------------------
 

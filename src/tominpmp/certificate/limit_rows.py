@@ -16,6 +16,9 @@ from tominpmp.certificate.perturbations import Instants, Linearised
 # What is no limit of the problem: how far a linear program is believed.
 TRUST = "trust region"
 GOAL = "goal"
+# Pairs, constraints and rows of goals are those of a segment: subjects of the next one
+# are larger by this.
+SEGMENT = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)

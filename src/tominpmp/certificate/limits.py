@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.clearances import contacts, local_maxima
-from tominpmp.certificate.limit_rows import GOAL, LimitRows
+from tominpmp.certificate.limit_rows import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import Motion, States
 from tominpmp.certificate.perturbations import (
     BEGIN,
@@ -63,23 +63,22 @@ def limits_of(motion: Motion, far: float = np.inf, near: bool = True) -> LimitRo
         for rows in _efforts(part):
             held = np.minimum(-rows.lower, rows.upper) < far
             found.append(rows.kept(held | ~rows.of("effort")))
-        inside = part.states(part.spread(SHARES))
+        inside = part.states(Instants.spread(part.span, SHARES))
         smooth = motion.changes.shape != "torques"
         found += [*_over_speed(part, inside if smooth else None), *_slopes(part)]
         found += [_speeds(part, inside), _positions(part, inside)]
         if smooth:
             found.append(_bulging_efforts(part, inside))
-        asked = [*(_clearances(part) if near else ()), *_constraints(part)]
-        found += [_counted(motion, number, rows) for rows in asked]
-    goals = [_goal(part) for part in motion.segments]
-    found += [_counted(motion, number, rows) for number, rows in enumerate(goals)]
+        own = [*(_clearances(part) if near else ()), *_constraints(part)]
+        found += [_of_segment(number, rows) for rows in own]
+    goals = enumerate(map(_goal, motion.segments))
+    found += [_of_segment(number, rows) for number, rows in goals]
     return LimitRows.joined(found)
 
 
-def _counted(motion: Motion, number: int, rows: LimitRows) -> LimitRows:
-    """Rows of a segment with subjects that are counted through all of them."""
-    before = motion.first_subjects(str(rows.kind[0]))[number]
-    return replace(rows, subject=rows.subject + before)
+def _of_segment(number: int, rows: LimitRows) -> LimitRows:
+    """Rows whose subjects are those of a segment, and not of the whole motion."""
+    return replace(rows, subject=rows.subject + number * SEGMENT)
 
 
 def _rows(
@@ -360,13 +359,14 @@ def _over_speed(motion: Motion, inside: States | None) -> Iterator[LimitRows]:
 
 def _clearances(motion: Motion) -> Iterator[LimitRows]:
     """Distances that are near their margins, as shares of the reach."""
-    for found in contacts(motion):
+    found, missing = contacts(motion)
+    if missing.size:
         yield _rows(
             motion,
             "clearance",
-            motion.states(found.at),
-            found.pair,
-            (np.full(found.pair.size, -np.inf), -found.missing),
+            motion.states(motion.changes.instants(found.times)),
+            found.pairs,
+            (np.full(missing.size, -np.inf), -missing),
             found.slopes,
             rates=found.rates if motion.task.problem.checker.moving else None,
             unit=np.array(motion.task.reach),
@@ -381,7 +381,7 @@ def _constraints(motion: Motion) -> Iterator[LimitRows]:
         if item.order > 1:
             # Accelerations jump at the nodes: it is looked at on both sides.
             shares, regular = np.append(JUST_INSIDE, shares), np.append(True, regular)
-        at = motion.states(motion.spread(shares).inside)
+        at = motion.states(Instants.spread(motion.span, shares).inside)
         values = item.value_rows(at.q, at.v, at.a)
         lower, upper = item.bounds(len(values))
         excess = np.maximum(values - upper, lower - values)

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.certificate.limit_rows import GOAL
 from tominpmp.certificate.perturbations import (
     JUST_INSIDE,
     Instants,
@@ -129,34 +128,10 @@ class Motion:
         return self.sections or (self,)
 
     @property
-    def pairs(self) -> list[tuple[str, str]]:
-        """Names of the pairs of bodies, of one segment after the other."""
-        every = (one.task.problem.checker.pairs for one in self.segments)
-        return [pair for pairs in every for pair in pairs]
-
-    @property
     def constraints(self) -> list[Any]:
         """Constraints on the way, of one segment after the other."""
         every = (one.task.problem.constraints for one in self.segments)
         return [item for items in every for item in items]
-
-    def first_subjects(self, kind: str) -> list[int]:
-        """Where subjects of limits of a kind begin that are counted through segments.
-
-        Pairs, constraints and rows of goals are; joints are the same on all of them.
-        """
-        counts = []
-        for part in self.segments:
-            problem = part.task.problem
-            count = 0
-            if kind == "clearance":
-                count = len(problem.checker.pairs)
-            elif kind == GOAL:
-                count = problem.goal.bounds(part.task.kinematics)[0].size
-            elif kind in {item.name for item in problem.constraints}:
-                count = len(problem.constraints)
-            counts.append(count)
-        return [0, *np.cumsum(counts).tolist()]
 
     @property
     def loads(self) -> Array:
@@ -183,10 +158,6 @@ class Motion:
         at = Instants(interval, np.full(interval.size, float(end)))
         q, v = self.changes.q[interval + end], self.changes.v[interval + end]
         return States(at, q, v, self.a[interval, end], self.u[interval, end])
-
-    def spread(self, shares: Array) -> Instants:
-        """The same shares of all intervals of its span."""
-        return Instants.spread(self.span, shares)
 
     def states(self, at: Instants) -> States:
         """The motion at instants."""

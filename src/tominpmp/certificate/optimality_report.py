@@ -8,7 +8,7 @@ import numpy as np
 
 from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.dual_program import DualSolution
-from tominpmp.certificate.limit_rows import GOAL, TRUST
+from tominpmp.certificate.limit_rows import GOAL, SEGMENT, TRUST
 from tominpmp.certificate.limits import ARRIVAL
 from tominpmp.certificate.motion import Motion
 from tominpmp.options import Tolerances
@@ -27,7 +27,8 @@ LEAST_SHARE = 1e-5
 def name_of(motion: Motion, kind: str, subject: int) -> str:
     """Name of the joint, or of the pair, that a limit belongs to."""
     if kind == "clearance":
-        one, other = motion.pairs[subject]
+        number, pair = divmod(subject, SEGMENT)
+        one, other = motion.segments[number].task.problem.checker.pairs[pair]
         return f"{one} and {other}"
     if kind == ARRIVAL:
         return f"segment {subject + 1}"
@@ -211,8 +212,9 @@ def _what_gives(
     if kind == "clearance":
         return f": {name} are {1e3 * room:.3g} mm farther apart than need be"
     if kind in {item.name for item in motion.constraints}:
-        unit = motion.constraints[subject].unit
-        what, side, far = f"the {kind}", "", f"{room:.3g} {unit}"
+        number, index = divmod(subject, SEGMENT)
+        item = motion.segments[number].task.problem.constraints[index]
+        what, side, far = f"the {kind}", "", f"{room:.3g} {item.unit}"
     else:
         what = f"the {'torque' if kind == 'effort' else kind} of joint {name}"
         side = "upper " if upper else "lower "

@@ -195,7 +195,8 @@ class Perturbations:
 
     def times(self, at: Instants) -> Array:
         """When instants are [s], shape (m,)."""
-        return np.asarray(self.t[at.interval] + at.share * self.h[at.interval])
+        inside = self.t[at.interval] + at.share * self.h[at.interval]
+        return np.where(at.share >= 1.0, self.t[at.interval + 1], inside)
 
     def instants(self, times: Array) -> Instants:
         """The instants at times [s] within the motion, shape (m,)."""

@@ -73,29 +73,21 @@ def without_stays(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajec
             new[k:] -= stay
             last.append(int(np.searchsorted(motion.t, end - stay - slack)))
     u, a = np.array(motion.u), motion.a
-    for node in last:
-        after = min(node + 1, t.size - 1)
-        u[node] = motion.u[after]
+    after = np.array(last, dtype=int) + 1
+    u[after - 1] = motion.u[np.minimum(after, t.size - 1)]
     if a is not None:
         # The interval before a node that is left out goes with it.
         a = a[keep] if len(a) == t.size else a[keep[1:]]
-    found = replace(
-        motion,
-        t=t[keep],
-        q=motion.q[keep],
-        v=motion.v[keep],
-        u=u[keep],
-        a=a,
-        segment_ends=None,
-    )
-    if found.duration and stays_where_it_moves(problem):
+    t = t[keep]
+    if t[-1] and stays_where_it_moves(problem):
         raise ProblemError(
             "segments: the motion stays where obstacles move, expected no dwell: there "
             "is no certificate for that",
             "segments",
         )
-    places = np.argmin(np.abs(found.t[:, None] - new), axis=0)
-    found = replace(found, segment_ends=found.t[places])
+    ends = t[np.argmin(np.abs(t[:, None] - new), axis=0)]
+    q, v, u = motion.q[keep], motion.v[keep], u[keep]
+    found = replace(motion, t=t, q=q, v=v, u=u, a=a, segment_ends=ends)
     return with_stays(problem, stays), found
 
 

@@ -26,7 +26,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.dual_program import solve_dual_program
-from tominpmp.certificate.limit_rows import GOAL, LimitRows
+from tominpmp.certificate.limit_rows import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.stays import without_stays
 from tominpmp.certificate.task import Task
@@ -116,13 +116,10 @@ def _segments(motion: Motion, given: LimitRows) -> Iterator[Segment]:
     segment by itself. What each limit is worth is read segment by segment, since robot,
     load, limits and obstacles are those of the segment.
     """
-    for number, part in enumerate(motion.segments):
+    for part in motion.segments:
         first, end = part.span
         rows = given.kept((given.at.interval >= first) & (given.at.interval < end))
-        subject = rows.subject.copy()
-        for kind in set(rows.kind.tolist()):
-            subject[rows.of(kind)] -= motion.first_subjects(kind)[number]
-        yield Segment(part, replace(rows, subject=subject))
+        yield Segment(part, replace(rows, subject=rows.subject % SEGMENT))
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,22 +300,18 @@ class Segment:
         for name, value in names.items():
             yield Sensitivity("clearance", None, name, value, "1/m")
         margin = float(worth[problem.checker.margins(1.0) > 0.0].sum())
-        share, unit = (problem.margin, "") if problem.margin > 0.0 else (1.0, "1/m")
-        yield Sensitivity(
-            "margin", None, "", share * margin, unit, max(problem.margin, 0.0), "m"
-        )
+        value, unit = _by_share(margin, problem.margin, "m")
+        limit = max(problem.margin, 0.0)
+        yield Sensitivity("margin", None, "", value, unit, limit, "m")
 
     def _constraints(self) -> Iterator[Sensitivity]:
         """What the problem asks for along the way."""
         items = self._problem.constraints
         for index, item in enumerate(items):
             worth = float(self._sums(item.name, self.rows.value, len(items))[index])
-            limit = float(item.largest)
-            share, unit = (limit, "") if limit > 0.0 else (1.0, f"1/{item.unit}")
-            value = 0.0 - worth * share
-            yield Sensitivity(
-                item.name, None, item.subject, value, unit, limit, item.unit
-            )
+            limit, of = float(item.largest), item.unit
+            value, unit = _by_share(0.0 - worth, limit, of)
+            yield Sensitivity(item.name, None, item.subject, value, unit, limit, of)
 
     # -- gravity, loads and friction ---------------------------------------------------
 
@@ -336,11 +329,8 @@ class Segment:
         value = float(by_gravity @ robot.gravity) + self._by_gravity()
         yield Sensitivity("gravity", None, "", value, "", size, "m/s^2", by_gravity)
         for load in robot.payloads:
-            worth = torques.by_mass(robot, load)
-            share, unit = (load.mass, "") if load.mass > 0.0 else (1.0, "1/kg")
-            yield Sensitivity(
-                "payload", None, load.name, worth * share, unit, load.mass, "kg"
-            )
+            value, unit = _by_share(torques.by_mass(robot, load), load.mass, "kg")
+            yield Sensitivity("payload", None, load.name, value, unit, load.mass, "kg")
         viscous = ["N s/m" if unit == "m" else "N m s/rad" for unit in self._places]
         for kind, given, ways, units in (
             ("damping", robot.damping, torques.v, viscous),
@@ -466,6 +456,11 @@ class Segment:
             values = item.value_rows(state.q, state.v, state.a)
             total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
         return total
+
+
+def _by_share(worth: float, limit: float, unit: str) -> tuple[float, str]:
+    """What a share of a limit is worth, or a unit of it where that makes no sense."""
+    return (worth * limit, "") if limit > 0.0 else (worth, f"1/{unit}")
 
 
 def _displaced(robot: Robot, twist: Array) -> Robot:

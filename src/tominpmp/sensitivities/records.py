@@ -205,26 +205,22 @@ class Sensitivities(Record):
                 "expected at least as much, and one motion or more",
                 "T",
             )
-        sums: dict[tuple[str, str, str], Sensitivity] = {}
+        scaled = []
         for part, goal in zip(items, goals, strict=True):
             for record in part:
                 own = record.kind == "goal" and record.joint is None
                 mine = replace(record, subject=goal) if own else record
-                key = mine.kind, mine.subject, mine.unit
-                sums[key] = _added(sums.get(key), mine, part.T / whole)
+                scaled.append(mine.scaled(part.T / whole))
         base = sum(item.base * (item.T / whole) for item in items)
         promise = math.fsum(item.promise * item.T for item in items) / whole
-        return cls(whole, tuple(sums.values()), promise, np.asarray(base))
+        return cls(whole, _summed(scaled), promise, np.asarray(base))
 
     @classmethod
     def of_segments(cls, parts: Sequence[Sensitivities]) -> Sensitivities:
         """Those of the segments of one motion, each as shares of the whole T."""
-        sums: dict[tuple[str, str, str], Sensitivity] = {}
-        for record in (record for part in parts for record in part):
-            key = record.kind, record.subject, record.unit
-            sums[key] = _added(sums.get(key), record, 1.0)
         base = np.sum([part.base for part in parts], axis=0)
-        return cls(parts[0].T, tuple(sums.values()), parts[0].promise, base)
+        records = [record for part in parts for record in part]
+        return cls(parts[0].T, _summed(records), parts[0].promise, base)
 
     def table(self, most: int | None = None) -> str:
         """What holds the motion, as text, one line a record, the largest first.
@@ -272,12 +268,18 @@ class Sensitivities(Record):
         return plot_sensitivities(self, path=path, most=most)
 
 
-def _added(sum_: Sensitivity | None, item: Sensitivity, share: float) -> Sensitivity:
+def _summed(records: Iterable[Sensitivity]) -> tuple[Sensitivity, ...]:
+    """Records of the same limits of several motions added."""
+    sums: dict[tuple[str, str, str], Sensitivity] = {}
+    for item in records:
+        key = item.kind, item.subject, item.unit
+        sums[key] = _added(sums[key], item) if key in sums else item
+    return tuple(sums.values())
+
+
+def _added(sum_: Sensitivity, item: Sensitivity) -> Sensitivity:
     """A record with that of another motion added."""
-    item = item.scaled(share)
     value, vector = item.value, item.vector
-    if sum_ is None:
-        return item
     if item.limit != sum_.limit:
         # Of several limits that are changed by the same share none is the one.
         sum_ = replace(sum_, limit=None)
