@@ -156,7 +156,7 @@ class _Program:
             below=np.concatenate([below.ravel(), least.ravel(), -shift]),
             above=np.concatenate([above.ravel(), largest.ravel(), shift]),
             slopes=np.zeros(2 * n),
-            change=changes.fixed(sp.csr_matrix((sum(counts), changes.size))),
+            change=changes.nothing(sum(counts)),
             unit=np.concatenate(
                 [
                     np.tile(of_state, N),

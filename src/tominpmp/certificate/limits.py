@@ -153,7 +153,7 @@ def _rows_of_joints(
             rises, whose slopes are limited.
     """
     changes, n, shape = motion.changes, motion.changes.n, (interval.size, joints.size)
-    change = changes.fixed(sp.csr_matrix((interval.size * joints.size, changes.size)))
+    change = changes.nothing(interval.size * joints.size)
     total, jerk, none = np.zeros(shape), kind == "jerk", np.zeros((len(interval), n, n))
     for shift, end, weight in stencil:
         at, scale = motion.ends(interval + shift, end), weight / limit[:, None]

@@ -99,13 +99,10 @@ class Linearised(NamedTuple):
             return NotImplemented
         return Linearised(self.matrix + other.matrix, self.by_length + other.by_length)
 
-    def after(self, left: sp.spmatrix) -> Linearised:
-        """The rows combined by a matrix from the left."""
-        return Linearised((left @ self.matrix).tocsr(), (left @ self.by_length).tocsr())
-
     def times(self, factor: Array) -> Linearised:
         """Each row by its factor, shape (m,)."""
-        return self.after(sp.diags(factor))
+        scale = sp.diags(factor)
+        return Linearised(*((scale @ part).tocsr() for part in self))
 
     def kept(self, rows: IntArray | BoolArray) -> Linearised:
         """Some of the rows."""
@@ -269,10 +266,10 @@ class Perturbations:
         by_length.eliminate_zeros()
         return Linearised(matrix, by_length)
 
-    def fixed(self, matrix: sp.spmatrix) -> Linearised:
-        """Something that does not depend on the lengths of the intervals."""
-        rows = matrix.shape[0]
-        return Linearised(matrix.tocsr(), sp.csr_matrix((rows, self.N)))
+    def nothing(self, rows: int) -> Linearised:
+        """So many rows that do not change."""
+        columns = self.size, self.N
+        return Linearised(*(sp.csr_matrix((rows, count)) for count in columns))
 
     def gaps(self) -> Linearised:
         """Positions and velocities at the nodes less those that the intervals lead to.

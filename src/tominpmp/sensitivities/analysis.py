@@ -220,29 +220,22 @@ class Segment:
         used = np.where(rows.of("effort"), rows.used, 1.0 - rows.room)
         if declared is not None and declared.continuous:
             # The first and the last acceleration are zero whatever the limit is.
-            last = (rows.at.interval == self.motion.changes.N - 1) & (
-                rows.at.share == 1.0
-            )
-            first = (rows.at.interval == 0) & (rows.at.share == 0.0)
-            used = np.where(rows.of("acceleration") & (first | last), 0.0, used)
+            changes = self.motion.changes
+            ends = np.isin(changes.times(rows.at), changes.t[[0, -1]])
+            used = np.where(rows.of("acceleration") & ends, 0.0, used)
         driven = np.isin(np.arange(len(names)), self.motion.driven)
-        found = {
-            "velocity": (limits.velocity, self._places, "/s"),
-            "effort": (
-                np.where(driven, limits.effort_upper, np.inf),
-                self._forces_of,
-                "",
-            ),
-        }
-        if declared is not None:
-            for kind, units, time in (
-                ("acceleration", self._places, "/s^2"),
-                ("jerk", self._places, "/s^3"),
-                ("effort rate", self._forces_of, "/s"),
-            ):
+        efforts = np.where(driven, limits.effort_upper, np.inf)
+        asked = [("velocity", limits.velocity, self._places, "/s")]
+        asked.append(("effort", efforts, self._forces_of, ""))
+        for kind, units, time in (
+            ("acceleration", self._places, "/s^2"),
+            ("jerk", self._places, "/s^3"),
+            ("effort rate", self._forces_of, "/s"),
+        ):
+            if declared is not None:
                 limit = declared.by_joint(kind.replace(" ", "_"), names)
-                found[kind] = limit, units, time
-        for kind, (limit, units, time) in found.items():
+                asked.append((kind, limit, units, time))
+        for kind, limit, units, time in asked:
             yield from self._of_joints(
                 kind,
                 0.0 - self._sums(kind, rows.value * used, len(names)),

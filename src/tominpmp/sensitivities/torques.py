@@ -67,12 +67,11 @@ class TorqueWeights:
         weight = np.zeros((len(place), changes.n))
         np.add.at(weight, (row.ravel(), joint[kept].astype(int)), worth[kept])
         at = Instants(place[:, 0].astype(int), place[:, 1])
-        time = changes.times(at.inside)
-        state = motion.trajectory(time)
+        state = motion.states(at.inside)
         a = np.array(state.a)
         for end in (0, 1):
             a[at.share == end] = motion.a[at.interval[at.share == end], end]
-        way = np.asarray(motion.trajectory.turns.at(time))
+        way = np.asarray(motion.trajectory.turns.at(changes.times(at.inside)))
         return cls(state.q, state.v, a, way, weight)
 
     def against(self, torque: Array) -> float:
