@@ -26,7 +26,7 @@ SAMPLES = 8
 SAME = 1e-6
 
 
-class States(NamedTuple):
+class InnerStates(NamedTuple):
     """A motion at some instants.
 
     Attributes:
@@ -43,9 +43,9 @@ class States(NamedTuple):
     a: Array
     u: Array
 
-    def kept(self, which: IntArray) -> States:
+    def kept(self, which: IntArray) -> InnerStates:
         """Some of the instants."""
-        return States(self.at.kept(which), *(part[which] for part in self[1:]))
+        return InnerStates(self.at.kept(which), *(part[which] for part in self[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,16 +153,16 @@ class Motion:
 
     # -- states ------------------------------------------------------------------------
 
-    def ends(self, interval: IntArray, end: int) -> States:
+    def ends(self, interval: IntArray, end: int) -> InnerStates:
         """The motion at the beginnings (0) or ends (1) of some intervals."""
         at = Instants(interval, np.full(interval.size, float(end)))
         q, v = self.changes.q[interval + end], self.changes.v[interval + end]
-        return States(at, q, v, self.a[interval, end], self.u[interval, end])
+        return InnerStates(at, q, v, self.a[interval, end], self.u[interval, end])
 
-    def states(self, at: Instants) -> States:
+    def states(self, at: Instants) -> InnerStates:
         """The motion at instants."""
         found = self.trajectory(self.changes.times(at))
-        return States(at, found.q, found.v, found.a, found.u)
+        return InnerStates(at, found.q, found.v, found.a, found.u)
 
 
 def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:

@@ -109,7 +109,7 @@ def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
     return without_stays(problem, given)
 
 
-def _segments(motion: Motion, given: LimitRows) -> Iterator[Segment]:
+def _segments(motion: Motion, given: LimitRows) -> Iterator[SegmentRows]:
     """The segments of a motion, with the rows of each and subjects as in its problem.
 
     The program of the small changes of a motion is one, with the duration of each
@@ -119,11 +119,11 @@ def _segments(motion: Motion, given: LimitRows) -> Iterator[Segment]:
     for part in motion.segments:
         first, end = part.span
         rows = given.kept((given.at.interval >= first) & (given.at.interval < end))
-        yield Segment(part, replace(rows, subject=rows.subject % SEGMENT))
+        yield SegmentRows(part, replace(rows, subject=rows.subject % SEGMENT))
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class SegmentRows:
     """Reads what limits are worth from the multipliers of a segment of a motion.
 
     Attributes:

@@ -53,7 +53,7 @@ BEYOND = 1.12
 MOST_PAIRS = 8
 
 
-class Quantity(NamedTuple):
+class JointQuantity(NamedTuple):
     """A quantity of all joints over time.
 
     Attributes:
@@ -71,16 +71,18 @@ class Quantity(NamedTuple):
     units: tuple[str, str]
 
 
-def _quantities(robot: Robot, state: State) -> tuple[Quantity, Quantity, Quantity]:
+def _quantities(
+    robot: Robot, state: State
+) -> tuple[JointQuantity, JointQuantity, JointQuantity]:
     """Positions, velocities and torques with their limits."""
     limits = robot.limits
     least, most = limits.position_lower, limits.position_upper
     weakest, strongest = limits.effort_lower, limits.effort_upper
     speed, per_second = limits.velocity, ("rad/s", "m/s")
     return (
-        Quantity("position", state.q, least, most, ("rad", "m")),
-        Quantity("velocity", state.v, -speed, speed, per_second),
-        Quantity("torque", state.u, weakest, strongest, ("N m", "N")),
+        JointQuantity("position", state.q, least, most, ("rad", "m")),
+        JointQuantity("velocity", state.v, -speed, speed, per_second),
+        JointQuantity("torque", state.u, weakest, strongest, ("N m", "N")),
     )
 
 

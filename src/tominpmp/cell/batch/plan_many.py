@@ -189,11 +189,11 @@ def _make_folder(folder: Path) -> None:
 def _outcomes(
     executor: Executor,
     settings: Settings,
-    tasks: Iterable[Task],
+    tasks: Iterable[BatchTask],
     starts: Mapping[int, Start],
 ) -> Iterator[Outcome]:
     """Outcomes as they finish, of tasks of which some begin with motions."""
-    sent: dict[int, Task] = {}
+    sent: dict[int, BatchTask] = {}
     bad: list[Outcome] = []
 
     def work() -> Iterator[tuple[int, bytes]]:
@@ -219,7 +219,7 @@ def _outcomes(
 
 
 def _in_rounds(
-    executor: Executor, settings: Settings, tasks: Iterable[Task]
+    executor: Executor, settings: Settings, tasks: Iterable[BatchTask]
 ) -> Iterator[Outcome]:
     """Outcomes of tasks that begin with the motions of their neighbours."""
     every, problems = list(tasks), list[Problem | None]()
@@ -273,7 +273,7 @@ Start = tuple[int, Trajectory]
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class BatchTask:
     """A problem of a batch, as the caller gave it.
 
     Attributes:
@@ -293,7 +293,7 @@ class Task:
         return Outcome(self.index, self.name, self.seed, False, status, message)
 
 
-def _task(index: int, given: Any, seed: int) -> Task:
+def _task(index: int, given: Any, seed: int) -> BatchTask:
     """Name a problem, and give it a seed of its own.
 
     Args:
@@ -307,7 +307,7 @@ def _task(index: int, given: Any, seed: int) -> Task:
         name = Path(what).stem
     own = index if name is None else zlib.crc32(name.encode())
     numbers = np.random.SeedSequence([seed, own]).generate_state(1)
-    return Task(index, name or f"problem {index}", int(numbers[0]), what)
+    return BatchTask(index, name or f"problem {index}", int(numbers[0]), what)
 
 
 @dataclass(frozen=True, eq=False)
@@ -388,7 +388,7 @@ def _run_packed(packed: bytes) -> bytes:
     return _packed(_planned(task, settings, start))
 
 
-def _planned(task: Task, settings: Settings, start: Start | None) -> Outcome:
+def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcome:
     """Plan a problem and keep the result, unless a former run has kept it."""
     folder, text, reason, digest = settings.folder, "", "", ""
     try:
