@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.clearances import contacts, local_maxima
 from tominpmp.certificate.limit_rows import GOAL, SEGMENT, LimitRows
-from tominpmp.certificate.motion import InnerStates, Motion
+from tominpmp.certificate.motion import Motion, MotionStates
 from tominpmp.certificate.perturbations import (
     BEGIN,
     END,
@@ -84,7 +84,7 @@ def _of_segment(number: int, rows: LimitRows) -> LimitRows:
 def _rows(
     motion: Motion,
     kind: str,
-    at: InnerStates,
+    at: MotionStates,
     subject: IntArray,
     room: Sequence[Array],
     *slopes: Array,
@@ -250,7 +250,7 @@ def _at_ends(values: Array) -> Array:
     return np.stack([values[:-1], values[1:]], axis=1)
 
 
-def _speeds(motion: Motion, inside: InnerStates) -> LimitRows:
+def _speeds(motion: Motion, inside: MotionStates) -> LimitRows:
     """Speeds that are largest between the nodes, or may come to be."""
     limit, changes = motion.task.problem.robot.limits.velocity, motion.changes
     share, ends = inside.v / limit, np.abs(changes.v) / limit
@@ -274,7 +274,7 @@ def _speeds(motion: Motion, inside: InnerStates) -> LimitRows:
     return _rows(motion, "velocity", at, joint, _shares(value), *slopes)
 
 
-def _positions(motion: Motion, inside: InnerStates) -> LimitRows:
+def _positions(motion: Motion, inside: MotionStates) -> LimitRows:
     """Positions of joints that turn back at a limit between the nodes."""
     limits, scale = motion.task.problem.robot.limits, motion.task.step_scale
     low, high = limits.position_lower, limits.position_upper
@@ -293,7 +293,7 @@ def _positions(motion: Motion, inside: InnerStates) -> LimitRows:
 def _rows_of_torques(
     motion: Motion,
     kind: str,
-    at: InnerStates,
+    at: MotionStates,
     joint: IntArray,
     room: tuple[Array, Array],
     by_torque: Array,
@@ -307,7 +307,7 @@ def _rows_of_torques(
     return _rows(motion, kind, at, joint, room, *slopes, by_torque=by_torque)
 
 
-def _bulging_efforts(motion: Motion, inside: InnerStates) -> LimitRows:
+def _bulging_efforts(motion: Motion, inside: MotionStates) -> LimitRows:
     """Torques that are largest inside an interval."""
     load = motion.task.share_of_effort(inside.u)
     seen = np.zeros(load.shape)
@@ -323,7 +323,7 @@ def _bulging_efforts(motion: Motion, inside: InnerStates) -> LimitRows:
     )
 
 
-def _over_speed(motion: Motion, inside: InnerStates | None) -> Iterator[LimitRows]:
+def _over_speed(motion: Motion, inside: MotionStates | None) -> Iterator[LimitRows]:
     """Torques at what their speed allows: at nodes, and nearest inside intervals."""
     limits, changes = motion.task.problem.motion_limits, motion.changes
     curves = {} if limits is None else (limits.effort_curves or {})

@@ -26,7 +26,7 @@ SAMPLES = 8
 SAME = 1e-6
 
 
-class InnerStates(NamedTuple):
+class MotionStates(NamedTuple):
     """A motion at some instants.
 
     Attributes:
@@ -43,9 +43,9 @@ class InnerStates(NamedTuple):
     a: Array
     u: Array
 
-    def kept(self, which: IntArray) -> InnerStates:
+    def kept(self, which: IntArray) -> MotionStates:
         """Some of the instants."""
-        return InnerStates(self.at.kept(which), *(part[which] for part in self[1:]))
+        return MotionStates(self.at.kept(which), *(part[which] for part in self[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,16 +153,16 @@ class Motion:
 
     # -- states ------------------------------------------------------------------------
 
-    def ends(self, interval: IntArray, end: int) -> InnerStates:
+    def ends(self, interval: IntArray, end: int) -> MotionStates:
         """The motion at the beginnings (0) or ends (1) of some intervals."""
         at = Instants(interval, np.full(interval.size, float(end)))
         q, v = self.changes.q[interval + end], self.changes.v[interval + end]
-        return InnerStates(at, q, v, self.a[interval, end], self.u[interval, end])
+        return MotionStates(at, q, v, self.a[interval, end], self.u[interval, end])
 
-    def states(self, at: Instants) -> InnerStates:
+    def states(self, at: Instants) -> MotionStates:
         """The motion at instants."""
         found = self.trajectory(self.changes.times(at))
-        return InnerStates(at, found.q, found.v, found.a, found.u)
+        return MotionStates(at, found.q, found.v, found.a, found.u)
 
 
 def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:

@@ -312,14 +312,17 @@ class SegmentRows:
     def _torques(self) -> TorqueWeights:
         return TorqueWeights.of(self.motion, self.rows)
 
+    @cached_property
+    def _torques_by_gravity(self) -> Array:
+        """Share of T by gravity, as far as torques have to do with it [s^2/m], (3,)."""
+        return self._torques.by_gravity(self._robot)
+
     def _forces(self) -> Iterator[Sensitivity]:
         """Gravity, loads and friction."""
         robot, torques = self._robot, self._torques
-        by_gravity, size = (
-            torques.by_gravity(robot),
-            float(np.linalg.norm(robot.gravity)),
-        )
-        value = float(by_gravity @ robot.gravity) + self._by_gravity()
+        by_gravity = self._torques_by_gravity
+        size = float(np.linalg.norm(robot.gravity))
+        value = float(by_gravity @ robot.gravity) + self._constraints_by_gravity()
         yield Sensitivity("gravity", None, "", value, "", size, "m/s^2", by_gravity)
         for load in robot.payloads:
             value, unit = _by_share(torques.by_mass(robot, load), load.mass, "kg")
@@ -333,7 +336,7 @@ class SegmentRows:
             joints = np.flatnonzero(given)
             yield from self._of_joints(kind, worth, given, units, joints=joints)
 
-    def _by_gravity(self) -> float:
+    def _constraints_by_gravity(self) -> float:
         """Share of T by a share of gravity that constraints cost, as loads do."""
         robot = self._robot
         if not np.any(robot.gravity) or not self._asked_of:
@@ -423,8 +426,7 @@ class SegmentRows:
         """Share of T by a displacement of the base, shape (6,) [1/m, 1/rad]."""
         out = self._base_of_goal - sum(self._contacts.values(), np.zeros(6))
         # In the axes of the base it is gravity that turns.
-        by_gravity = self._torques.by_gravity(self._robot)
-        out[3:] += np.cross(by_gravity, self._robot.gravity)
+        out[3:] += np.cross(self._torques_by_gravity, self._robot.gravity)
         for index, (before, after) in enumerate(self._moved_robots):
             out[index] += (self._asked(after) - self._asked(before)) / (2.0 * STEP)
         return np.asarray(out)
