@@ -7,9 +7,12 @@ was checked once stays as it was checked.
 from __future__ import annotations
 
 import copy
-from dataclasses import MISSING, fields
+import inspect
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +26,13 @@ BoolArray = NDArray[np.bool_]
 #: that is a success need not ask. Type checkers know the other type beside it.
 MaybeNone: TypeAlias = Any
 
+#: Takes a caller's value and its name in messages; returns the value that is kept.
+Check = Callable[[Any, str], Any]
+
+_T = TypeVar("_T")
 _R = TypeVar("_R", bound="Record")
+_Given = TypeVar("_Given", contravariant=True)
+_Kept = TypeVar("_Kept", covariant=True)
 
 # A range may stand for any number of numbers without holding them.
 MOST_NUMBERS = 10_000_000
@@ -116,9 +125,44 @@ def is_single(value: object) -> bool:
 
 def comparable(value: Any) -> Any:
     """Turn an array into its shape and numbers; other values remain."""
+    # Poses of Pinocchio are compared by their matrices.
+    value = getattr(value, "homogeneous", value)
     if isinstance(value, np.ndarray):
         return value.shape, tuple(value.ravel().tolist())
     return value
+
+
+class Converted(Generic[_Given, _Kept]):
+    """Type of a field for which callers may give more than what is kept of it.
+
+    Type checkers know it by that: ``Converted[VectorLike, Array]`` is a vector in any
+    form for who makes a record, and an array for who reads it.
+    """
+
+    def __get__(self, record: object, kind: Any, /) -> _Kept:
+        """What is kept; only type checkers ask, as no field is such an object."""
+        raise NotImplementedError
+
+    def __set__(self, record: object, value: _Given, /) -> None:
+        """What is given."""
+        raise NotImplementedError
+
+
+def default(value: object) -> Any:
+    """Default of a converted field, as a caller would give it."""
+    return value
+
+
+if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform
+
+    @dataclass_transform(
+        frozen_default=True, eq_default=False, field_specifiers=(field,)
+    )
+    def record(kind: type[_T], /) -> type[_T]:
+        """A frozen dataclass whose fields may be converted; for a :class:`Record`."""
+else:
+    record = dataclass(frozen=True, eq=False)
 
 
 def record_line(record: Any) -> str:
@@ -152,19 +196,33 @@ def in_brief(value: object) -> str:
 
 
 class Record:
-    """Base of frozen dataclasses that hold arrays; to be declared with ``eq=False``.
+    """Base of frozen dataclasses that hold arrays: of those that :func:`record` makes.
 
     Records are equal if they are of one class and all fields are, arrays element by
     element; fields declared with ``compare=False`` do not count. Arrays remain
     read-only when a record is copied or passed to another process. A record shows
     itself on one line: its fields that are not at their defaults, each in brief.
+
+    A field is checked, and turned into what is kept of it, where its type says how: is
+    the name of an ``Annotated`` type with a :data:`Check`, as ``Direction`` is. What a
+    base class checks is checked in subclasses that declare the field again, too.
     """
 
+    # Stands before the names of the fields in messages.
+    _owner: ClassVar[str] = ""
+    _field_checks: ClassVar[Mapping[str, Check]] = MappingProxyType({})
+
     def __init_subclass__(cls, **options: Any) -> None:
-        """Keep dataclasses from making another ``__repr__``, of any length."""
+        """Keep dataclasses from making another ``__repr__``; look for checks."""
         super().__init_subclass__(**options)
         if "__repr__" not in cls.__dict__:
             setattr(cls, "__repr__", cls.__repr__)  # noqa: B010
+        cls._field_checks = {**cls._field_checks, **dict(_checks_of(cls))}
+
+    def __post_init__(self) -> None:
+        """Check and convert the fields."""
+        for name, check in self._field_checks.items():
+            self._keep(**{name: check(getattr(self, name), self._owner + name)})
 
     def __repr__(self) -> str:
         """Name of the class, and what was given."""
@@ -204,3 +262,12 @@ class Record:
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
         self.__dict__.update(state)
+
+
+def _checks_of(kind: type) -> Iterator[tuple[str, Check]]:
+    """Fields that a class declares by types with a check, and these checks."""
+    known = vars(sys.modules[kind.__module__])
+    for name, declared in inspect.get_annotations(kind).items():
+        named = known.get(declared) if isinstance(declared, str) else declared
+        for check in getattr(named, "__metadata__", ()):
+            yield name, check

@@ -16,14 +16,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import EllipsisType
-from typing import Any, TypeAlias, TypeGuard, TypeVar
+from typing import Annotated, Any, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import (
     Array,
+    Check,
+    Converted,
     array_or_nan,
     frozen_array,
     number_or_nan,
@@ -252,13 +255,13 @@ def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
 
 
 #: A point or another vector in space: three numbers, or what has x, y and z.
-VectorLike: TypeAlias = "ArrayLike | Mapping[str, float]"
+VectorLike: TypeAlias = ArrayLike | Mapping[str, float]
 #: A 3x3 matrix, a quaternion (x, y, z, w), or a ``Rotation`` of SciPy.
-RotationLike: TypeAlias = "ArrayLike | Mapping[str, float] | Any"
+RotationLike: TypeAlias = ArrayLike | Mapping[str, float] | Any
 #: A ``pinocchio.SE3``, a 4x4 matrix, or a pair of a position and a rotation.
-PoseLike: TypeAlias = "ArrayLike | tuple[Any, Any] | Mapping[str, Any] | Any"
+PoseLike: TypeAlias = ArrayLike | tuple[Any, Any] | Mapping[str, Any] | Any
 #: One number for each joint in the order of the robot, or numbers by joint name.
-JointsLike: TypeAlias = "ArrayLike | Mapping[str, float]"
+JointsLike: TypeAlias = ArrayLike | Mapping[str, float]
 
 POSE = (
     "a pinocchio.SE3, a 4x4 matrix, or a pair of a position [m] and a rotation "
@@ -392,6 +395,26 @@ def direction(value: object, name: str) -> Array:
         found = found / largest  # so that no square overflows
         found = found / np.linalg.norm(found)
     return frozen_array(found)
+
+
+def optional(check: Check) -> Check:
+    """Check of a value that may be None."""
+    return lambda value, name: None if value is None else check(value, name)
+
+
+# Types of fields that a Record checks.
+FrameName: TypeAlias = Annotated[str, partial(text, expected="the name of a frame")]
+Metres: TypeAlias = Annotated[float, partial(positive, unit="m")]
+Direction: TypeAlias = Annotated[Converted[VectorLike, Array], direction]
+_point = partial(vector, expected="three coordinates [m]", size=3)
+Point: TypeAlias = Annotated[Converted[VectorLike, Array], _point]
+PointOrNone: TypeAlias = Annotated[
+    Converted[VectorLike | None, Array | None], optional(_point)
+]
+#: A corner of a box, which may be infinite.
+Corner: TypeAlias = Annotated[
+    Converted[VectorLike, Array], partial(_point, infinite=True)
+]
 
 
 def _attribute(value: object, name: str) -> Any:

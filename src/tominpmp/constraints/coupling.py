@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, number_or_nan
+from tominpmp.arrays import Array, Converted, number_or_nan, record
 from tominpmp.checks import JOINTS, array, instance, vector, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.quantity import Linear, one_row
@@ -20,7 +17,7 @@ NONE = np.zeros(0)
 SCALE = 0.1
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class JointCoupling(PathConstraint):
     """A weighted sum of joint positions stays within bounds, at all times.
 
@@ -38,7 +35,7 @@ class JointCoupling(PathConstraint):
     """
 
     joints: tuple[str, ...]
-    weights: Array
+    weights: Converted[ArrayLike, Array]
     upper: float
     lower: float = -np.inf
 
@@ -46,18 +43,6 @@ class JointCoupling(PathConstraint):
     unit = "rad or m"
     largest = 0.0
     scale = SCALE
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            joints: tuple[str, ...],
-            weights: ArrayLike,
-            upper: float,
-            lower: float = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array
-from tominpmp.checks import VectorLike, direction
-from tominpmp.constraints.held_load import HeldLoad
+from tominpmp.arrays import Array, default, record
+from tominpmp.checks import Direction, Metres, Point, positive
+from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
 from tominpmp.constraints.quantity import Linear
-from tominpmp.goals.fields import above_zero, checks
+from tominpmp.robot.payload import InertiaOrNone
+
+Newtons: TypeAlias = Annotated[float, partial(positive, unit="N")]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FirmGrasp(HeldLoad):
     """A load between two fingers does not slip.
 
@@ -40,41 +41,17 @@ class FirmGrasp(HeldLoad):
         ProblemError: If a value is none, or the axis zero.
     """
 
-    frame: str
-    force: float
-    friction: float
-    mass: float
-    center: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
-    axis: Array = (0.0, 1.0, 0.0)  # type: ignore[assignment]
-    pad_radius: float = 0.01
-    inertia: Array | None = None
+    force: Newtons
+    friction: Coefficient
+    mass: Kilograms
+    center: Point = default((0.0, 0.0, 0.0))
+    axis: Direction = default((0.0, 1.0, 0.0))
+    pad_radius: Metres = 0.01
+    inertia: InertiaOrNone = default(None)
 
     quantity = "load of the grasp"
     unit = "N"
     falls = "slips out of the fingers"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            force: float,
-            friction: float,
-            mass: float,
-            center: VectorLike = ...,
-            axis: VectorLike = ...,
-            pad_radius: float = ...,
-            inertia: ArrayLike | None = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(
-        force=above_zero("N"),
-        friction=above_zero("1"),
-        pad_radius=above_zero("m"),
-        axis=direction,
-    )
 
     @property
     def largest(self) -> float:

@@ -6,22 +6,27 @@ from typing import ClassVar
 
 import numpy as np
 
-from tominpmp.arrays import Array
-from tominpmp.checks import instance
+from tominpmp.arrays import Array, record
+from tominpmp.checks import FrameName, instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.quantity import Linear, Quantity, one_row
-from tominpmp.goals.fields import checks, frame_name
 from tominpmp.kinematics import FrameMotions
 from tominpmp.robot import Robot
 
 
-class FrameConstraint(PathConstraint):
-    """A constraint on a frame of the robot, which its field ``frame`` names."""
+@record
+class FrameRows(PathConstraint):
+    """A constraint on a frame of the robot, evaluated at many states at once.
 
-    frame: str
+    Subclasses give :meth:`measure_rows` and :meth:`vector_rows`, or else
+    :meth:`value_rows` and :meth:`term_rows`.
+
+    Attributes:
+        frame: Name of the frame.
+    """
+
+    frame: FrameName
     quantity: ClassVar[str]
-
-    _checks = checks(frame=frame_name)
 
     @property
     def name(self) -> str:
@@ -36,14 +41,6 @@ class FrameConstraint(PathConstraint):
     def validate(self, robot: Robot) -> None:
         """Check that the robot has the frame."""
         instance(robot, Robot, "robot").frame_id(self.frame)
-
-
-class FrameRows(FrameConstraint):
-    """A constraint on a frame that is evaluated at many states at once.
-
-    Subclasses give :meth:`measure_rows` and :meth:`vector_rows`, or else
-    :meth:`value_rows` and :meth:`term_rows`.
-    """
 
     @property
     def motions(self) -> FrameMotions:

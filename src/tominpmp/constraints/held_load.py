@@ -12,36 +12,34 @@ Featherstone 2008, equation 5.9). Whatever holds it can give some wrenches only.
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, frozen_array
-from tominpmp.checks import number
+from tominpmp.arrays import Array
+from tominpmp.checks import Point, number, positive
 from tominpmp.constraints.frame import FrameRows
-from tominpmp.goals.fields import above_zero, checks, coordinates, optional
 from tominpmp.kinematics import SpatialStates, skew
-from tominpmp.robot.payload import checked_inertia
+from tominpmp.robot.payload import InertiaOrNone
 
 STANDARD_GRAVITY = 9.81
+
+
+Kilograms: TypeAlias = Annotated[float, partial(positive, unit="kg")]
+Coefficient: TypeAlias = Annotated[float, partial(positive, unit="1")]
 
 
 class HeldLoad(FrameRows):
     """A load that moves with a frame."""
 
-    frame: str
-    mass: float
-    center: Array
-    inertia: Array | None
+    mass: Kilograms
+    center: Point
+    inertia: InertiaOrNone
 
     order = 2
     curable = True
-
-    _checks = checks(
-        mass=above_zero("kg"),
-        center=coordinates,
-        inertia=optional(lambda *given: frozen_array(checked_inertia(*given))),
-    )
 
     @property
     def weight(self) -> float:

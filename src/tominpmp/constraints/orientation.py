@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, frozen_array
-from tominpmp.checks import RotationLike, VectorLike
-from tominpmp.checks import direction as checked_direction
+from tominpmp.arrays import Array, Converted, default, frozen_array, record
+from tominpmp.checks import Direction, RotationLike, positive
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
-from tominpmp.goals.fields import above_zero, checks
 from tominpmp.scene import rotation_matrix
 
 NONE = np.zeros(0)
@@ -23,15 +21,16 @@ NONE = np.zeros(0)
 LEAST_SCALE = 0.05
 
 
+Angle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
+
+
 class FrameAngle(FrameRows):
     """An angle of a frame below its field ``tolerance``."""
 
-    tolerance: float
+    tolerance: Angle
 
     order = 0
     unit = "rad"
-
-    _checks = checks(tolerance=above_zero(unit, most=np.pi))
 
     @property
     def largest(self) -> float:
@@ -44,7 +43,7 @@ class FrameAngle(FrameRows):
         return max(self.tolerance, LEAST_SCALE)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class KeepUpright(FrameAngle):
     """An axis of a frame stays within a cone about a direction, at all times.
 
@@ -60,26 +59,11 @@ class KeepUpright(FrameAngle):
         ProblemError: If a vector is zero, or the tolerance no angle above zero.
     """
 
-    frame: str
-    axis: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
-    direction: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
-    tolerance: float = 0.1
+    axis: Direction = default((0.0, 0.0, 1.0))
+    direction: Direction = default((0.0, 0.0, 1.0))
+    tolerance: Angle = 0.1
 
     quantity = "tilt"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            axis: VectorLike = ...,
-            direction: VectorLike = ...,
-            tolerance: float = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(axis=checked_direction, direction=checked_direction)
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Angles [rad]."""
@@ -97,7 +81,7 @@ class KeepUpright(FrameAngle):
         return found, by_turn @ jacobian, NONE, NONE
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class AxisFixed(KeepUpright):
     """An axis of a frame keeps a direction, at all times; the frame may spin about it.
 
@@ -113,21 +97,11 @@ class AxisFixed(KeepUpright):
         ProblemError: If a vector is zero, or the tolerance no angle above zero.
     """
 
-    tolerance: float = 0.01
+    axis: Direction = default((0.0, 0.0, 1.0))
+    direction: Direction = default((0.0, 0.0, 1.0))
+    tolerance: Angle = 0.01
 
     quantity = "deviation of the axis"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            axis: VectorLike = ...,
-            direction: VectorLike = ...,
-            tolerance: float = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
 
 
 def _checked_rotation(value: RotationLike, name: str) -> Array:
@@ -137,7 +111,12 @@ def _checked_rotation(value: RotationLike, name: str) -> Array:
         raise ProblemError(str(error), name) from error
 
 
-@dataclass(frozen=True, eq=False)
+Rotation: TypeAlias = Annotated[
+    Converted[RotationLike | None, Array], _checked_rotation
+]
+
+
+@record
 class KeepOrientation(FrameAngle):
     """A frame keeps an orientation, at all times.
 
@@ -151,24 +130,10 @@ class KeepOrientation(FrameAngle):
         ProblemError: If the rotation is none, or the tolerance no angle above zero.
     """
 
-    frame: str
-    rotation: Array = (0.0, 0.0, 0.0, 1.0)  # type: ignore[assignment]
-    tolerance: float = 0.01
+    rotation: Rotation = default((0.0, 0.0, 0.0, 1.0))
+    tolerance: Angle = 0.01
 
     quantity = "turn"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            rotation: RotationLike | None = ...,
-            tolerance: float = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(rotation=_checked_rotation)
 
     def _turns(self, q: Array) -> Array:
         return np.asarray(self.rotation.T @ self.motions.placements(q).rotation)

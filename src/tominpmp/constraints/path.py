@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, TypeVar
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, IntArray, Record, record
 from tominpmp.checks import JOINTS, array, instance, number, wrong
 from tominpmp.constraints.base import NO_TIMES, Partials, States
 from tominpmp.constraints.quantity import Quantity
-from tominpmp.constraints.window import Window, checked_during
+from tominpmp.constraints.window import TimesOrNone, Window, checked_during
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals.fields import CheckedFields, checks
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -31,8 +30,8 @@ Own = TypeVar("Own", bound="PathConstraint")
 Way = Callable[[Array, Array, int], Array]
 
 
-@dataclass(frozen=True, eq=False)
-class PathConstraint(CheckedFields, Quantity):
+@record
+class PathConstraint(Record, Quantity):
     """A quantity that is to stay below a limit at all times of a motion.
 
     Or ``during`` a part of it: from one time of the motion until another [s]. Where it
@@ -45,9 +44,7 @@ class PathConstraint(CheckedFields, Quantity):
             None for all of it.
     """
 
-    during: tuple[float, float] | None = field(default=None, kw_only=True)
-
-    _checks = checks(during=lambda value, _: checked_during(value))
+    during: TimesOrNone = field(default=None, kw_only=True)
 
     @property
     @abstractmethod

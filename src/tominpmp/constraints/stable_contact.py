@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, array_or_nan, frozen_array, is_single
-from tominpmp.checks import VectorLike, number, positive, wrong
-from tominpmp.constraints.held_load import HeldLoad
+from tominpmp.arrays import (
+    Array,
+    Converted,
+    array_or_nan,
+    default,
+    frozen_array,
+    is_single,
+    record,
+)
+from tominpmp.checks import Point, number, positive, wrong
+from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
 from tominpmp.constraints.quantity import Linear, length_bend
-from tominpmp.goals.fields import above_zero, checks
+from tominpmp.robot.payload import InertiaOrNone
 
 # How far from the tip of a cone, where a load has no weight, it is rounded off [shares
 # of what it holds at rest]: the fastest motions let loads fall almost freely on their
@@ -20,10 +28,6 @@ from tominpmp.goals.fields import above_zero, checks
 TIP = 3e-3
 # Force across z, moment across z, and force along z, of a wrench.
 _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
-
-
-def _checked_pull(value: float, name: str) -> float:
-    return number(value, name, "a number >= 0 [N]", least=0.0)
 
 
 def _checked_support(value: ArrayLike | None, name: str) -> float | Array | None:
@@ -34,7 +38,15 @@ def _checked_support(value: ArrayLike | None, name: str) -> float | Array | None
     return frozen_array(_polygon(value))
 
 
-@dataclass(frozen=True, eq=False)
+SupportOrNone: TypeAlias = Annotated[
+    Converted[ArrayLike | float | None, Array | float | None], _checked_support
+]
+Pull: TypeAlias = Annotated[
+    float, partial(number, expected="a number >= 0 [N]", least=0.0)
+]
+
+
+@record
 class StableContact(HeldLoad):
     """A load that stands on a frame, or hangs on a suction cup there, stays in place.
 
@@ -60,38 +72,18 @@ class StableContact(HeldLoad):
         ProblemError: If a value is none, or the support no convex polygon.
     """
 
-    frame: str
-    center: Array
-    friction: float
-    support: Array | float | None = None
-    mass: float = 1.0
-    inertia: Array | None = None
-    adhesion: float = 0.0
+    center: Point
+    friction: Coefficient
+    support: SupportOrNone = default(None)
+    mass: Kilograms = 1.0
+    inertia: InertiaOrNone = default(None)
+    adhesion: Pull = 0.0
 
     quantity = "lack of grip"
     unit = "of the weight"
     largest = 0.0
     scale = 1.0
     falls = "slips or tips"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            center: VectorLike,
-            friction: float,
-            support: ArrayLike | float | None = ...,
-            mass: float = ...,
-            inertia: ArrayLike | None = ...,
-            adhesion: float = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(
-        friction=above_zero("1"), adhesion=_checked_pull, support=_checked_support
-    )
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

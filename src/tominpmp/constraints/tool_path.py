@@ -7,36 +7,35 @@ cone, and with :class:`~tominpmp.KeepOrientation` it is fixed.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, array_or_nan
-from tominpmp.checks import VectorLike, array, number, whole, wrong
+from tominpmp.arrays import Array, Converted, array_or_nan, default, record
+from tominpmp.checks import Metres, Point, array, number, positive, whole, wrong
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.path import Way
 from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import brief
-from tominpmp.goals.fields import above_zero, checks, coordinates
 
 NONE = np.zeros(0)
 # Narrower tubes are measured by this, so that rows stay of order one [m].
 LEAST_SCALE = 0.02
 POINT = "coordinates [m]"
 
+Turn: TypeAlias = Annotated[float, partial(positive, unit="rad", most=2.0 * np.pi)]
+
 
 class Tube(FrameRows):
     """The origin of a frame stays near a curve."""
 
-    radius: float
+    radius: Metres
 
     quantity = "distance from its path"
     order = 0
     unit = "m"
-
-    _checks = checks(radius=above_zero(unit))
 
     @abstractmethod
     def from_curve(self, point: Array) -> tuple[Array, Array]:
@@ -92,7 +91,7 @@ class Tube(FrameRows):
         return found, by_point @ jacobian, NONE, NONE
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ToolLine(Tube):
     """The origin of a frame stays within a radius of a straight line, at all times.
 
@@ -106,24 +105,9 @@ class ToolLine(Tube):
         ProblemError: If a point is none, or the radius no positive number.
     """
 
-    frame: str
-    start: Array
-    end: Array
-    radius: float = 1e-3
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            start: VectorLike,
-            end: VectorLike,
-            radius: float = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(start=coordinates, end=coordinates)
+    start: Point
+    end: Point
+    radius: Metres = 1e-3
 
     def progress(self, point: Array) -> float:
         """Share of the line."""
@@ -147,7 +131,10 @@ def _checked_corners(value: ArrayLike, name: str) -> Array:
     return points
 
 
-@dataclass(frozen=True, eq=False)
+Corners: TypeAlias = Annotated[Converted[ArrayLike, Array], _checked_corners]
+
+
+@record
 class ToolPolyline(Tube):
     """The origin of a frame stays within a radius of a polyline, at all times.
 
@@ -161,22 +148,8 @@ class ToolPolyline(Tube):
             number.
     """
 
-    frame: str
-    points: Array
-    radius: float = 1e-3
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            points: ArrayLike,
-            radius: float = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(points=_checked_corners)
+    points: Corners
+    radius: Metres = 1e-3
 
     @property
     def _lengths(self) -> Array:
@@ -207,7 +180,7 @@ class ToolPolyline(Tube):
         return min(found, key=lambda one: float(one[0] @ one[0]))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ToolArc(Tube):
     """The origin of a frame stays within a radius of an arc of a circle.
 
@@ -225,33 +198,11 @@ class ToolArc(Tube):
             positive.
     """
 
-    frame: str
-    center: Array
-    start: Array
-    axis: Array = (0.0, 0.0, 1.0)  # type: ignore[assignment]
-    angle: float = 2.0 * np.pi
-    radius: float = 1e-3
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            center: VectorLike,
-            start: VectorLike,
-            axis: VectorLike = ...,
-            angle: float = ...,
-            radius: float = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(
-        center=coordinates,
-        start=coordinates,
-        axis=coordinates,
-        angle=above_zero("rad", most=2.0 * np.pi),
-    )
+    center: Point
+    start: Point
+    axis: Point = default((0.0, 0.0, 1.0))
+    angle: Turn = 2.0 * np.pi
+    radius: Metres = 1e-3
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

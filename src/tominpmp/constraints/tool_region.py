@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
-import pinocchio as pin
 
-from tominpmp.arrays import Array, BoolArray
-from tominpmp.checks import PoseLike, VectorLike
+from tominpmp.arrays import Array, BoolArray, default, record
+from tominpmp.checks import Corner, Metres, Point
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.quantity import Linear
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.fields import above_zero, checks, coordinates, corner, optional
-from tominpmp.goals.frames import checked_pose
+from tominpmp.goals.frames import PoseOrNone
 
 NONE = np.zeros(0)
 # What an excess is measured by [m].
 SCALE = 0.1
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class WithinRegion(FrameRows):
     """The origin of a frame stays within a box, at all times.
 
@@ -36,30 +31,15 @@ class WithinRegion(FrameRows):
         ProblemError: If the corners are none, or nothing is asked for.
     """
 
-    frame: str
-    lower: Array
-    upper: Array
-    pose: pin.SE3 | None = None
+    lower: Corner
+    upper: Corner
+    pose: PoseOrNone = default(None)
 
     quantity = "distance from its region"
     order = 0
     unit = "m"
     largest = 0.0
     scale = SCALE
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            lower: VectorLike,
-            upper: VectorLike,
-            pose: PoseLike | None = ...,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(lower=corner, upper=corner, pose=optional(checked_pose))
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
@@ -111,7 +91,7 @@ class WithinRegion(FrameRows):
         return self.value_rows(q, v, a), by_q / self.scale, NONE, NONE
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class KeepAway(FrameRows):
     """The origin of a frame stays away from a point, at all times.
 
@@ -124,27 +104,13 @@ class KeepAway(FrameRows):
         ProblemError: If the point is none, or the distance no positive number.
     """
 
-    frame: str
-    point: Array
-    distance: float
+    point: Point
+    distance: Metres
 
     quantity = "intrusion"
     order = 0
     unit = "m"
     largest = 0.0
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            point: VectorLike,
-            distance: float,
-            *,
-            during: tuple[float, float] | None = ...,
-        ) -> None: ...
-
-    _checks = checks(point=coordinates, distance=above_zero(unit))
 
     @property
     def scale(self) -> float:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, record
 from tominpmp.checks import positive
 from tominpmp.constraints.frame import FrameRows
 from tominpmp.constraints.quantity import Linear
 
 NONE = np.zeros(0)
+
+Speed: TypeAlias = Annotated[float, partial(positive, unit="m/s")]
+Acceleration: TypeAlias = Annotated[float, partial(positive, unit="m/s^2")]
 
 
 class FrameLimit(FrameRows):
@@ -19,18 +23,13 @@ class FrameLimit(FrameRows):
 
     limit: float
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        super().__post_init__()
-        self._keep(limit=positive(self.limit, "limit", self.unit))
-
     @property
     def largest(self) -> float:
         """The limit."""
         return self.limit
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ToolSpeed(FrameLimit):
     """The origin of a frame moves no faster than a limit, at all times.
 
@@ -42,8 +41,7 @@ class ToolSpeed(FrameLimit):
         ProblemError: If the limit is no positive number.
     """
 
-    frame: str
-    limit: float
+    limit: Speed
 
     quantity = "speed"
     order = 1
@@ -64,7 +62,7 @@ class ToolSpeed(FrameLimit):
         return *self.motions.velocity_slopes(q, v), NONE
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ToolAcceleration(FrameLimit):
     """The origin of a frame accelerates no more than a limit, at all times.
 
@@ -76,8 +74,7 @@ class ToolAcceleration(FrameLimit):
         ProblemError: If the limit is no positive number.
     """
 
-    frame: str
-    limit: float
+    limit: Acceleration
 
     quantity = "acceleration"
     order = 2

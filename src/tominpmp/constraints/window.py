@@ -7,6 +7,7 @@ they are when its duration changes.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class Window:
         return replace(self, times=times[apart])
 
 
-def checked_during(given: object) -> tuple[float, float] | None:
+def checked_during(given: object, name: str = "during") -> tuple[float, float] | None:
     """Check a caller's times.
 
     Raises:
@@ -70,5 +71,9 @@ def checked_during(given: object) -> tuple[float, float] | None:
     begin, end = pair_or_nan(given)
     if not (0.0 <= begin < np.inf and begin < end):
         expected = "two times (begin, end) from the start of the motion, in order [s]"
-        raise wrong(given, "during", f"{expected}; the end may be infinite")
+        raise wrong(given, name, f"{expected}; the end may be infinite")
     return begin, end
+
+
+#: The type of the field of a constraint that says when it holds.
+TimesOrNone: TypeAlias = Annotated[tuple[float, float] | None, checked_during]

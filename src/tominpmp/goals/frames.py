@@ -3,51 +3,44 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, array_or_nan
+from tominpmp.arrays import Array, Converted, Record, array_or_nan, default, record
 from tominpmp.checks import (
     POSE,
+    Direction,
+    FrameName,
+    Point,
+    PointOrNone,
     PoseLike,
     VectorLike,
     array,
     instance,
+    optional,
     split_pose,
     text,
     vector,
     wrong,
 )
-from tominpmp.checks import direction as checked_direction
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import deviation
-from tominpmp.goals.fields import (
-    CheckedFields,
-    checks,
-    coordinates,
-    frame_name,
-    optional,
-)
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 from tominpmp.scene import is_rotation, rotation_matrix
 
-
-def _velocity(value: VectorLike, name: str) -> Array:
-    return vector(value, name, "three components [m/s]", 3)
-
-
-def _distance(value: float, name: str) -> float:
-    return goal_tolerance(value, name, "m")
-
-
-def _angle(value: float, name: str) -> float:
-    return goal_tolerance(value, name, "rad", np.pi)
+Distance: TypeAlias = Annotated[float, partial(goal_tolerance, unit="m")]
+Angle: TypeAlias = Annotated[float, partial(goal_tolerance, unit="rad", most=np.pi)]
+VelocityOrNone: TypeAlias = Annotated[
+    Converted[VectorLike | None, Array | None],
+    optional(partial(vector, expected="three components [m/s]", size=3)),
+]
 
 
 def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
@@ -85,7 +78,13 @@ def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
     return pin.SE3(np.array(turn), np.array(position))
 
 
-class FrameGoal(CheckedFields, Goal):
+Pose: TypeAlias = Annotated[Converted[PoseLike, pin.SE3], checked_pose]
+PoseOrNone: TypeAlias = Annotated[
+    Converted[PoseLike | None, pin.SE3 | None], optional(checked_pose)
+]
+
+
+class FrameGoal(Record, Goal):
     """Goal on a frame; what its placement has to be is left to the subclasses.
 
     Attributes:
@@ -94,11 +93,10 @@ class FrameGoal(CheckedFields, Goal):
             an arm at rest.
     """
 
-    frame: str
-    v: Array | None
+    frame: FrameName
+    v: VelocityOrNone
 
     _owner = "goal."
-    _checks = checks(frame=frame_name, v=optional(_velocity))
 
     def validate(self, robot: Robot) -> None:
         """Check that the frame exists."""
@@ -148,7 +146,7 @@ class FrameGoal(CheckedFields, Goal):
         return self.v is None
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class PositionGoal(FrameGoal):
     """Bring the origin of a frame to a point, in any orientation.
 
@@ -159,22 +157,10 @@ class PositionGoal(FrameGoal):
         tolerance: Largest distance from the point [m].
     """
 
-    frame: str
-    position: Array
-    v: Array | None = None
-    tolerance: float = 0.0
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            position: VectorLike,
-            v: VectorLike | None = ...,
-            tolerance: float = ...,
-        ) -> None: ...
-
-    _checks = checks(position=coordinates, tolerance=_distance)
+    frame: FrameName
+    position: Point
+    v: VelocityOrNone = default(None)
+    tolerance: Distance = 0.0
 
     @property
     def target(self) -> Array:
@@ -197,7 +183,7 @@ class PositionGoal(FrameGoal):
         return Place.within(offset, by_q, self.tolerance, self.label("m"))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class PoseGoal(FrameGoal):
     """Bring a frame to a pose.
 
@@ -211,24 +197,11 @@ class PoseGoal(FrameGoal):
         angle_tolerance: Largest angle between the orientations, about any axis [rad].
     """
 
-    frame: str
-    pose: pin.SE3
-    v: Array | None = None
-    tolerance: float = 0.0
-    angle_tolerance: float = 0.0
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            pose: PoseLike,
-            v: VectorLike | None = ...,
-            tolerance: float = ...,
-            angle_tolerance: float = ...,
-        ) -> None: ...
-
-    _checks = checks(pose=checked_pose, tolerance=_distance, angle_tolerance=_angle)
+    frame: FrameName
+    pose: Pose
+    v: VelocityOrNone = default(None)
+    tolerance: Distance = 0.0
+    angle_tolerance: Angle = 0.0
 
     @property
     def target(self) -> pin.SE3:
@@ -270,7 +243,7 @@ class PoseGoal(FrameGoal):
         )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class AxisGoal(FrameGoal):
     """Point an axis of a frame into a direction, turned about it in any way.
 
@@ -285,34 +258,13 @@ class AxisGoal(FrameGoal):
         angle_tolerance: Largest angle between axis and direction [rad].
     """
 
-    frame: str
-    axis: Array
-    direction: Array
-    position: Array | None = None
-    v: Array | None = None
-    tolerance: float = 0.0
-    angle_tolerance: float = 0.0
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            axis: VectorLike,
-            direction: VectorLike,
-            position: VectorLike | None = ...,
-            v: VectorLike | None = ...,
-            tolerance: float = ...,
-            angle_tolerance: float = ...,
-        ) -> None: ...
-
-    _checks = checks(
-        axis=checked_direction,
-        direction=checked_direction,
-        position=optional(coordinates),
-        tolerance=_distance,
-        angle_tolerance=_angle,
-    )
+    frame: FrameName
+    axis: Direction
+    direction: Direction
+    position: PointOrNone = default(None)
+    v: VelocityOrNone = default(None)
+    tolerance: Distance = 0.0
+    angle_tolerance: Angle = 0.0
 
     @property
     def ball(self) -> Ball | None:

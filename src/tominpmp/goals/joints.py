@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, IntArray, Record, is_single
+from tominpmp.arrays import (
+    Array,
+    Converted,
+    IntArray,
+    Record,
+    default,
+    is_single,
+    record,
+)
 from tominpmp.checks import (
     JOINTS,
     JointsLike,
@@ -30,7 +37,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class JointGoal(Record, Goal):
     """Reach a configuration.
 
@@ -44,18 +51,9 @@ class JointGoal(Record, Goal):
             robot, in its order. A problem puts the numbers into that order.
     """
 
-    q: Array
-    v: Array | None = None
+    q: Converted[JointsLike, Array]
+    v: Converted[JointsLike | None, Array | None] = default(None)
     joints: Sequence[str] | None = None
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            q: JointsLike,
-            v: JointsLike | None = ...,
-            joints: Sequence[str] | None = ...,
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Copy the arrays; their lengths are checked against the robot."""
@@ -141,7 +139,7 @@ class JointGoal(Record, Goal):
         return np.zeros(whole(n, "n")) if self.v is None else self.v
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class JointRegionGoal(Record, Goal):
     """Bring some joints, or all, into ranges; the others end wherever is fastest.
 
@@ -155,18 +153,9 @@ class JointRegionGoal(Record, Goal):
         joints: Names of the k joints; None for all, in the order of the robot.
     """
 
-    q: Array
-    tolerance: float | Array = 0.0
+    q: Converted[JointsLike, Array]
+    tolerance: Converted[ArrayLike, float | Array] = default(0.0)
     joints: Sequence[str] | None = None
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            q: JointsLike,
-            tolerance: ArrayLike = ...,
-            joints: Sequence[str] | None = ...,
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, frozen_array, is_single
-from tominpmp.checks import PoseLike, VectorLike, array, vector, wrong
+from tominpmp.arrays import Array, Converted, default, frozen_array, is_single, record
+from tominpmp.checks import Corner, FrameName, array, vector, wrong
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.fields import checks, corner, optional
 from tominpmp.goals.frames import (
     FrameGoal,
-    checked_pose,
+    PoseOrNone,
+    VelocityOrNone,
     rotation_vector,
 )
 from tominpmp.goals.place import Place
@@ -34,7 +33,10 @@ def _checked_angles(given: Any, name: str) -> float | Array:
     return float(angles[0]) if one else frozen_array(angles)
 
 
-@dataclass(frozen=True, eq=False)
+Angles: TypeAlias = Annotated[Converted[ArrayLike, float | Array], _checked_angles]
+
+
+@record
 class RegionGoal(FrameGoal):
     """Bring the origin of a frame into a box, in any orientation or in some.
 
@@ -53,31 +55,12 @@ class RegionGoal(FrameGoal):
         v: Final linear velocity of the origin, shape (3,) [m/s]; None for rest.
     """
 
-    frame: str
-    lower: Array
-    upper: Array
-    pose: pin.SE3 | None = None
-    angle_tolerance: float | Array = np.pi
-    v: Array | None = None
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            frame: str,
-            lower: VectorLike,
-            upper: VectorLike,
-            pose: PoseLike | None = ...,
-            angle_tolerance: ArrayLike = ...,
-            v: VectorLike | None = ...,
-        ) -> None: ...
-
-    _checks = checks(
-        lower=corner,
-        upper=corner,
-        pose=optional(checked_pose),
-        angle_tolerance=_checked_angles,
-    )
+    frame: FrameName
+    lower: Corner
+    upper: Corner
+    pose: PoseOrNone = default(None)
+    angle_tolerance: Angles = default(np.pi)
+    v: VelocityOrNone = default(None)
 
     def __post_init__(self) -> None:
         """Check and copy the values."""

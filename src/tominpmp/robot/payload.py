@@ -7,16 +7,25 @@ the dynamics, its shapes of collisions and pictures, and its name is that of a f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
-from tominpmp.checks import VectorLike, instance, number, text, vector, wrong
+from tominpmp.arrays import (
+    Array,
+    Converted,
+    Record,
+    array_or_nan,
+    default,
+    frozen_array,
+    record,
+)
+from tominpmp.checks import Point, instance, number, optional, text, wrong
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import LinkDescription, Shape, UrdfDescription
@@ -27,71 +36,10 @@ from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 ROUNDING = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Payload(Record):
-    """A body fixed to a frame of a robot.
-
-    Attributes:
-        mass: Mass [kg].
-        frame: Name of the frame that carries it.
-        com: Centre of mass in the frame, shape (3,) [m].
-        inertia: Inertia about the centre of mass, in the axes of the frame, shape (3,
-            3) [kg m^2]; None for a point mass.
-        geometry: Its shapes, one or a list, with positions and rotations in the frame
-            instead of the world.
-        name: Name of the link that it becomes, and so in pairs of bodies.
-    """
-
-    mass: float
-    frame: str
-    com: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
-    inertia: Array | None = None
-    geometry: Sequence[Obstacle] = ()
-    name: str = "payload"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            mass: float,
-            frame: str,
-            com: VectorLike = ...,
-            inertia: ArrayLike | None = ...,
-            geometry: Sequence[Obstacle] | Obstacle = ...,
-            name: str = ...,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        for key in ("frame", "name"):
-            text(getattr(self, key), f"payload.{key}", "a name")
-        mass = number(self.mass, "payload.mass", "a mass >= 0 [kg]", least=0.0)
-        com = vector(self.com, "payload.com", "three coordinates [m]", 3)
-        self._keep(mass=mass, com=com)
-        if self.inertia is not None:
-            self._keep(inertia=checked_inertia(self.inertia, "payload.inertia"))
-        if isinstance(self.geometry, Obstacle):
-            self._keep(geometry=(self.geometry,))
-        self._check_geometry()
-        self._keep(geometry=tuple(self.geometry))
-
-    def _check_geometry(self) -> None:
-        expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
-        instance(self.geometry, Sequence, "payload.geometry", expected)
-        for item in self.geometry:
-            known = isinstance(item, (Box, Sphere, Cylinder, Capsule, Mesh))
-            if not known or (isinstance(item, Mesh) and item.path is None):
-                raise ProblemError(
-                    f"payload.geometry holds a {type(item).__name__}, expected "
-                    f"{expected}",
-                    "payload.geometry",
-                )
-            if item.motion is not None:
-                raise ProblemError(
-                    f"payload.geometry: {brief(item.name)} has a motion of its own, "
-                    "expected none: it goes with the frame",
-                    "payload.geometry",
-                )
+Mass: TypeAlias = Annotated[
+    float, partial(number, expected="a mass >= 0 [kg]", least=0.0)
+]
+Name: TypeAlias = Annotated[str, partial(text, expected="a name")]
 
 
 def checked_inertia(value: object, name: str) -> Array:
@@ -108,6 +56,60 @@ def checked_inertia(value: object, name: str) -> Array:
     if fault is not None:
         raise ProblemError(f"{name} {fault}", name)
     return frozen_array(0.5 * (array + array.T))
+
+
+InertiaOrNone: TypeAlias = Annotated[
+    Converted[ArrayLike | None, Array | None], optional(checked_inertia)
+]
+
+
+def _checked_shapes(given: Any, name: str) -> tuple[Obstacle, ...]:
+    """Check the shapes of a payload."""
+    if isinstance(given, Obstacle):
+        given = (given,)
+    expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
+    for item in instance(given, Sequence, name, expected):
+        known = isinstance(item, (Box, Sphere, Cylinder, Capsule, Mesh))
+        if not known or (isinstance(item, Mesh) and item.path is None):
+            kind = type(item).__name__
+            raise ProblemError(f"{name} holds a {kind}, expected {expected}", name)
+        if item.motion is not None:
+            raise ProblemError(
+                f"{name}: {brief(item.name)} has a motion of its own, expected none: "
+                "it goes with the frame",
+                name,
+            )
+    return tuple(given)
+
+
+Shapes: TypeAlias = Annotated[
+    Converted[Sequence[Obstacle] | Obstacle, tuple[Obstacle, ...]], _checked_shapes
+]
+
+
+@record
+class Payload(Record):
+    """A body fixed to a frame of a robot.
+
+    Attributes:
+        mass: Mass [kg].
+        frame: Name of the frame that carries it.
+        com: Centre of mass in the frame, shape (3,) [m].
+        inertia: Inertia about the centre of mass, in the axes of the frame, shape (3,
+            3) [kg m^2]; None for a point mass.
+        geometry: Its shapes, one or a list, with positions and rotations in the frame
+            instead of the world.
+        name: Name of the link that it becomes, and so in pairs of bodies.
+    """
+
+    mass: Mass
+    frame: Name
+    com: Point = default((0.0, 0.0, 0.0))
+    inertia: InertiaOrNone = default(None)
+    geometry: Shapes = default(())
+    name: Name = "payload"
+
+    _owner = "payload."
 
 
 def attach(
