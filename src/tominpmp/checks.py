@@ -77,12 +77,12 @@ def instance(
 
 
 def of_kind(
-    value: object,
+    value: T,
     kinds: type | tuple[type, ...],
     name: str,
     expected: str,
     field: str | None = None,
-) -> None:
+) -> T:
     """Check the type of an argument whose value says less than its type, if wrong.
 
     Raises:
@@ -91,6 +91,7 @@ def of_kind(
     if not isinstance(value, kinds):
         kind = type(value).__name__
         raise ProblemError(f"{name} is a {kind}, expected {expected}", field or name)
+    return value
 
 
 def flag(value: object, name: str) -> bool:
@@ -395,6 +396,11 @@ def direction(value: object, name: str) -> Array:
         found = found / largest  # so that no square overflows
         found = found / np.linalg.norm(found)
     return frozen_array(found)
+
+
+def of_type(kinds: type | tuple[type, ...], expected: str) -> Check:
+    """Check of the type of a value by :func:`instance`."""
+    return lambda value, name: instance(value, kinds, name, expected)
 
 
 def optional(check: Check) -> Check:

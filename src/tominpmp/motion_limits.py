@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, array_or_nan
+from tominpmp.arrays import Array, Converted, Record, array_or_nan, record
 from tominpmp.checks import (
     array,
     choice,
@@ -32,7 +33,12 @@ UNITS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+Row: TypeAlias = Annotated[
+    Converted[ArrayLike, Array], partial(vector, expected="a row of numbers")
+]
+
+
+@record
 class EffortCurve(Record):
     """Largest torque of a motor over its speed, joined by straight lines.
 
@@ -42,23 +48,13 @@ class EffortCurve(Record):
             stays as it is there.
     """
 
-    speed: Array
-    effort: Array
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            speed: ArrayLike,
-            effort: ArrayLike,
-        ) -> None: ...
+    speed: Row
+    effort: Row
 
     def __post_init__(self) -> None:
         """Check the curve."""
-        for name in ("speed", "effort"):
-            with told_of("effort curve"):
-                row = vector(getattr(self, name), name, "a row of numbers")
-            object.__setattr__(self, name, row)
+        with told_of("effort curve"):
+            super().__post_init__()
         if self.speed.size != self.effort.size or self.speed.size < 2:
             raise ProblemError(
                 f"effort curve: {self.speed.size} speeds and {self.effort.size} "

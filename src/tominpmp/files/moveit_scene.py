@@ -302,7 +302,7 @@ def read_rotation(value: Field) -> np.ndarray:
     if not np.any(quaternion):
         return np.eye(3)
     with blaming(value):
-        return np.array(rotation_matrix(quaternion, value.key))
+        return np.array(rotation_matrix(quaternion))
 
 
 def read_scene(message: Field, frames: Frames) -> Scene:

@@ -190,7 +190,7 @@ def _rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
     quaternion = pin.Quaternion(np.array(rotation)).coeffs()
     for digits in (3, 9, 15, 17):
         rounded = np.round(quaternion, digits)
-        if np.array_equal(rotation_matrix(rounded, "rotation"), rotation):
+        if np.array_equal(rotation_matrix(rounded), rotation):
             return [float(value) for value in rounded]
     return [[float(value) for value in row] for row in rotation]
 

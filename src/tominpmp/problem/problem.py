@@ -5,15 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import field, replace
+from functools import cached_property, partial
 from types import NoneType
-from typing import TYPE_CHECKING
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, frozen_array
-from tominpmp.checks import JointsLike, instance, number, of_kind
+from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
+from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, check_window, checked
 from tominpmp.description.model import sticks
@@ -21,26 +21,39 @@ from tominpmp.exceptions import ProblemError, brief, warn_caller
 from tominpmp.goals import Goal, passed
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion_limits import MotionLimits
 from tominpmp.notebook import card, skeletons, table
 from tominpmp.problem.segments import (
     SOME_GOAL,
+    Constraints,
+    LimitsOrNone,
+    Pairs,
     Segment,
     check_names,
-    checked_pairs,
     checked_segments,
     resolved_segments,
 )
 from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.robot import Robot
-from tominpmp.scene import Obstacle, Scene
-from tominpmp.scene.scene import as_scene
+from tominpmp.scene import Scene
+from tominpmp.scene.scene import SceneLike, as_scene
 
 # More choices of goals than this are not tried one by one.
 MOST_ALTERNATIVES = 256
 
 
-@dataclass(frozen=True, eq=False)
+LoadedRobot: TypeAlias = Annotated[
+    Robot, lambda value, name: of_kind(value, Robot, name, "a Robot (see load_robot)")
+]
+Margin: TypeAlias = Annotated[
+    float, partial(number, expected="a length >= 0 [m]", least=0.0)
+]
+FlagOrNone: TypeAlias = Annotated[
+    bool | None, of_type((bool, NoneType), "True, False or None")
+]
+Segments: TypeAlias = Annotated[Sequence[Segment], checked_segments]
+
+
+@record
 class Problem(Record):
     """Bring a robot from a state to a goal in minimum time.
 
@@ -74,52 +87,28 @@ class Problem(Record):
         FrameNotFound: If the goal is on a frame that the robot has not.
     """
 
-    robot: Robot
-    q_start: Array
-    goal: Goal = None  # type: ignore[assignment]
-    scene: Scene = field(default_factory=Scene)
-    margin: float = 0.0
-    v_start: Array | None = None
-    motion_limits: MotionLimits | None = None
-    self_collision: bool | None = None
-    constraints: tuple[PathConstraint, ...] = ()
-    segments: Sequence[Segment] = ()
-    may_touch: Sequence[tuple[str, str]] = ()
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            robot: Robot,
-            q_start: JointsLike,
-            goal: Goal = ...,
-            scene: Scene | Sequence[Obstacle] | Obstacle | None = ...,
-            margin: float = ...,
-            v_start: JointsLike | None = ...,
-            motion_limits: MotionLimits | None = ...,
-            self_collision: bool | None = ...,
-            constraints: Sequence[PathConstraint] = ...,
-            segments: Sequence[Segment] = ...,
-            may_touch: Sequence[tuple[str, str]] = ...,
-        ) -> None: ...
+    robot: LoadedRobot
+    q_start: Converted[JointsLike, Array]
+    goal: Goal = default(None)
+    scene: SceneLike = field(default_factory=lambda: default(Scene()))
+    margin: Margin = 0.0
+    v_start: Converted[JointsLike | None, Array | None] = default(None)
+    motion_limits: LimitsOrNone = None
+    self_collision: FlagOrNone = None
+    constraints: Constraints = default(())
+    segments: Segments = ()
+    may_touch: Pairs = ()
 
     def __post_init__(self) -> None:
         """Check everything that can be told without planning."""
-        of_kind(self.robot, Robot, "robot", "a Robot (see load_robot)")
+        super().__post_init__()
         # What a goal does not name stays at the start, as it is put onto limits.
         snapped = self._snap_start()
         self._take_segments()
         of_kind(self.goal, Goal, "goal", f"{SOME_GOAL}, or segments")
-        self._keep(
-            goal=self.goal.resolved(self.robot, self.q_start),
-            scene=as_scene(self.scene, "scene"),
-            margin=number(self.margin, "margin", "a length >= 0 [m]", least=0.0),
-        )
-        own = "True, False or None"
-        instance(self.self_collision, (bool, NoneType), "self_collision", own)
+        self._keep(goal=self.goal.resolved(self.robot, self.q_start))
         names, limits = self.robot.joint_names, self.robot.motion_limits
         if self.motion_limits is not None:
-            instance(self.motion_limits, MotionLimits, "motion_limits", "MotionLimits")
             self.motion_limits.check(names)
             limits = self.motion_limits.over(limits, names)
         self._keep(motion_limits=limits)
@@ -257,18 +246,15 @@ class Problem(Record):
 
     def _take_segments(self) -> None:
         """Check the segments, whose last goal is that of the problem."""
-        self._keep(may_touch=checked_pairs(self.may_touch, "may_touch"))
-        segments = checked_segments(self.segments)
-        self._keep(segments=segments)
-        if not segments:
+        if not self.segments:
             return
-        if self.goal is not None and self.goal is not segments[-1].goal:
+        if self.goal is not None and self.goal is not self.segments[-1].goal:
             raise ProblemError(
                 "goal and segments are given, expected one or the other: the last "
                 "segment's goal is that of the problem",
                 "goal",
             )
-        segments = resolved_segments(segments, self.robot, self.q_start)
+        segments = resolved_segments(self.segments, self.robot, self.q_start)
         self._keep(segments=segments, goal=segments[-1].goal)
 
     @property

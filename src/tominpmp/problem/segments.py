@@ -8,13 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import NoneType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, pair_or_nan
-from tominpmp.checks import flag, instance, number, of_kind, wrong
+from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, record
+from tominpmp.checks import (
+    flag,
+    instance,
+    number,
+    of_kind,
+    of_type,
+    optional,
+    wrong,
+)
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed
@@ -22,8 +31,8 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Obstacle, Scene
-from tominpmp.scene.scene import as_scene
+from tominpmp.scene import Scene
+from tominpmp.scene.scene import SceneOrNone
 
 SOME_GOAL = "a JointGoal, PositionGoal, PoseGoal or another goal"
 # More goals than this are taken for a mistake.
@@ -33,7 +42,59 @@ MOST_SEGMENTS = 100
 SAME = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
+def _checked_arrival(given: object, name: str) -> tuple[float, float]:
+    """Check a caller's earliest and latest time."""
+    earliest, latest = pair_or_nan(given)
+    if not (0.0 <= earliest < np.inf and earliest <= latest and latest > 0.0):
+        expected = "the earliest and the latest time [s], in order"
+        raise wrong(given, name, f"{expected}; the latest may be infinite")
+    return earliest, latest
+
+
+def checked_pairs(
+    given: object,
+    name: str,
+    expected: str = 'pairs of names, as [("hand", "box")]',
+) -> tuple[tuple[str, str], ...]:
+    """Check a caller's pairs of names.
+
+    Raises:
+        ProblemError: If they are none.
+    """
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise wrong(given, name, expected)
+    for pair in given:
+        good = isinstance(pair, list | tuple) and len(pair) == 2
+        good = good and all(isinstance(one, str) and one for one in pair)
+        if not good or pair[0] == pair[1]:
+            twice = ", the same name twice" if good else ""
+            raise ProblemError(
+                f"{name} holds {brief(pair)}{twice}, expected {expected}", name
+            )
+    return tuple((str(one), str(other)) for one, other in given)
+
+
+SomeGoal: TypeAlias = Annotated[
+    Goal, lambda value, name: of_kind(value, Goal, name, SOME_GOAL)
+]
+Constraints: TypeAlias = Converted[Sequence[PathConstraint], tuple[PathConstraint, ...]]
+LimitsOrNone: TypeAlias = Annotated[
+    MotionLimits | None, of_type((MotionLimits, NoneType), "MotionLimits or None")
+]
+PayloadOrNone: TypeAlias = Annotated[
+    Payload | None, of_type((Payload, NoneType), "Payload or None")
+]
+Pairs: TypeAlias = Annotated[Sequence[tuple[str, str]], checked_pairs]
+Flag: TypeAlias = Annotated[bool, flag]
+Dwell: TypeAlias = Annotated[
+    float, partial(number, expected="a time >= 0 [s]", least=0.0)
+]
+TimesOrNone: TypeAlias = Annotated[
+    tuple[float, float] | None, optional(_checked_arrival)
+]
+
+
+@record
 class Segment(Record):
     """The way to the next goal, and what holds on it.
 
@@ -58,45 +119,22 @@ class Segment(Record):
         ProblemError: If a value is wrong.
     """
 
-    goal: Goal
-    constraints: tuple[PathConstraint, ...] = ()
-    motion_limits: MotionLimits | None = None
-    payload: Payload | None = None
-    scene: Scene | None = None
-    may_touch: Sequence[tuple[str, str]] = ()
-    stop: bool = False
-    dwell: float = 0.0
-    arrival: tuple[float, float] | None = None
+    goal: SomeGoal
+    constraints: Constraints = default(())
+    motion_limits: LimitsOrNone = None
+    payload: PayloadOrNone = None
+    scene: SceneOrNone = default(None)
+    may_touch: Pairs = ()
+    stop: Flag = False
+    dwell: Dwell = 0.0
+    arrival: TimesOrNone = None
 
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            goal: Goal,
-            constraints: Sequence[PathConstraint] = ...,
-            motion_limits: MotionLimits | None = ...,
-            payload: Payload | None = ...,
-            scene: Scene | Sequence[Obstacle] | Obstacle | None = ...,
-            may_touch: Sequence[tuple[str, str]] = ...,
-            stop: bool = ...,
-            dwell: float = ...,
-            arrival: tuple[float, float] | None = ...,
-        ) -> None: ...
+    _owner = "segment."
 
     def __post_init__(self) -> None:
         """Check the values that need no robot."""
-        of_kind(self.goal, Goal, "segment.goal", SOME_GOAL)
-        for name, kind in (("motion_limits", MotionLimits), ("payload", Payload)):
-            expected = f"{kind.__name__} or None"
-            value = getattr(self, name)
-            instance(value, (kind, NoneType), f"segment.{name}", expected)
-        if self.scene is not None:
-            self._keep(scene=as_scene(self.scene, "segment.scene"))
-        stop = flag(self.stop, "segment.stop")
-        dwell = number(self.dwell, "segment.dwell", "a time >= 0 [s]", least=0.0)
-        self._keep(dwell=dwell, stop=stop or dwell > 0.0)
-        self._keep(arrival=checked_arrival(self.arrival))
-        self._keep(may_touch=checked_pairs(self.may_touch, "segment.may_touch"))
+        super().__post_init__()
+        self._keep(stop=self.stop or self.dwell > 0.0)
         if self.stop and self.goal.ends_moving:
             raise ProblemError(
                 "segment.stop is set, and its goal asks for a velocity", "segment.stop"
@@ -142,21 +180,6 @@ def resolved_segments(
     return tuple(found)
 
 
-def checked_arrival(given: object) -> tuple[float, float] | None:
-    """Check a caller's earliest and latest time.
-
-    Raises:
-        ProblemError: If they are none.
-    """
-    if given is None:
-        return None
-    earliest, latest = pair_or_nan(given)
-    if not (0.0 <= earliest < np.inf and earliest <= latest and latest > 0.0):
-        expected = "the earliest and the latest time [s], in order"
-        raise wrong(given, "segment.arrival", f"{expected}; the latest may be infinite")
-    return earliest, latest
-
-
 def _check_arrivals(segments: Sequence[Segment]) -> None:
     """Check that no segment is to end before one that it follows.
 
@@ -177,7 +200,7 @@ def _check_arrivals(segments: Sequence[Segment]) -> None:
         reached = max(earliest, reached) + segment.dwell
 
 
-def checked_segments(given: object) -> tuple[Segment, ...]:
+def checked_segments(given: object, name: str = "segments") -> tuple[Segment, ...]:
     """Check a caller's segments.
 
     Raises:
@@ -185,40 +208,17 @@ def checked_segments(given: object) -> tuple[Segment, ...]:
     """
     expected = "a list of Segment, one for each goal"
     if isinstance(given, str) or not isinstance(given, Sequence):
-        raise wrong(given, "segments", expected)
+        raise wrong(given, name, expected)
     if len(given) > MOST_SEGMENTS:
         raise ProblemError(
-            f"segments has {len(given)} items, expected {expected}, {MOST_SEGMENTS} at "
+            f"{name} has {len(given)} items, expected {expected}, {MOST_SEGMENTS} at "
             "most",
-            "segments",
+            name,
         )
     for k, item in enumerate(given):
-        instance(item, Segment, f"segments[{k}]")
+        instance(item, Segment, f"{name}[{k}]")
     _check_arrivals(given)
     return tuple(given)
-
-
-def checked_pairs(
-    given: object,
-    name: str,
-    expected: str = 'pairs of names, as [("hand", "box")]',
-) -> tuple[tuple[str, str], ...]:
-    """Check a caller's pairs of names.
-
-    Raises:
-        ProblemError: If they are none.
-    """
-    if isinstance(given, str) or not isinstance(given, Sequence):
-        raise wrong(given, name, expected)
-    for pair in given:
-        good = isinstance(pair, list | tuple) and len(pair) == 2
-        good = good and all(isinstance(one, str) and one for one in pair)
-        if not good or pair[0] == pair[1]:
-            twice = ", the same name twice" if good else ""
-            raise ProblemError(
-                f"{name} holds {brief(pair)}{twice}, expected {expected}", name
-            )
-    return tuple((str(one), str(other)) for one, other in given)
 
 
 def known_names(robot: Robot, scene: Scene) -> set[str]:

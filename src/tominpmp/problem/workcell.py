@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType, NoneType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record
+from tominpmp.arrays import Array, Converted, Record, default, record
 from tominpmp.checks import VectorLike, instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_values import stack_parts
@@ -34,7 +34,7 @@ from tominpmp.problem.state_checks import joint_vector
 from tominpmp.robot import Robot
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Workcell(Record):
     """Several robots in one workspace.
 
@@ -66,17 +66,12 @@ class Workcell(Record):
         OptionsError: If the gravity is no vector.
     """
 
-    robots: Mapping[str, tuple[Robot, pin.SE3]]
-    gravity: Array | None = None
+    robots: Converted[
+        Mapping[str, tuple[Robot, Any]] | Sequence[tuple[str, Robot, Any]],
+        Mapping[str, tuple[Robot, pin.SE3]],
+    ]
+    gravity: Converted[VectorLike | None, Array | None] = default(None)
     robot: Robot = field(init=False, repr=False)
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            robots: Mapping[str, tuple[Robot, Any]] | Sequence[tuple[str, Robot, Any]],
-            gravity: VectorLike | None = ...,
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check the robots and combine them."""

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from tominpmp.scene.grids import HeightField, OcTree
 from tominpmp.scene.meshes import Mesh
-from tominpmp.scene.motion import Motion
+from tominpmp.scene.motion import ConstantVelocity, Motion, PoseFunction, Waypoints
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
-from tominpmp.scene.paths import ConstantVelocity, Waypoints
-from tominpmp.scene.pose_function import PoseFunction
 from tominpmp.scene.rotations import is_rotation, rotation_matrix
 from tominpmp.scene.scene import Scene
 

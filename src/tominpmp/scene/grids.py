@@ -2,25 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, BoolArray, array_or_nan
+from tominpmp.arrays import Array, BoolArray, Converted, array_or_nan
 from tominpmp.checks import number, wrong
-from tominpmp.scene.obstacles import Obstacle, Placed
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from tominpmp.exceptions import ProblemError
+from tominpmp.scene.obstacles import Length, Obstacle, obstacle
 
 # More cells than these would take minutes.
 MAX_CELLS = 2_500
 MAX_POINTS = 5_000_000
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+def _numbers(value: Any, name: str) -> Array:
+    array = array_or_nan(value)
+    if not np.all(np.isfinite(array)):
+        raise ProblemError(f"{name} holds what is no finite number")
+    return array
+
+
+def _points(value: Any, name: str) -> Array:
+    points = array_or_nan(value)
+    if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
+        raise ProblemError(
+            f"{name} has shape {points.shape}, expected (k, 3) with one point at least"
+        )
+    if not np.all(np.isfinite(points)) or len(points) > MAX_POINTS:
+        raise ProblemError(f"{name} are to be finite, and {MAX_POINTS} at most")
+    return points
+
+
+Numbers: TypeAlias = Annotated[Converted[ArrayLike, Array], _numbers]
+Points: TypeAlias = Annotated[Converted[ArrayLike, Array], _points]
+
+
+@obstacle
 class HeightField(Obstacle):
     """Ground of given height over a grid, down to a base; centred in x and y.
 
@@ -35,26 +54,14 @@ class HeightField(Obstacle):
             below the lowest point.
     """
 
-    heights: Array
-    size: Array
+    heights: Numbers
+    size: Numbers
     base: float | None = None
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            name: str,
-            *,
-            heights: ArrayLike,
-            size: ArrayLike,
-            base: float | None = ...,
-            **given: Unpack[Placed],
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Check grid and extent."""
         super().__post_init__()
-        heights, size = self._numbers("heights"), self._numbers("size")
+        heights, size = self.heights, self.size
         if heights.ndim != 2 or min(heights.shape) < 2:
             raise self._error(
                 f"heights has shape {heights.shape}, expected (ny, nx) with two rows "
@@ -64,21 +71,13 @@ class HeightField(Obstacle):
             raise self._error(f"heights has more than {MAX_CELLS} cells")
         if size.shape != (2,) or not np.all(size > 0.0):
             expected = "two positive extents, along x and y [m]"
-            raise wrong(self.size, "size", expected, self._error)
+            raise wrong(size.tolist(), "size", expected, self._error)
         lowest = float(heights.min())
         base = lowest - 0.01 * float(size.max()) if self.base is None else self.base
         most = float(np.nextafter(lowest, -np.inf))
         expected = f"a height below all others, of which the lowest is {lowest:g} m"
         base = number(base, "base", expected, most=most, error=self._error)
-        object.__setattr__(self, "heights", heights)
-        object.__setattr__(self, "size", size)
-        object.__setattr__(self, "base", base)
-
-    def _numbers(self, key: str) -> Array:
-        array = array_or_nan(getattr(self, key))
-        if not np.all(np.isfinite(array)):
-            raise self._error(f"{key} holds what is no finite number")
-        return array
+        self._keep(base=base)
 
     @property
     def grid(self) -> tuple[Array, Array]:
@@ -100,7 +99,7 @@ class HeightField(Obstacle):
         return np.concatenate([corners, below], axis=1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@obstacle
 class OcTree(Obstacle):
     """Space that is occupied where there are points, in cubes of a given size.
 
@@ -111,40 +110,18 @@ class OcTree(Obstacle):
         resolution: Edge of the cubes [m].
     """
 
-    points: Array
-    resolution: float
-
-    _lengths = ("resolution",)
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            name: str,
-            *,
-            points: ArrayLike,
-            resolution: float,
-            **given: Unpack[Placed],
-        ) -> None: ...
+    points: Points
+    resolution: Length
 
     def __post_init__(self) -> None:
-        """Check points and resolution."""
+        """Check that the cubes are not too many."""
         super().__post_init__()
-        points = array_or_nan(self.points)
-        if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
-            raise self._error(
-                f"points has shape {points.shape}, expected (k, 3) with one point at "
-                "least"
-            )
-        if not np.all(np.isfinite(points)) or len(points) > MAX_POINTS:
-            raise self._error(f"points are to be finite, and {MAX_POINTS} at most")
-        cells = np.prod(np.ptp(points, axis=0) / self.resolution + 2.0)
+        cells = np.prod(np.ptp(self.points, axis=0) / self.resolution + 2.0)
         if cells > 50.0 * MAX_POINTS:
             raise self._error(
                 f"a resolution of {self.resolution:g} m is too fine for the extent of "
                 "the points"
             )
-        object.__setattr__(self, "points", points)
 
     @property
     def boxes(self) -> tuple[Array, Array]:

@@ -2,28 +2,49 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NoReturn
+from typing import Annotated, Any, Literal, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, IntArray, array_or_nan, frozen_array, real_array
-from tominpmp.checks import choice, wrong
+from tominpmp.arrays import (
+    Array,
+    Converted,
+    IntArray,
+    array_or_nan,
+    default,
+    frozen_array,
+    real_array,
+)
+from tominpmp.checks import choice, optional, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import SceneError, brief
 from tominpmp.scene.mesh_files import MeshFileError, read_mesh
-from tominpmp.scene.obstacles import Obstacle, Placed
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from tominpmp.scene.obstacles import Obstacle, obstacle
 
 # Coordinates beyond this are a mistake [m].
 FARTHEST = 1e6
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+def _scale(value: Any, name: str) -> Array:
+    scale = array_or_nan(value)
+    if scale.shape == ():
+        scale = np.full(3, float(scale))
+    if scale.shape != (3,) or not np.all(np.isfinite(scale) & (scale != 0.0)):
+        raise wrong(value, name, "one number or three, none zero")
+    return frozen_array(scale)
+
+
+Scale: TypeAlias = Annotated[Converted[ArrayLike, Array], _scale]
+MeshPathOrNone: TypeAlias = Annotated[
+    Converted[str | Path | None, Path | None],
+    optional(partial(checked_path, error=SceneError)),
+]
+
+
+@obstacle
 class Mesh(Obstacle):
     """Triangles, from a file or from arrays.
 
@@ -44,59 +65,26 @@ class Mesh(Obstacle):
             file, and what is wrong with it.
     """
 
-    path: Path | None = None
-    vertices: Array = None  # type: ignore[assignment]
-    triangles: IntArray = None  # type: ignore[assignment]
-    scale: Array = 1.0  # type: ignore[assignment]
+    path: MeshPathOrNone = default(None)
+    vertices: Converted[ArrayLike, Array] = default(None)
+    triangles: Converted[ArrayLike, IntArray] = default(None)
+    scale: Scale = default(1.0)
     convex: Literal["auto", "hull", "none"] = "auto"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            name: str,
-            *,
-            path: str | Path | None = ...,
-            vertices: ArrayLike = ...,
-            triangles: ArrayLike = ...,
-            scale: ArrayLike = ...,
-            convex: Literal["auto", "hull", "none"] = ...,
-            **given: Unpack[Placed],
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         """Read the file, check what was read."""
         super().__post_init__()
         ways, expected = ("auto", "hull", "none"), "'auto', 'hull' or 'none'"
         choice(self.convex, ways, "convex", expected, self._error)
-        object.__setattr__(self, "scale", self._checked_scale())
         given = self.vertices is not None, self.triangles is not None
         if given[0] != given[1] or (self.path is None and not given[0]):
             self._fail("it needs a path, or vertices and triangles")
-        if self.path is not None:
-            self._set_path()
         if not given[0]:
             self._read()
         self._check_triangles()
 
     def _fail(self, message: str) -> NoReturn:
         raise self._error(message)
-
-    def _checked_scale(self) -> Array:
-        scale = array_or_nan(self.scale)
-        if scale.shape == ():
-            scale = np.full(3, float(scale))
-        if scale.shape != (3,) or not np.all(np.isfinite(scale) & (scale != 0.0)):
-            expected = "one number or three, none zero"
-            raise wrong(self.scale, "scale", expected, self._error)
-        return frozen_array(scale)
-
-    def _set_path(self) -> None:
-        try:
-            path = checked_path(self.path, "path", SceneError)
-        except SceneError as error:
-            self._fail(str(error))
-        object.__setattr__(self, "path", path)
 
     def _read(self) -> None:
         assert self.path is not None  # noqa: S101
@@ -111,8 +99,7 @@ class Mesh(Obstacle):
             vertices, triangles = read_mesh(path)
         except MeshFileError as error:
             self._fail(f"the mesh {path} cannot be read: {error}")
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "triangles", triangles)
+        self._keep(vertices=vertices, triangles=triangles)
 
     def _check_triangles(self) -> None:
         what = "the mesh" if self.path is None else f"the mesh {self.path}"
@@ -141,8 +128,7 @@ class Mesh(Obstacle):
             )
         triangles = corners.astype(np.int64)
         triangles.setflags(write=False)
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "triangles", triangles)
+        self._keep(vertices=vertices, triangles=triangles)
 
     @property
     def points(self) -> Array:

@@ -8,16 +8,53 @@ tell how far a point of an obstacle can come between two instants.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
-from tominpmp.arrays import Array, Record, real_array
-from tominpmp.checks import array, instance
-from tominpmp.exceptions import SceneError
+from tominpmp.arrays import (
+    Array,
+    Converted,
+    IntArray,
+    Record,
+    default,
+    frozen_array,
+    real_array,
+    record,
+)
+from tominpmp.checks import (
+    RotationLike,
+    VectorLike,
+    array,
+    instance,
+    number,
+    optional,
+    plain_rotation,
+    split_pose,
+    wrong,
+)
+from tominpmp.exceptions import ProblemError, SceneError, brief
+from tominpmp.scene.rotations import is_rotation, rotation_matrix
 
 # Two placements at the start that differ by less are one [m, rad].
 SAME = 1e-6
+# Between two waypoints an obstacle turns by less than this: half a turn could go either
+# way [rad].
+MOST_TURN = 0.999 * np.pi
+# So many waypoints are no corners any more, but samples of a smooth motion.
+MOST_KINKS = 40
+# Step of the differences that give the velocity of a function [s].
+STEP = 1e-4
+# A function that says nothing of its speed is looked at this often in a stretch of
+# time, and taken to be faster than it was seen to be by this factor.
+LOOKS = 5
+CAUTION = 1.5
+# What differences may be off by when they are compared with a bound on the speed.
+FASTER = 1e-5
 
 
 class Placement(NamedTuple):
@@ -46,6 +83,13 @@ class Twist(NamedTuple):
 
 class Motion(Record, ABC):
     """Where an obstacle is at each time from 0 on [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        try:
+            super().__post_init__()
+        except ProblemError as error:
+            raise SceneError(f"motion: {error}") from error
 
     def start(self, given: Placement) -> Placement:
         """Placement at time 0.
@@ -111,11 +155,6 @@ def agreed_start(given: Placement, begins: Placement) -> Placement:
     )
 
 
-def about_motion(message: str, _: str = "") -> SceneError:
-    """An error about the motion of an obstacle, which is named by who knows it."""
-    return SceneError(f"motion: {message}")
-
-
 def checked_times(value: Array, name: str = "times") -> Array:
     """Check a caller's times, shape (m,) [s]."""
     return array(value, name, (None,), "times [s]")
@@ -132,13 +171,447 @@ def checked_placement(value: Placement, name: str = "start") -> Placement:
     return instance(value, Placement, name)
 
 
-def numbers(name: str, value: object) -> Array:
+# -- motions that are given by numbers -------------------------------------------------
+
+
+def _numbers(value: Any, name: str) -> Array:
     """Take finite numbers of any shape."""
     try:
         found = real_array(value)
     except ValueError as error:
-        raise about_motion(f"{name} is not made of numbers: {error}") from error
+        raise ProblemError(f"{name} is not made of numbers: {error}") from error
     if not np.all(np.isfinite(found)):
         where = np.argwhere(~np.isfinite(found))[0].tolist()
-        raise about_motion(f"{name} holds what is no finite number, at index {where}")
+        raise ProblemError(f"{name} holds what is no finite number, at index {where}")
     return found
+
+
+def _triple(value: Any, name: str, unit: str) -> Array:
+    found = _numbers(value, name)
+    if found.shape != (3,):
+        raise wrong(value, name, f"three numbers [{unit}]")
+    return found
+
+
+Velocity: TypeAlias = Annotated[
+    Converted[VectorLike, Array], partial(_triple, unit="m/s")
+]
+AngularVelocity: TypeAlias = Annotated[
+    Converted[VectorLike, Array], partial(_triple, unit="rad/s")
+]
+PivotOrNone: TypeAlias = Annotated[
+    Converted[VectorLike | None, Array | None], optional(partial(_triple, unit="m"))
+]
+Begin: TypeAlias = Annotated[
+    float, partial(number, expected="a time >= 0 [s]", least=0.0)
+]
+End: TypeAlias = Annotated[
+    float, partial(number, expected="a number [s]", infinite=True)
+]
+
+
+@record
+class ConstantVelocity(Motion):
+    """Move and turn steadily, from a time on and up to another.
+
+    Attributes:
+        velocity: Velocity in the world [m/s], shape (3,).
+        angular: Angular velocity in the world [rad/s], shape (3,).
+        pivot: Point that it turns about, where that is at the start, in the world [m],
+            shape (3,): a point of a hinge; None for the position of the obstacle. It
+            moves with the velocity.
+        begin: When the motion begins [s]; before that the obstacle rests.
+        end: When it ends [s]; the obstacle stays where it is then.
+
+    Raises:
+        SceneError: If a value is wrong.
+    """
+
+    velocity: Velocity = default((0.0, 0.0, 0.0))
+    angular: AngularVelocity = default((0.0, 0.0, 0.0))
+    pivot: PivotOrNone = default(None)
+    begin: Begin = 0.0
+    end: End = np.inf
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        super().__post_init__()
+        if not self.end > self.begin:
+            expected = f"a time after the beginning at {self.begin:g} s"
+            raise SceneError(f"motion: end is {self.end:g}, expected {expected}")
+
+    @property
+    def kinks(self) -> Array:
+        """When the motion begins and ends, if it does [s]."""
+        return np.array([t for t in (self.begin, self.end) if 0.0 < t < np.inf])
+
+    def _turned(self, times: Array, start: Placement) -> tuple[Array, Array, Array]:
+        """Time under way (m,), rotations since the start (m, 3, 3), and levers (m, 3).
+
+        A lever leads from the pivot to the origin of the obstacle.
+        """
+        times = checked_times(times)
+        under_way = np.clip(times, self.begin, self.end) - self.begin
+        turned = Rotation.from_rotvec(under_way[:, None] * self.angular).as_matrix()
+        return under_way, turned, turned @ self._lever(start)
+
+    def _lever(self, start: Placement) -> Array:
+        p = checked_placement(start).p
+        return np.zeros(3) if self.pivot is None else p - self.pivot
+
+    def poses(self, times: Array, start: Placement) -> Placement:
+        """Placements at times."""
+        under_way, turned, lever = self._turned(times, start)
+        p = start.p - self._lever(start) + lever + under_way[:, None] * self.velocity
+        return Placement(turned @ start.R, p)
+
+    def twists(self, times: Array, start: Placement) -> Twist:
+        """Velocities at times."""
+        times = checked_times(times)
+        _, _, lever = self._turned(times, start)
+        moving = ((times >= self.begin) & (times < self.end))[:, None]
+        linear = self.velocity + np.cross(self.angular, lever)
+        angular = np.broadcast_to(self.angular, linear.shape)
+        return Twist(moving * linear, moving * angular)
+
+    def speed_bounds(
+        self, begin: Array, end: Array, start: Placement
+    ) -> tuple[Array, Array]:
+        """Largest speeds between two times."""
+        turn = float(np.linalg.norm(self.angular))
+        lever = float(np.linalg.norm(self._lever(start)))
+        begin, end = checked_stretches(begin, end)
+        moving = (end > self.begin) & (begin < self.end)
+        speed = float(np.linalg.norm(self.velocity)) + turn * lever
+        return np.where(moving, speed, 0.0), np.where(moving, turn, 0.0)
+
+
+def _checked_times(value: Any, name: str) -> Array:
+    """Take times of waypoints."""
+    times = _numbers(value, name)
+    if times.ndim != 1 or not times.size:
+        raise ProblemError(f"{name} has shape {times.shape}, expected one time or more")
+    if times[0] != 0.0:
+        raise ProblemError(
+            f"{name} begins at {times[0]:g} s, expected 0: where the obstacle is "
+            "before is not known"
+        )
+    back = np.flatnonzero(np.diff(times) <= 0.0)
+    if back.size:
+        k = int(back[0])
+        raise ProblemError(
+            f"{name} is not increasing: {times[k]:g} s is followed by "
+            f"{times[k + 1]:g} s (waypoints {k} and {k + 1}, counted from 0)"
+        )
+    return times
+
+
+def _matrices(given: Array) -> Array:
+    """Rotations of waypoints as matrices, shape (k, 3, 3)."""
+    found = []
+    for k, value in enumerate(given):
+        try:
+            found.append(rotation_matrix(value))
+        except SceneError as error:
+            raise SceneError(
+                f"motion: rotations: waypoint {k} (counted from 0) is "
+                f"{value.tolist()}, expected a rotation matrix or a quaternion "
+                "(x, y, z, w) whose length is not zero"
+            ) from error
+    matrices = frozen_array(found)
+    turns = np.linalg.norm(_turns(matrices), axis=1)
+    if np.any(turns > MOST_TURN):
+        k = int(np.argmax(turns))
+        raise SceneError(
+            f"motion: rotations: half a turn from waypoint {k} to {k + 1} (counted "
+            "from 0) could go either way; put another one between them"
+        )
+    return matrices
+
+
+Times: TypeAlias = Annotated[Converted[ArrayLike, Array], _checked_times]
+NumbersOrNone: TypeAlias = Annotated[
+    Converted[ArrayLike | None, Array | None], optional(_numbers)
+]
+RotationsOrNone: TypeAlias = Annotated[
+    Converted[RotationLike | None, Array | None],
+    optional(lambda value, name: _numbers(plain_rotation(value), name)),
+]
+
+
+@record
+class Waypoints(Motion):
+    """Pass placements at given times, steadily from one to the next.
+
+    After the last of them the obstacle stays where it is.
+
+    Attributes:
+        times: Times [s], increasing from 0, shape (k,).
+        positions: Positions in the world at these times [m], shape (k, 3), linear in
+            between; None to stay at the position of the obstacle.
+        rotations: Rotations obstacle_to_world, as matrices, shape (k, 3, 3), or as
+            quaternions x, y, z, w, shape (k, 4), and kept as matrices; in between it
+            turns about a fixed axis the shorter way. None to keep the rotation of the
+            obstacle.
+
+    Raises:
+        SceneError: If times are not in order or do not begin at 0, or a shape or a
+            value is wrong.
+    """
+
+    times: Times
+    positions: NumbersOrNone = default(None)
+    rotations: RotationsOrNone = default(None)
+
+    def __post_init__(self) -> None:
+        """Check that there is a position, or a rotation, for each time."""
+        super().__post_init__()
+        if self.positions is None and self.rotations is None:
+            raise SceneError("motion: Waypoints needs positions, rotations, or both")
+        count = self.times.size
+        for name, shapes in (
+            ("positions", [(count, 3)]),
+            ("rotations", [(count, 4), (count, 3, 3)]),
+        ):
+            value = getattr(self, name)
+            if value is not None and value.shape not in shapes:
+                raise SceneError(
+                    f"motion: {name} has shape {value.shape}, expected "
+                    f"{' or '.join(map(str, shapes))}, as there are {count} times"
+                )
+        if self.rotations is not None:
+            self._keep(rotations=_matrices(self.rotations))
+
+    def start(self, given: Placement) -> Placement:
+        """Placement at the first waypoint."""
+        given = checked_placement(given, "given")
+        R = given.R if self.rotations is None else self.rotations[0]
+        p = given.p if self.positions is None else self.positions[0]
+        return agreed_start(given, Placement(R, p))
+
+    @property
+    def kinks(self) -> Array:
+        """Times of the waypoints, as far as they are few [s]."""
+        times = self.times[1:]
+        return times if times.size <= MOST_KINKS else np.zeros(0)
+
+    @cached_property
+    def _rates(self) -> Twist:
+        """Velocities from each waypoint to the next, shape (k, 3), and none at last.
+
+        Angular ones are in the axes of the obstacle, about which it turns.
+        """
+        lengths = np.append(np.diff(self.times), np.inf)[:, None]
+        moved = turned = np.zeros((self.times.size, 3))
+        if self.positions is not None:
+            moved = np.diff(self.positions, axis=0, append=self.positions[-1:])
+        if self.rotations is not None:
+            turned = np.append(_turns(self.rotations), np.zeros((1, 3)), axis=0)
+        return Twist(moved / lengths, turned / lengths)
+
+    def _passed(self, times: Array) -> IntArray:
+        """The last waypoint before each time."""
+        k = np.searchsorted(self.times, times, side="right") - 1
+        return np.maximum(k, 0)
+
+    def poses(self, times: Array, start: Placement) -> Placement:
+        """Placements at times."""
+        times, start = checked_times(times), checked_placement(start)
+        k = self._passed(times)
+        since = np.maximum(times - self.times[k], 0.0)[:, None]
+        R = start.R if self.rotations is None else self.rotations[k]
+        p = start.p if self.positions is None else self.positions[k]
+        turn = Rotation.from_rotvec(since * self._rates.angular[k]).as_matrix()
+        return Placement(R @ turn, p + since * self._rates.linear[k])
+
+    def twists(self, times: Array, start: Placement) -> Twist:
+        """Velocities at times."""
+        k = self._passed(checked_times(times))
+        linear, angular = self._rates.linear[k], self._rates.angular[k]
+        if self.rotations is not None:
+            # The axis of a turn is the same before and after it.
+            angular = np.einsum("mij,mj->mi", self.rotations[k], angular)
+        return Twist(linear, angular)
+
+    def speed_bounds(
+        self, begin: Array, end: Array, start: Placement
+    ) -> tuple[Array, Array]:
+        """Largest speeds between two times."""
+        begin, end = checked_stretches(begin, end)
+        first = self._passed(begin)
+        last = np.maximum(np.searchsorted(self.times, end, side="left"), first + 1)
+        linear, angular = (np.linalg.norm(rate, axis=1) for rate in self._rates)
+        return _largest(linear, first, last), _largest(angular, first, last)
+
+
+def _turns(rotations: Array) -> Array:
+    """Rotation vectors from each rotation to the next, in its axes, (k - 1, 3)."""
+    if len(rotations) < 2:
+        return np.zeros((0, 3))
+    between = np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:]
+    return np.asarray(Rotation.from_matrix(between).as_rotvec())
+
+
+def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
+    """Largest of values[first:last] for many ranges, none of them empty."""
+    if not first.size:
+        return np.zeros(0)
+    padded = np.append(values, 0.0)  # so that the end is a place too
+    ranges = np.stack([first, last], axis=1).ravel()
+    return np.asarray(np.maximum.reduceat(padded, ranges)[::2])
+
+
+# -- functions of the caller's ---------------------------------------------------------
+
+
+def _homogeneous(position: object, rotation: object) -> Array:
+    """A placement of shape (4, 4) of a position and a rotation."""
+    matrix = np.eye(4)
+    turn = real_array(rotation)
+    matrix[:3, :3] = turn if turn.ndim == 2 else rotation_matrix(turn)
+    matrix[:3, 3] = real_array(position)
+    return matrix
+
+
+def _checked_function(value: Any, name: str) -> Any:
+    if not callable(value):
+        raise wrong(value, name, "one")
+    return value
+
+
+Function: TypeAlias = Annotated[Callable[[float], Any], _checked_function]
+BoundOrNone: TypeAlias = Annotated[
+    float | None, optional(partial(number, expected="0 or more", least=0.0))
+]
+
+
+@record
+class PoseFunction(Motion):
+    """Be where a function says.
+
+    The function is called with times from 0 to a little beyond the end of a motion, in
+    any order, and must give the same placement for the same time. Its velocity is taken
+    from differences, so that it should be smooth at the scale of a millisecond. To plan
+    in several processes, it has to be picklable.
+
+    Attributes:
+        function: Placement obstacle_to_world at a time [s]: a matrix of shape (4, 4),
+            a ``pinocchio.SE3``, or a pair of a position and a rotation.
+        speed: Bound on the speed of the origin [m/s], which a proof of clearance rests
+            on; None where it is not known: it is then estimated from samples.
+        angular_speed: Bound on the angular speed [rad/s] likewise.
+
+    Raises:
+        SceneError: If the function fails or gives no placement, or is seen to be faster
+            than it is said to be.
+    """
+
+    function: Function
+    speed: BoundOrNone = None
+    angular_speed: BoundOrNone = None
+
+    def start(self, given: Placement) -> Placement:
+        """Placement at time 0."""
+        given = checked_placement(given, "given")
+        return agreed_start(given, self._pose(0.0))
+
+    def _pose(self, time: float) -> Placement:
+        try:
+            value = self.function(time)
+            pose = split_pose(value)
+            matrix = real_array(value) if pose is None else _homogeneous(*pose)
+        except Exception as error:  # whatever a user's function may raise
+            raise SceneError(
+                f"motion: the function fails at {time:g} s: "
+                f"{type(error).__name__}: {error}"
+            ) from error
+        if matrix.shape != (4, 4):
+            raise SceneError(
+                f"motion: the function gives shape {matrix.shape} at {time:g} s, "
+                "expected a placement of shape (4, 4)"
+            )
+        R, p = matrix[:3, :3], matrix[:3, 3]
+        if not (np.all(np.isfinite(p)) and is_rotation(R)):
+            raise SceneError(
+                f"motion: the function gives no placement at {time:g} s: expected a "
+                "rotation matrix and finite coordinates"
+            )
+        return Placement(R, p)
+
+    def poses(self, times: Array, start: Placement) -> Placement:
+        """Placements at times."""
+        found = [self._pose(time) for time in checked_times(times).tolist()]
+        return Placement(
+            np.array([item.R for item in found]).reshape(-1, 3, 3),
+            np.array([item.p for item in found]).reshape(-1, 3),
+        )
+
+    def twists(self, times: Array, start: Placement) -> Twist:
+        """Velocities at times, from differences of second order."""
+        # At the very start there is nothing before it.
+        times = checked_times(times)
+        base = np.maximum(times - STEP, 0.0)
+        R, p = self.poses(base, start)
+        parts = []
+        for steps in (1.0, 2.0):
+            there = self.poses(base + steps * STEP, start)
+            turn = Rotation.from_matrix(there.R @ np.swapaxes(R, 1, 2)).as_rotvec()
+            parts.append(np.concatenate([there.p - p, turn], axis=1) / STEP)
+        one, two = parts
+        centre = ((times - base) / STEP)[:, None]
+        # The slope of the parabola through no, one and two steps.
+        rate = one * (2.0 - 2.0 * centre) + two * (centre - 0.5)
+        twist = Twist(rate[:, :3], rate[:, 3:])
+        self._check_speed(times, "speed", self.speed, twist.linear)
+        self._check_speed(times, "angular_speed", self.angular_speed, twist.angular)
+        return twist
+
+    @staticmethod
+    def _check_speed(
+        times: Array, name: str, bound: float | None, velocity: Array
+    ) -> None:
+        if bound is None or not times.size:
+            return
+        seen = np.linalg.norm(velocity, axis=1)
+        k = int(np.argmax(seen))
+        if seen[k] > bound * (1.0 + FASTER) + FASTER:
+            raise SceneError(
+                f"motion: {name} is {bound:g}, and at {times[k]:g} s the function has "
+                f"{seen[k]:.6g}: expected a bound that holds"
+            )
+
+    def speed_bounds(
+        self, begin: Array, end: Array, start: Placement
+    ) -> tuple[Array, Array]:
+        """Largest speeds between two times; estimates where none were given."""
+        begin, end = checked_stretches(begin, end)
+        linear, angular = self.speed, self.angular_speed
+        if linear is not None and angular is not None:
+            return np.full(begin.shape, linear), np.full(begin.shape, angular)
+        shares = np.linspace(0.0, 1.0, LOOKS)
+        times = begin[:, None] + (end - begin)[:, None] * shares
+        twist = self.twists(times.ravel(), start)
+        seen = [
+            CAUTION * np.linalg.norm(part, axis=1).reshape(times.shape).max(axis=1)
+            for part in twist
+        ]
+        return (
+            seen[0] if linear is None else np.full(begin.shape, linear),
+            seen[1] if angular is None else np.full(begin.shape, angular),
+        )
+
+
+def as_motion(value: object) -> Motion:
+    """Take a motion, or a function from time to a placement, as a motion.
+
+    Raises:
+        SceneError: If it is neither.
+    """
+    if isinstance(value, Motion):
+        return value
+    if callable(value) and not isinstance(value, type):
+        return PoseFunction(value)
+    raise SceneError(
+        f"motion is {brief(value)}, expected a ConstantVelocity, Waypoints, a function "
+        "from time [s] to a placement, or None"
+    )

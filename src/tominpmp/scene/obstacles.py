@@ -9,35 +9,46 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, TypedDict
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
+from tominpmp.arrays import (
+    Array,
+    Converted,
+    Record,
+    array_or_nan,
+    default,
+    frozen_array,
+)
 from tominpmp.checks import (
     PoseLike,
     RotationLike,
     VectorLike,
     number,
+    optional,
     plain_rotation,
     plain_vector,
     split_pose,
     wrong,
 )
-from tominpmp.exceptions import SceneError, brief
+from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.motion import (
+    ConstantVelocity,
     Motion,
     Placement,
     Twist,
+    as_motion,
     checked_stretches,
     checked_times,
 )
-from tominpmp.scene.paths import ConstantVelocity
-from tominpmp.scene.pose_function import as_motion
 from tominpmp.scene.rotations import rotation_matrix
 
 if TYPE_CHECKING:
-    from typing_extensions import Unpack
+    from typing_extensions import dataclass_transform
+
+_T = TypeVar("_T")
 
 # Names appear in messages [characters].
 LONGEST_NAME = 255
@@ -45,15 +56,48 @@ LONGEST_NAME = 255
 REST = ConstantVelocity()
 
 
-class Placed(TypedDict, total=False):
-    """What every obstacle may be given, for type checkers; see :class:`Obstacle`."""
+if TYPE_CHECKING:
+    # Not told to be frozen: mypy would take fields of the base class, as subclasses
+    # have them, for what is given instead of what is kept.
+    @dataclass_transform(
+        kw_only_default=True, eq_default=False, field_specifiers=(field,)
+    )
+    def obstacle(kind: type[_T], /) -> type[_T]:
+        """A :func:`record` that is made from keywords."""
+else:
+    obstacle = dataclass(frozen=True, kw_only=True, eq=False)
 
-    position: VectorLike | PoseLike
-    rotation: RotationLike | None
-    motion: Motion | Callable[[float], Any] | None
+
+def _triple(value: Any, name: str, content: str) -> Array:
+    array = array_or_nan(value)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise wrong(value, name, f"three finite {content} [m]")
+    return array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+def _edges(value: Any, name: str) -> Array:
+    size = _triple(value, name, "edge lengths")
+    for axis, edge in zip("xyz", size.tolist(), strict=True):
+        _length(edge, f"{name} along {axis}")
+    return size
+
+
+_length = partial(number, expected="a positive length [m]", above=0.0)
+Position: TypeAlias = Annotated[
+    Converted[VectorLike | PoseLike, Array], partial(_triple, content="coordinates")
+]
+Turn: TypeAlias = Annotated[
+    Converted[RotationLike | None, Array], lambda value, _: rotation_matrix(value)
+]
+MotionOrNone: TypeAlias = Annotated[
+    Converted[Motion | Callable[[float], Any] | None, Motion | None],
+    optional(lambda value, _: as_motion(value)),
+]
+Length: TypeAlias = Annotated[float, _length]
+Edges: TypeAlias = Annotated[Converted[VectorLike, Array], _edges]
+
+
+@obstacle
 class Obstacle(Record):
     """A body in the world, at rest or moving.
 
@@ -70,16 +114,9 @@ class Obstacle(Record):
     """
 
     name: str = field(kw_only=False)
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-    motion: Motion | None = None
-
-    # Fields of a kind of obstacle that hold lengths [m].
-    _lengths: ClassVar[tuple[str, ...]] = ()
-
-    if TYPE_CHECKING:
-
-        def __init__(self, name: str, **given: Unpack[Placed]) -> None: ...
+    position: Position = field(default_factory=lambda: default(np.zeros(3)))
+    rotation: Turn = field(default_factory=lambda: default(np.eye(3)))
+    motion: MotionOrNone = default(None)
 
     def __post_init__(self) -> None:
         """Check name, position, rotation and motion."""
@@ -89,17 +126,16 @@ class Obstacle(Record):
                 f"an obstacle needs a name of at most {LONGEST_NAME} characters, not "
                 f"{brief(name)}"
             )
-        self._take_pose()
-        object.__setattr__(self, "position", self._triple("position", "coordinates"))
-        object.__setattr__(self, "rotation", rotation_matrix(self.rotation, self.name))
-        if self.motion is not None:
-            self._set_motion()
-        for key in self._lengths:
-            object.__setattr__(self, key, self._length(key, getattr(self, key)))
+        with self._named():
+            self._take_pose()
+            super().__post_init__()
+            if self.motion is not None:
+                R, p = self.motion.start(self._start)
+                self._keep(rotation=frozen_array(R), position=frozen_array(p))
 
     def _take_pose(self) -> None:
         """Take the position from what has x, y and z, or both from a pose."""
-        object.__setattr__(self, "position", plain_vector(self.position))
+        self._keep(position=plain_vector(self.position))
         pose = None if _is_point(self.position) else split_pose(self.position)
         if pose is None:
             return
@@ -107,27 +143,18 @@ class Obstacle(Record):
             array_or_nan(plain_rotation(self.rotation)), np.eye(3)
         )
         if turned:
-            raise self._error(
+            raise ProblemError(
                 "position is a whole pose, and rotation is given too, expected one or "
                 "the other"
             )
-        object.__setattr__(self, "position", pose[0])
-        object.__setattr__(self, "rotation", pose[1])
-
-    def _set_motion(self) -> None:
-        with self._named():
-            motion = as_motion(self.motion)
-            start = motion.start(self._start)
-        object.__setattr__(self, "motion", motion)
-        object.__setattr__(self, "rotation", frozen_array(start.R))
-        object.__setattr__(self, "position", frozen_array(start.p))
+        self._keep(position=pose[0], rotation=pose[1])
 
     @contextmanager
     def _named(self) -> Iterator[None]:
-        """Add the name of the obstacle to what is wrong with its motion."""
+        """Add the name of the obstacle to what is wrong with it."""
         try:
             yield
-        except SceneError as error:
+        except (ProblemError, SceneError) as error:
             raise self._error(str(error)) from error
 
     def _error(self, message: str, _: str = "") -> SceneError:
@@ -171,23 +198,12 @@ class Obstacle(Record):
         R, p = self.poses(np.array([number(time, "time", "a time [s]")]))
         return replace(self, motion=None, rotation=R[0], position=p[0])
 
-    def _triple(self, key: str, content: str) -> Array:
-        value = getattr(self, key)
-        array = array_or_nan(value)
-        if array.shape != (3,) or not np.all(np.isfinite(array)):
-            raise wrong(value, key, f"three finite {content} [m]", self._error)
-        return array
-
-    def _length(self, key: str, value: object) -> float:
-        expected = "a positive length [m]"
-        return number(value, key, expected, above=0.0, error=self._error)
-
 
 def _is_point(value: object) -> bool:
     return array_or_nan(value).shape == (3,)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@obstacle
 class Sphere(Obstacle):
     """A ball.
 
@@ -195,22 +211,10 @@ class Sphere(Obstacle):
         radius: Radius [m].
     """
 
-    radius: float
-
-    _lengths = ("radius",)
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            name: str,
-            *,
-            radius: float,
-            **given: Unpack[Placed],
-        ) -> None: ...
+    radius: Length
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@obstacle
 class Box(Obstacle):
     """A cuboid.
 
@@ -218,28 +222,10 @@ class Box(Obstacle):
         size: Full edge lengths along x, y and z [m], shape (3,).
     """
 
-    size: Array
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            name: str,
-            *,
-            size: VectorLike,
-            **given: Unpack[Placed],
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        """Check the edges."""
-        super().__post_init__()
-        size = self._triple("size", "edge lengths")
-        for axis, value in zip("xyz", size.tolist(), strict=True):
-            self._length(f"size along {axis}", value)
-        object.__setattr__(self, "size", size)
+    size: Edges
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@obstacle
 class Cylinder(Obstacle):
     """A cylinder along its z axis.
 
@@ -248,24 +234,11 @@ class Cylinder(Obstacle):
         length: Length from end to end [m].
     """
 
-    radius: float
-    length: float
-
-    _lengths = ("radius", "length")
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            name: str,
-            *,
-            radius: float,
-            length: float,
-            **given: Unpack[Placed],
-        ) -> None: ...
+    radius: Length
+    length: Length
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@obstacle
 class Capsule(Obstacle):
     """A cylinder along its z axis with a half ball at either end.
 
@@ -274,18 +247,5 @@ class Capsule(Obstacle):
         length: Length of the straight part, without the half balls [m].
     """
 
-    radius: float
-    length: float
-
-    _lengths = ("radius", "length")
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            name: str,
-            *,
-            radius: float,
-            length: float,
-            **given: Unpack[Placed],
-        ) -> None: ...
+    radius: Length
+    length: Length

@@ -22,15 +22,12 @@ def is_rotation(matrix: Array) -> bool:
     return bool(orthonormal and np.linalg.det(matrix) > 0.0)
 
 
-def rotation_matrix(
-    rotation: RotationLike | None, obstacle: str | None = None
-) -> Array:
+def rotation_matrix(rotation: RotationLike | None) -> Array:
     """Turn a rotation as users give it into a matrix.
 
     Args:
         rotation: None (no rotation), a 3x3 matrix, a quaternion (x, y, z, w), which is
             normalised, or a ``Rotation`` of SciPy.
-        obstacle: Name of the obstacle, for the message; None if it is not of one.
 
     Returns:
         Rotation matrix, shape (3, 3).
@@ -61,5 +58,4 @@ def rotation_matrix(
     else:
         # Divided first, so that no square overflows.
         return frozen_array(Rotation.from_quat(value / largest).as_matrix())
-    of = "" if obstacle is None else f"obstacle {obstacle!r}: "
-    raise SceneError(of + wrong, obstacle)
+    raise SceneError(wrong)

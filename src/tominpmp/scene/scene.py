@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
-from tominpmp.arrays import Record
+from tominpmp.arrays import Converted, Record
+from tominpmp.checks import optional
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.obstacles import Obstacle
 
@@ -123,6 +125,15 @@ def as_scene(given: object, name: str) -> Scene:
         f"{name} is a {type(given).__name__}, expected a Scene or a list of obstacles",
         name,
     )
+
+
+SceneLike: TypeAlias = Annotated[
+    Converted[Scene | Sequence[Obstacle] | Obstacle | None, Scene], as_scene
+]
+SceneOrNone: TypeAlias = Annotated[
+    Converted[Scene | Sequence[Obstacle] | Obstacle | None, Scene | None],
+    optional(as_scene),
+]
 
 
 def _whereabouts(obstacle: Obstacle) -> tuple[object, ...]:
