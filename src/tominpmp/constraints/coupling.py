@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, number_or_nan, record
 from tominpmp.checks import JOINTS, array, instance, vector, whole, wrong
-from tominpmp.constraints.path import PathConstraint
-from tominpmp.constraints.quantity import Linear, one_row
+from tominpmp.constraints.path import Linear, PathConstraint
 from tominpmp.exceptions import JointNotFound, ProblemError
 from tominpmp.robot import Robot
 
@@ -101,12 +100,8 @@ class JointCoupling(PathConstraint):
         lower, upper = self.lower / self.scale, self.upper / self.scale
         return np.full(shape, lower), np.full(shape, upper)
 
-    def measure(self, q: Array, v: Array, a: Array) -> float:
-        """How far the sum is beyond its bounds, zero within."""
-        return float(self.measure_rows(*one_row(q, v, a))[0])
-
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """The same at many states."""
+        """How far the sums are beyond their bounds, zero within."""
         total = self._sums(q)
         return np.maximum(np.maximum(self.lower - total, total - self.upper), 0.0)
 

@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.arrays import Array, default, record
 from tominpmp.checks import Direction, Metres, Point, positive
 from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
-from tominpmp.constraints.quantity import Linear
+from tominpmp.constraints.path import Linear
 from tominpmp.robot.payload import InertiaOrNone
 
 Newtons: TypeAlias = Annotated[float, partial(positive, unit="N")]

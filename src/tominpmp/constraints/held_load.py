@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.checks import Point, number, positive
-from tominpmp.constraints.frame import FrameRows
+from tominpmp.constraints.path import FrameRows
 from tominpmp.kinematics import SpatialStates, skew
 from tominpmp.robot.payload import InertiaOrNone
 

@@ -10,8 +10,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, Converted, default, frozen_array, record
 from tominpmp.checks import Direction, RotationLike, positive
-from tominpmp.constraints.frame import FrameRows
-from tominpmp.constraints.quantity import Linear
+from tominpmp.constraints.path import FrameRows, Linear
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
 from tominpmp.scene import rotation_matrix

@@ -2,40 +2,118 @@
 
 A subclass in one file is a new constraint: it is known to scenario files and the
 command line by its name, held by every transcription, replayed, and certified.
+
+Rows of a constraint that holds during a part of a motion stand at times, not at shares
+of the motion: they remain where they are when its duration changes.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import field
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray, Record, record
-from tominpmp.checks import JOINTS, array, instance, number, wrong
-from tominpmp.constraints.base import NO_TIMES, Partials, States
-from tominpmp.constraints.quantity import Quantity
-from tominpmp.constraints.window import TimesOrNone, Window, checked_during
+from tominpmp.arrays import Array, BoolArray, IntArray, Record, pair_or_nan, record
+from tominpmp.checks import (
+    JOINTS,
+    FrameName,
+    array,
+    instance,
+    number,
+    optional,
+    wrong,
+)
+from tominpmp.constraints.base import NO_TIMES, Constraint, Partials, States
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.robot import Robot
 
 # Share of its bound that a value may be beyond it between the instants of the rows.
 USABLE = 2e-3
+# Rows to begin with, at least and at most, and how far apart they are [s]: what passes
+# between two of them may be pushed to the other side by one that is put in later.
+FIRST_TIMES, MOST_TIMES, FIRST_STEP = 21, 401, 0.1
+# Times closer than this are one [s].
+SAME = 1e-6
 
 Own = TypeVar("Own", bound="PathConstraint")
 # Points of a curve, from where it is nearest to one point to where it is to another.
 Way = Callable[[Array, Array, int], Array]
+# Values and their derivatives by q, v and a; empty where they do not depend on it.
+Linear = tuple[Array, Array, Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """From when until when a constraint holds.
+
+    A motion that ends before is taken to rest at its goal until then, where the
+    constraint is to hold, too.
+
+    Attributes:
+        begin: When it begins to hold [s].
+        end: When it ends to hold [s]; infinity for never.
+        times: Times of its rows [s], ascending, shape (k,).
+    """
+
+    begin: float
+    end: float
+    times: Array
+
+    @classmethod
+    def of(cls, during: tuple[float, float] | None) -> Window | None:
+        """The window of checked times; None for all the time."""
+        if during is None:
+            return None
+        begin, end = during
+        last = end if np.isfinite(end) else begin + FIRST_STEP * (FIRST_TIMES - 1)
+        asked = 1 + np.ceil((last - begin) / FIRST_STEP)
+        count = int(np.clip(asked, FIRST_TIMES, MOST_TIMES))
+        return cls(begin, end, np.linspace(begin, last, count))
+
+    def asked(self, t: Array) -> BoolArray:
+        """Whether it holds at times of a motion, shape (m,)."""
+        return np.asarray((t >= self.begin - SAME) & (t <= self.end + SAME))
+
+    def with_times(self, more: Array) -> Window:
+        """The same with more rows."""
+        times = np.unique(np.concatenate([self.times, more]))
+        apart = np.concatenate([[True], np.diff(times) > SAME])
+        return replace(self, times=times[apart])
+
+
+def _checked_during(given: object, name: str) -> tuple[float, float]:
+    """Check from when until when a constraint holds."""
+    begin, end = pair_or_nan(given)
+    if not (0.0 <= begin < np.inf and begin < end):
+        expected = "two times (begin, end) from the start of the motion, in order [s]"
+        raise wrong(given, name, f"{expected}; the end may be infinite")
+    return begin, end
+
+
+TimesOrNone: TypeAlias = Annotated[
+    tuple[float, float] | None, optional(_checked_during)
+]
 
 
 @record
-class PathConstraint(Record, Quantity):
+class PathConstraint(Record, Constraint):
     """A quantity that is to stay below a limit at all times of a motion.
 
     Or ``during`` a part of it: from one time of the motion until another [s]. Where it
     ends before that, the constraint holds at the goal.
+
+    Most quantities are the length of a :meth:`vector` that is a smooth function of the
+    state; rows are made of it rounded off about zero, where a length has a kink, see
+    :func:`rounded`. Those that are no length give their rows by :meth:`terms`, or by
+    :meth:`value_rows` and :meth:`term_rows`, and their number by ``count``. What is
+    given at one state (:meth:`measure`, :meth:`vector`) need not be given at many at
+    once (:meth:`measure_rows`, :meth:`vector_rows`), which is quicker, nor the other
+    way round.
 
     Subclasses are frozen dataclasses, declared with ``eq=False``.
 
@@ -55,6 +133,21 @@ class PathConstraint(Record, Quantity):
     @abstractmethod
     def unit(self) -> str:
         """Unit of the quantity."""
+
+    @property
+    @abstractmethod
+    def largest(self) -> float:
+        """Largest value of the quantity that is allowed."""
+
+    @property
+    def scale(self) -> float:
+        """What an excess of the quantity is measured by."""
+        return self.largest
+
+    @property
+    def count(self) -> int:
+        """One value."""
+        return 1
 
     @property
     def top_speed(self) -> tuple[str, float] | None:
@@ -79,6 +172,99 @@ class PathConstraint(Record, Quantity):
             JointNotFound: If a joint is not part of it.
         """
 
+    # -- the quantity at one state, or at many at once ---------------------------------
+
+    def measure(self, q: Array, v: Array, a: Array) -> float:
+        """The quantity at one state, shapes (n,); what is not asked for is empty."""
+        if type(self).measure_rows is PathConstraint.measure_rows:
+            raise NotImplementedError(f"{type(self).__name__} has no measure")
+        return float(self.measure_rows(*one_row(q, v, a))[0])
+
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Those of :meth:`measure`, shapes (m, n) to (m,)."""
+        found = [self.measure(*state) for state in _states(q, v, a)]
+        return np.array(found, dtype=np.float64)
+
+    def vector(self, q: Array, v: Array, a: Array) -> Linear:
+        """A vector whose length is the quantity, and its derivatives.
+
+        Returns:
+            Vector, shape (k,), and derivatives by q, v and a, shape (k, n) each; empty
+            for those that it does not depend on.
+        """
+        if type(self).vector_rows is PathConstraint.vector_rows:
+            raise NotImplementedError(f"{type(self).__name__} is no length")
+        return _first(self.vector_rows(*one_row(q, v, a)))
+
+    def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
+        """Those of :meth:`vector`: shapes (m, k), and (m, k, n) or empty."""
+        return _stacked(self.vector(*state) for state in _states(q, v, a))
+
+    @property
+    def _is_length(self) -> bool:
+        return type(self).terms is PathConstraint.terms
+
+    @property
+    def bends(self) -> bool:
+        """Lengths are convex functions of their vectors; of others nothing is known."""
+        return self._is_length and type(self).term_rows is PathConstraint.term_rows
+
+    def value_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """Those of :meth:`values`, shape (m, count)."""
+        if self._is_length:
+            limit = self.largest / self.scale
+            sizes = self.measure_rows(q, v, a) / self.scale
+            return rounded(sizes, limit)[:, None]
+        found = [self.values(*state) for state in _states(q, v, a)]
+        return np.array(found).reshape(-1, self.count)
+
+    def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
+        """Those of :meth:`terms`: shapes (m, count), and (m, count, n) or empty."""
+        if not self._is_length:
+            return _stacked(self.terms(*state) for state in _states(q, v, a))
+        vector, *by = self.vector_rows(q, v, a)
+        length, limit = np.linalg.norm(vector, axis=1), self.largest
+        values = rounded(length / self.scale, limit / self.scale)[:, None]
+        size = np.sqrt(0.5 * (length**2 + limit**2)) * self.scale
+        along = (vector / np.maximum(size, 1e-300)[:, None])[:, None, :]
+        by_q, by_v, by_a = (along @ part if part.size else part for part in by)
+        return values, by_q, by_v, by_a
+
+    def bend_rows(
+        self, q: Array, v: Array, a: Array
+    ) -> tuple[Array, Array, Array] | None:
+        """Slopes of vectors whose squared lengths values lack when linearised.
+
+        Values are convex functions of the vectors of :meth:`vector_rows`: what a step
+        of these does to them is known to second order.
+
+        Returns:
+            By q, v and a, shape (m, count, k, n) each or empty; None if nothing is
+            known.
+        """
+        if not self.bends:
+            return None
+        vector, *by = self.vector_rows(q, v, a)
+        root = length_bend(vector, self.largest) / np.sqrt(self.scale)
+        by_q, by_v, by_a = (
+            (root @ part)[:, None] if part.size else part for part in by
+        )
+        return by_q, by_v, by_a
+
+    def values(self, q: Array, v: Array, a: Array) -> Array:
+        """Those of :meth:`terms` alone, where that is quicker, shape (count,)."""
+        return self.terms(q, v, a)[0]
+
+    def terms(self, q: Array, v: Array, a: Array) -> Linear:
+        """Smooth values at a state, and their derivatives.
+
+        Returns:
+            Values in units of the scale, <= 0 where the limit is kept, shape (count,),
+            and their derivatives by q, v and a, shape (count, n) each; empty where
+            there are none.
+        """
+        return _first(self.term_rows(*one_row(q, v, a)))
+
     # -- what follows from these -------------------------------------------------------
 
     def on(self: Own, robot: Robot) -> Own:
@@ -86,7 +272,7 @@ class PathConstraint(Record, Quantity):
         self.validate(robot)
         # Motions of the frame belong to another robot.
         return self._altered(
-            "_motions",
+            "motions",
             _window=Window.of(self.during),
             _kinematics=RobotKinematics(robot),
         )
@@ -222,6 +408,37 @@ class PathConstraint(Record, Quantity):
         )
 
 
+@record
+class FrameRows(PathConstraint):
+    """A constraint on a frame of the robot.
+
+    Attributes:
+        frame: Name of the frame.
+    """
+
+    frame: FrameName
+    quantity: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        """The quantity, and of what."""
+        return f"{self.quantity} of {self.subject}"
+
+    @property
+    def subject(self) -> str:
+        """The frame."""
+        return f"frame {self.frame}"
+
+    def validate(self, robot: Robot) -> None:
+        """Check that the robot has the frame."""
+        instance(robot, Robot, "robot").frame_id(self.frame)
+
+    @cached_property
+    def motions(self) -> FrameMotions:
+        """Placements and motions of the frame."""
+        return FrameMotions(self.kinematics.robot, self.frame)
+
+
 def _indices(value: IntArray, name: str) -> IntArray:
     """Check indices of values, shape (k,)."""
     if not isinstance(value, np.ndarray) or value.dtype.kind != "i" or value.ndim != 1:
@@ -229,38 +446,89 @@ def _indices(value: IntArray, name: str) -> IntArray:
     return value
 
 
-def check_window(items: Sequence[PathConstraint], several: bool) -> None:
-    """Check when constraints hold.
+def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint, ...]:
+    """Check a caller's constraints against a robot.
 
     Args:
-        items: The constraints.
+        given: The constraints.
+        robot: The robot.
         several: Whether the motion has several segments.
 
     Raises:
-        ProblemError: If that is no time, or told where a motion has several segments.
-    """
-    for k, item in enumerate(items):
-        if checked_during(item.during) is not None and several:
-            raise ProblemError(
-                f"{item.name}: during is {brief(item.during)}, and the problem has "
-                "several segments: expected None, and the constraint on those segments "
-                "on which it holds",
-                f"constraints[{k}].during",
-            )
-
-
-def checked(given: object, robot: Robot) -> tuple[PathConstraint, ...]:
-    """Check a caller's constraints against a robot.
-
-    Raises:
-        ProblemError: If they are none.
+        ProblemError: If they are none, or are to hold during a part of a motion of
+            several segments.
         FrameNotFound: If a frame is not part of the robot.
     """
     items: Any = (given,) if isinstance(given, PathConstraint) else given
     expected = "a tuple of constraints as KeepUpright and ToolSpeed"
     instance(items, (list, tuple), "constraints", expected)
     for k, item in enumerate(items):
-        instance(item, PathConstraint, f"constraints[{k}]", "a constraint")
-        checked_during(item.during)
-        item.validate(robot)
+        instance(item, PathConstraint, f"constraints[{k}]", "a constraint").validate(
+            robot
+        )
+        if item.during is not None and several:
+            raise ProblemError(
+                f"{item.name}: during is {brief(item.during)}, and the problem has "
+                "several segments: expected None, and the constraint on those segments "
+                "on which it holds",
+                f"constraints[{k}].during",
+            )
     return tuple(items)
+
+
+def one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+    """A state as rows of states; what is not asked for may be empty."""
+    q, v, a = (array(x, k, (None,), JOINTS) for k, x in (("q", q), ("v", v), ("a", a)))
+    return q[None], v[None], a[None]
+
+
+def _first(rows: Linear) -> Linear:
+    """The first of many values with their derivatives."""
+    values, *by = rows
+    by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
+    return values[0], by_q, by_v, by_a
+
+
+def _stacked(every: Iterable[Linear]) -> Linear:
+    """Values of single states, with their derivatives, as rows."""
+    values, by_q, by_v, by_a = (np.array(part) for part in zip(*every, strict=True))
+    return values, by_q, by_v, by_a
+
+
+def _states(q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """States in rows, one after the other."""
+    q = array(q, "q", (None, None), JOINTS)
+    shape = len(q), None
+    return zip(
+        q, array(v, "v", shape, JOINTS), array(a, "a", shape, JOINTS), strict=True
+    )
+
+
+def rounded(length: Array, limit: float) -> Array:
+    """Lengths beyond a limit, rounded off about zero where they have a kink.
+
+    sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope there.
+    """
+    return np.asarray(np.sqrt(2.0 * (length**2 + limit**2)) - 2.0 * limit)
+
+
+def length_bend(vector: Array, limit: float) -> Array:
+    """Roots of the second derivative of rounded lengths by their vectors.
+
+    That of s = sqrt(2 x^2 + 2 L^2) is (2 I - 4 x x^T / s^2) / s.
+
+    Args:
+        vector: The vectors x, shape (m, k).
+        limit: The limit L.
+
+    Returns:
+        Symmetric matrices, shape (m, k, k).
+    """
+    square = np.sum(vector**2, axis=1)
+    size = np.maximum(np.sqrt(2.0 * (square + limit**2)), 1e-300)
+    # Along the vector there is less of it.
+    along = 1.0 - np.sqrt(2.0) * limit / size
+    outer = vector[:, :, None] * vector[:, None, :]
+    outer *= (along / np.maximum(square, 1e-300))[:, None, None]
+    root = np.eye(vector.shape[1]) - outer
+    return np.asarray(np.sqrt(2.0 / size)[:, None, None] * root)

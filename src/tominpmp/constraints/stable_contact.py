@@ -19,7 +19,7 @@ from tominpmp.arrays import (
 )
 from tominpmp.checks import Point, number, positive, wrong
 from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
-from tominpmp.constraints.quantity import Linear, length_bend
+from tominpmp.constraints.path import Linear, length_bend
 from tominpmp.robot.payload import InertiaOrNone
 
 # How far from the tip of a cone, where a load has no weight, it is rounded off [shares

@@ -15,9 +15,7 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, array_or_nan, default, record
 from tominpmp.checks import Metres, Point, array, number, positive, whole, wrong
-from tominpmp.constraints.frame import FrameRows
-from tominpmp.constraints.path import Way
-from tominpmp.constraints.quantity import Linear
+from tominpmp.constraints.path import FrameRows, Linear, Way
 from tominpmp.exceptions import brief
 
 NONE = np.zeros(0)

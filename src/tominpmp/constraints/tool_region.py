@@ -6,8 +6,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, default, record
 from tominpmp.checks import Corner, Metres, Point
-from tominpmp.constraints.frame import FrameRows
-from tominpmp.constraints.quantity import Linear
+from tominpmp.constraints.path import FrameRows, Linear
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import PoseOrNone
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, record
 from tominpmp.checks import positive
-from tominpmp.constraints.frame import FrameRows
-from tominpmp.constraints.quantity import Linear
+from tominpmp.constraints.path import FrameRows, Linear
 
 NONE = np.zeros(0)
 

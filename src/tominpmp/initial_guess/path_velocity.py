@@ -20,8 +20,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints import ClearanceConstraint
-from tominpmp.constraints.path import PathConstraint
-from tominpmp.constraints.window import Window
+from tominpmp.constraints.path import PathConstraint, Window
 from tominpmp.initial_guess.guess import SAMPLED, Guess, initial_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

@@ -15,7 +15,7 @@ import numpy as np
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
 from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
 from tominpmp.collision import CollisionChecker
-from tominpmp.constraints.path import PathConstraint, check_window, checked
+from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, warn_caller
 from tominpmp.goals import Goal, passed
@@ -115,8 +115,8 @@ class Problem(Record):
         check_names(self.may_touch, self.robot, self.scene)
         if not self.segments:
             self.goal.validate(self.robot)
-        self._keep(constraints=checked(self.constraints, self.robot))
-        check_window(self.constraints, bool(self.segments))
+        several = bool(self.segments)
+        self._keep(constraints=checked(self.constraints, self.robot, several))
         self._checks.start(self.q_start, self.v_start)
         if self.segments:
             phases, of_goal = self._phases
@@ -209,8 +209,7 @@ class Problem(Record):
             own.check(robot.joint_names)
             limits = own if limits is None else own.over(limits, robot.joint_names)
         scene = self.scene if segment.scene is None else segment.scene
-        constraints = checked(segment.constraints, robot)
-        check_window(constraints, True)
+        constraints = checked(segment.constraints, robot, several=True)
         same = robot is self.robot and scene is self.scene and not segment.may_touch
         if same:
             _ = self.checker, self.margins  # the copy shares them
