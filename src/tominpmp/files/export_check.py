@@ -33,7 +33,6 @@ from tominpmp.files.ros_rules import (
     controller_needs,
     controller_refusals,
 )
-from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.joining import Joined, join
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
@@ -41,7 +40,7 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.verification import Verification, verify
-from tominpmp.verification.limit_violations import UNITS, LimitViolation
+from tominpmp.verification.limit_violations import LimitViolation, state_violations
 
 # Periods that controllers have [s], the longest first.
 PERIODS = (0.01, 0.008, 0.004, 0.002, 0.001)
@@ -306,11 +305,15 @@ class _Judge:
             return (), known
         # Of several segments, torques are known only when it is known where they end.
         if not problem.segments:
-            broken = _limit_violations_of(problem, motion, CLEARLY * tolerances.limits)
+            times = _inner_instants(motion.t)
+            state, clearly = motion(times), CLEARLY * tolerances.limits
+            rows = times, state.q, state.v, state.u
+            found = state_violations(problem, *rows, clearly)
+            broken = tuple(item for item in found if item.violated)
             if broken:
-                return tuple(broken), None
-        found = verify(problem, motion, tolerances)
-        return found.violations, found
+                return broken, None
+        replayed = verify(problem, motion, tolerances)
+        return replayed.violations, replayed
 
     def _is_planned(self, motion: Trajectory) -> bool:
         """Whether a motion is the planned one, up to rounding."""
@@ -336,50 +339,3 @@ def _inner_instants(nodes: Array) -> Array:
     h = np.diff(nodes)
     wide = h > SHORTEST
     return np.ravel(nodes[:-1][wide, None] + INSTANTS * h[wide, None])
-
-
-def _limit_violations_of(
-    problem: Problem, motion: Trajectory, tolerance: float
-) -> list[LimitViolation]:
-    """The worst of each kind of limit (positions, velocities, torques) that is broken.
-
-    Args:
-        problem: What the motion is to solve.
-        motion: The motion.
-        tolerance: Relative excess that is tolerated.
-    """
-    limits = problem.robot.limits
-    times = _inner_instants(motion.t)
-    state = motion(times)
-    bounds = {
-        "position": (state.q, limits.position_lower, limits.position_upper),
-        "velocity": (state.v, -limits.velocity, limits.velocity),
-        "effort": (state.u, limits.effort_lower, limits.effort_upper),
-    }
-    slides = prismatic_joints(problem.robot)
-    half = 0.5 * (limits.effort_upper - limits.effort_lower)
-    scales = {
-        "position": limits.position_upper - limits.position_lower,
-        "velocity": limits.velocity,
-        "effort": np.where(half > 0.0, half, max(float(np.max(half)), 1e-12)),
-    }
-    found = []
-    for kind, (values, lower, upper) in bounds.items():
-        scale = scales[kind]
-        scale = np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
-        amount = np.maximum(values - upper, lower - values)
-        share = amount / scale
-        k, joint = np.unravel_index(int(np.argmax(share)), share.shape)
-        if share[k, joint] > tolerance:
-            found.append(
-                LimitViolation(
-                    kind,
-                    problem.robot.joint_names[int(joint)],
-                    float(times[k]),
-                    float(amount[k, joint]),
-                    UNITS[kind][bool(slides[joint])],
-                    float(share[k, joint]),
-                    True,
-                )
-            )
-    return found

@@ -17,12 +17,11 @@ import numpy as np
 from scipy.linalg import expm
 
 from tominpmp.arrays import Array
-from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
 from tominpmp.options import Tolerances
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.verification.limit_violations import LimitViolation
+from tominpmp.verification.limit_violations import LimitViolation, worst_of_joints
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -254,7 +253,9 @@ def feedback_rate(growth: float, duration: float, tolerance: float) -> float | N
     return float(max(FASTER * speed, LEAST_RATE))
 
 
-def needed(robot: Robot, t: Array, feedback: Array, tolerance: float) -> LimitViolation:
+def needed(
+    robot: Robot, t: Array, feedback: Array, tolerance: float
+) -> LimitViolation | None:
     """How much of the torque limits a feedback takes, against what it may take.
 
     Args:
@@ -262,18 +263,10 @@ def needed(robot: Robot, t: Array, feedback: Array, tolerance: float) -> LimitVi
         t: Times [s], shape (m,).
         feedback: Torques of the feedback there, shape (m, n) [N m or N].
         tolerance: Excess over the limits that is tolerated, as a share of their range.
+
+    Returns:
+        The worst of the joints; None where no torque is limited.
     """
-    lower, upper = robot.limits.effort_lower, robot.limits.effort_upper
-    allowed = TRACE * tolerance * (upper - lower)
-    row, joint = np.unravel_index(
-        int(np.argmax(np.abs(feedback) - allowed)), feedback.shape
-    )
-    beyond = float(abs(feedback[row, joint]) - allowed[joint])
-    share = beyond / max(float(upper[joint] - lower[joint]), 1e-12)
-    unit = "N" if prismatic_joints(robot)[joint] else "N m"
-    name = robot.joint_names[int(joint)]
-    ended = bool(np.all(np.isfinite(feedback)))
-    violated = not (beyond <= 0.0 and ended)
-    return LimitViolation(
-        "feedback", name, float(t[row]), beyond, unit, share, violated
-    )
+    span = robot.limits.effort_upper - robot.limits.effort_lower
+    beyond = np.abs(feedback) - TRACE * tolerance * span
+    return worst_of_joints(robot, "feedback", t, beyond, span, 0.0)

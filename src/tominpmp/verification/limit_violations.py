@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
+from tominpmp.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
@@ -25,6 +26,7 @@ UNITS = {
     "position": ("rad", "m"),
     "velocity": ("rad/s", "m/s"),
     "effort": ("N m", "N"),
+    "feedback": ("N m", "N"),
     "acceleration": ("rad/s^2", "m/s^2"),
     "jerk": ("rad/s^3", "m/s^3"),
     "effort rate": ("N m/s", "N/s"),
@@ -89,7 +91,7 @@ class LimitViolation:
             verb = "lack" if self.amount > 0.0 else "have more than"
             return f"{self.name} {verb} {amount} of clearance at {self.time:.3f} s"
         side = "beyond" if self.amount > 0.0 else "within"
-        if self.kind not in UNITS and self.kind != "feedback":
+        if self.kind not in UNITS:
             return f"the {self.kind} is {amount} {side} its limit at {self.time:.3f} s"
         return (
             f"joint {self.name} is {amount} {side} its {self.kind} limit at "
@@ -110,15 +112,6 @@ def on_segment(number: int | None, span: tuple[float, float] | None) -> str:
     return f"on segment {number}{when}, "
 
 
-class _Rows(NamedTuple):
-    """States with torques on both sides of every jump."""
-
-    t: Array
-    q: Array
-    v: Array
-    u: Array
-
-
 def limit_violations(
     problem: Problem, replay: Replay, torque: Pieces, tolerance: float
 ) -> list[LimitViolation]:
@@ -127,98 +120,153 @@ def limit_violations(
     return _Limits(problem, replay, torque, tolerance).all()
 
 
+def state_violations(
+    problem: Problem, t: Array, q: Array, v: Array, u: Array, tolerance: float
+) -> list[LimitViolation]:
+    """The worst of positions, velocities and torques at instants.
+
+    Args:
+        problem: The problem, with the limits.
+        t: Times [s], shape (m,).
+        q: Positions, shape (m, n) [rad or m].
+        v: Velocities, shape (m, n).
+        u: Torques, shape (m, n) [N m or N].
+        tolerance: Excess that is tolerated, as a share.
+    """
+    robot, limits = problem.robot, problem.robot.limits
+    low, high, top = limits.position_lower, limits.position_upper, limits.velocity
+    lower, upper = effort_range(problem)
+    torque = np.maximum(u - upper, lower - u)
+    for joint, curve in (_extra(problem).effort_curves or {}).items():
+        i = robot.joint_names.index(joint)
+        excess = np.abs(u[:, i]) - curve(v[:, i])[0]
+        torque[:, i] = np.maximum(torque[:, i], excess)
+    half = 0.5 * (limits.effort_upper - limits.effort_lower)
+    # Against a joint without a motor, the strongest one is the measure.
+    half = np.where(half > 0.0, half, np.max(half, initial=1e-12))
+    rows = (
+        ("position", np.maximum(q - high, low - q), high - low),
+        ("velocity", np.abs(v) - top, top),
+        ("effort", torque, half),
+    )
+    found = [
+        worst_of_joints(robot, kind, t, beyond, scale, tolerance)
+        for kind, beyond, scale in rows
+    ]
+    return [item for item in found if item is not None]
+
+
+def effort_range(problem: Problem) -> tuple[Array, Array]:
+    """Least and largest torques that motions may use at rest, shape (n,) each."""
+    lower, upper = problem.robot.limits.effort_lower, problem.robot.limits.effort_upper
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    half = _extra(problem).effort_scale * half
+    return middle - half, middle + half
+
+
+def worst_of_joints(
+    robot: Robot, kind: str, t: Array, beyond: Array, scale: Array, tolerance: float
+) -> LimitViolation | None:
+    """The worst of amounts beyond a limit on joints.
+
+    Args:
+        robot: The robot.
+        kind: The kind of limit, one of :data:`UNITS`.
+        t: Times [s], shape (m,).
+        beyond: Amounts beyond the limits then, shape (m, n).
+        scale: What shares are of, by joint, shape (n,).
+        tolerance: Excess that is tolerated, as a share.
+
+    Returns:
+        The worst; None where nothing is limited.
+    """
+    units = [UNITS[kind][int(slides)] for slides in prismatic_joints(robot)]
+    joints = [*zip(robot.joint_names, units, strict=True)]
+    return _worst(kind, joints, t, beyond, scale, tolerance)
+
+
+def _worst(
+    kind: str,
+    subjects: Sequence[tuple[str, str]],
+    t: Array,
+    beyond: Array,
+    scale: Array,
+    tolerance: float,
+) -> LimitViolation | None:
+    """The same of subjects with their units, one a column."""
+    beyond = np.where(np.isnan(beyond), np.inf, beyond)
+    # A limit that is infinite or zero is measured by 1.
+    share = beyond / np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
+    row, column = np.unravel_index(int(np.argmax(share)), share.shape)
+    amount, worst = float(beyond[row, column]), float(share[row, column])
+    if amount == -np.inf:
+        return None  # nothing is limited
+    name, unit = subjects[int(column)]
+    violated = worst > tolerance
+    return LimitViolation(kind, name, float(t[row]), amount, unit, worst, violated)
+
+
+def _extra(problem: Problem) -> MotionLimits:
+    return problem.motion_limits or MotionLimits()
+
+
 class _Limits:
+    """A replay with torques on both sides of every jump, held against limits."""
+
     def __init__(
         self, problem: Problem, replay: Replay, torque: Pieces, tolerance: float
     ) -> None:
         self.problem, self.replay, self.tolerance = problem, replay, tolerance
-        self.joints = problem.robot.joint_names
-        self.slides = prismatic_joints(problem.robot)
         known = torque.t[1:] <= replay.t[-1]
         # Rows of the replay at which pieces of torque end.
         self.ends: IntArray = np.searchsorted(replay.t, torque.t[1:][known])
-        self.before = torque.ends()[known, 1]
-        self.rows = _Rows(
-            np.concatenate([replay.t, replay.t[self.ends]]),
-            np.concatenate([replay.q, replay.q[self.ends]]),
-            np.concatenate([replay.v, replay.v[self.ends]]),
-            np.concatenate([replay.u, self.before]),
-        )
+        rows: IntArray = np.concatenate([np.arange(replay.t.size), self.ends])
+        self.t, self.q, self.v = replay.t[rows], replay.q[rows], replay.v[rows]
+        self.u = np.concatenate([replay.u, torque.ends()[known, 1]])
 
     def all(self) -> list[LimitViolation]:
-        found = [self._worst(*row) for row in self._of_joints()]
-        return [item for item in found if item is not None] + self._constraints()
+        """The worst of each kind."""
+        problem, states = self.problem, (self.t, self.q, self.v, self.u)
+        found = state_violations(problem, *states, self.tolerance)
+        for kind, t, beyond, scale in self._of_joints():
+            worst = worst_of_joints(
+                problem.robot, kind, t, beyond, scale, self.tolerance
+            )
+            found += [] if worst is None else [worst]
+        return found + self._of_constraints()
 
     def _of_joints(self) -> Iterator[tuple[str, Array, Array, Array]]:
-        """Kinds of limits on joints.
+        """Further limits on joints.
 
         Yields:
             Name, times of shape (m,), amounts beyond the limits of shape (m, n), and
             measures of the limits of shape (n,).
         """
-        limits, replay, rows = self.problem.robot.limits, self.replay, self.rows
-        low, high, top = limits.position_lower, limits.position_upper, limits.velocity
-        beyond = np.maximum(replay.q - high, low - replay.q)
-        yield "position", replay.t, beyond, high - low
-        yield "velocity", replay.t, np.abs(replay.v) - top, top
-        yield "effort", rows.t, *self._effort()
-        extra = self.problem.motion_limits
-        if extra is None:
-            return
+        robot, extra = self.problem.robot, _extra(self.problem)
         kinds = "effort_rate", "acceleration", "jerk"
-        rate, highest, steepest = (extra.by_joint(kind, self.joints) for kind in kinds)
+        each = (extra.by_joint(kind, robot.joint_names) for kind in kinds)
+        rate, highest, steepest = each
         if np.any(np.isfinite(rate)):
-            dry = self.problem.robot.friction * self.ways
-            yield "effort rate", *self._rates(rows.u, rate, dry), rate
+            dry = robot.friction * self.ways
+            yield "effort rate", *self._rates(self.u, rate, dry), rate
         if np.any(np.isfinite([highest, steepest])):
             a = self.accelerations
-            yield "acceleration", rows.t, np.min(np.abs(a), axis=0) - highest, highest
+            yield "acceleration", self.t, np.min(np.abs(a), axis=0) - highest, highest
             yield "jerk", *self._rates(a[0], steepest), steepest
 
-    def _constraints(self) -> list[LimitViolation]:
+    def _of_constraints(self) -> list[LimitViolation]:
         """What the problem asks for beyond the limits of the robot."""
-        rows = self.rows
-        found: list[LimitViolation] = []
+        found = []
         for item in self.problem.ready_constraints:
-            every = self.accelerations
-            if item.order < 2:
-                every = np.zeros((1, rows.t.size, 0))
-            sizes = np.min(
-                [item.sizes(rows.t, rows.q, rows.v, a) for a in every], axis=0
-            )
-            sizes = np.where(np.isfinite(sizes), sizes, np.inf)
-            k = int(np.argmax(sizes))
-            amount = float(sizes[k]) - item.largest
-            share = amount / item.scale
+            every = self.accelerations if item.order > 1 else np.zeros((1, 0, 0))
+            each = [item.sizes(self.t, self.q, self.v, a) for a in every]
+            sizes = np.min(each, axis=0)
+            beyond = np.where(np.isfinite(sizes), sizes, np.inf) - item.largest
+            about, scale = [(item.subject, item.unit)], np.array([item.scale])
             found.append(
-                LimitViolation(
-                    item.name,
-                    item.subject,
-                    float(rows.t[k]),
-                    amount,
-                    item.unit,
-                    share,
-                    share > self.tolerance,
-                )
+                _worst(item.name, about, self.t, beyond[:, None], scale, self.tolerance)
             )
-        return found
-
-    def _effort(self) -> tuple[Array, Array]:
-        """Amounts beyond the limits of torque, and measures of these."""
-        limits, rows = self.problem.robot.limits, self.rows
-        middle = 0.5 * (limits.effort_upper + limits.effort_lower)
-        half = 0.5 * (limits.effort_upper - limits.effort_lower)
-        extra = self.problem.motion_limits
-        share = 1.0 if extra is None else extra.effort_scale
-        beyond = np.abs(rows.u - middle) - share * half
-        curves = {} if extra is None else (extra.effort_curves or {})
-        for joint, curve in curves.items():
-            i = self.joints.index(joint)
-            excess = np.abs(rows.u[:, i]) - curve(rows.v[:, i])[0]
-            beyond[:, i] = np.maximum(beyond[:, i], excess)
-        # Against a joint without a motor, the strongest one is the measure.
-        scale = np.where(half > 0.0, half, np.max(half, initial=1e-12))
-        return beyond, scale
+        return [item for item in found if item is not None]
 
     @cached_property
     def ways(self) -> Array:
@@ -231,7 +279,7 @@ class _Limits:
         Returns:
             These three, shape (3, m + P, n).
         """
-        count, v = len(self.replay.way), self.rows.v
+        count, v = len(self.replay.way), self.v
         if not (count and np.any(self.problem.robot.friction)):
             return np.zeros((1, *v.shape))
         own = np.concatenate([np.arange(count + 1), self.ends - 1])
@@ -241,8 +289,7 @@ class _Limits:
     @cached_property
     def accelerations(self) -> Array:
         """Accelerations at the rows if joints go these ways, shape (3, m + P, n)."""
-        dynamics, rows = RobotDynamics(self.problem.robot), self.rows
-        state = rows.q, rows.v, rows.u
+        dynamics, state = RobotDynamics(self.problem.robot), (self.q, self.v, self.u)
         return np.array([dynamics.forward_along(*state, way) for way in self.ways])
 
     def _rates(
@@ -277,24 +324,3 @@ class _Limits:
         before = after.copy()
         before[self.ends] = values[after.shape[0] :]
         return before, after
-
-    def _worst(
-        self, kind: str, t: Array, beyond: Array, scale: Array
-    ) -> LimitViolation | None:
-        """The worst of amounts of shape (m, n) at times of shape (m,)."""
-        beyond = np.where(np.isnan(beyond), np.inf, beyond)
-        # A limit that is infinite or zero is measured by 1.
-        share = beyond / np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
-        row, joint = np.unravel_index(int(np.argmax(share)), share.shape)
-        amount = float(beyond[row, joint])
-        if amount == -np.inf:
-            return None  # nothing is limited
-        return LimitViolation(
-            kind,
-            self.joints[int(joint)],
-            float(t[row]),
-            amount,
-            UNITS[kind][int(self.slides[joint])],
-            float(share[row, joint]),
-            bool(share[row, joint] > self.tolerance),
-        )

@@ -201,7 +201,8 @@ def verify(
             trace = tracked.u - tracking.pieces(tracked.t)[:, : robot.n]
             feedback = frozen_array(np.max(np.abs(trace), axis=0))
             findings = judge(stages, tracked, torque, tolerances, checkers)
-            findings.limits.append(needed(robot, tracked.t, trace, tolerances.limits))
+            taken = needed(robot, tracked.t, trace, tolerances.limits)
+            findings.limits.extend([] if taken is None else [taken])
     assert findings is not None  # noqa: S101
     if findings.violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
