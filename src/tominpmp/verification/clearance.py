@@ -26,7 +26,7 @@ from tominpmp.collision.contact import Contact
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.verification.closest_approach import Approach, Course
+from tominpmp.verification.closest_approach import Approach, HermitePath
 from tominpmp.verification.nearest import held
 from tominpmp.verification.replay import Replay, planned
 from tominpmp.verification.stages import stages_of
@@ -307,5 +307,5 @@ def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Arra
     if rows.t.size < 2:
         return held(rows), stray
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
-    gaps = np.abs(Course(rows).positions(probes) - path(probes).q)
+    gaps = np.abs(HermitePath(rows).positions(probes) - path(probes).q)
     return rows, stray + OFF * np.max(gaps, axis=0)

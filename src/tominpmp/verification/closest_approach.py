@@ -20,7 +20,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision import CollisionChecker
-from tominpmp.verification.link_displacement import LinkDisplacement, link_balls
+from tominpmp.verification.link_displacement import LinkDisplacement
 from tominpmp.verification.replay import Replay
 
 # Rows of the replay in the stretches that are looked at first, which are cut into so
@@ -58,8 +58,8 @@ class Stretches:
     swing: Array
 
 
-class Course:
-    """A replayed motion as stretches of time.
+class HermitePath:
+    """A replayed motion as cubic polynomials between its rows.
 
     Args:
         replay: The motion.
@@ -160,11 +160,11 @@ class Approach:
         most: int = MOST,
     ) -> None:
         self._checker, self._margins = checker, margins
-        self._course = Course(replay, stray)
+        self._path = HermitePath(replay, stray)
         self._allowed, self._near = allowed, near
         self._ends = replay.q[0], replay.q[-1]
         own = np.arange(margins.size) >= checker.obstacle_pairs
-        reach = LinkDisplacement(checker.robot, link_balls(checker))
+        reach = LinkDisplacement.of_links(checker)
         self._motion = reach.relative(checker.pairs, own)
         self._found = Closest(0, float(replay.t[0]), np.inf, False, 0.0)
         self._most, self.stretches, self.given_up = most, 0, np.inf
@@ -179,12 +179,12 @@ class Approach:
 
     def run(self) -> Closest:
         """Search."""
-        t, pairs = self._course.t, self._margins.size
+        t, pairs = self._path.t, self._margins.size
         edges = np.append(t[:-1:ROWS], t[-1])
         most = max(1, TABLE // pairs)
         for at in range(0, edges.size - 1, most):
             part = edges[at : at + most + 1]
-            self._look(self._course.stretches(part[:-1], part[1:]))
+            self._look(self._path.stretches(part[:-1], part[1:]))
         self._sharpen()
         return self._found
 
@@ -235,7 +235,7 @@ class Approach:
                 stretches.begin[used], stretches.end[used], PARTS + 1, axis=1
             )
             begin, end = edges[:, :-1].ravel(), edges[:, 1:].ravel()
-            parts = self._course.stretches(begin, end)
+            parts = self._path.stretches(begin, end)
             some, column = np.unique(pair[at : at + CUT], return_inverse=True)
             # The same pairs in all of the parts.
             index = (PARTS * index[:, None] + np.arange(PARTS)).ravel()
@@ -312,13 +312,13 @@ class Approach:
 
     def _sharpen(self) -> None:
         """Look for the least room around where it was found."""
-        t = self._course.t
+        t = self._path.t
         row = int(np.searchsorted(t, self._found.time))
         low, high = t[max(row - ROWS, 0)], t[min(row + ROWS, t.size - 1)]
         for _ in range(ROUNDS):
             times = np.linspace(low, high, PLACES)
             pair = np.full(PLACES, self._found.pair)
-            at = self._course.stretches(times, times)
+            at = self._path.stretches(times, times)
             self._measure(at, np.arange(PLACES), pair)
             step, time = times[1] - times[0], self._found.time
             low, high = max(time - step, low), min(time + step, high)

@@ -22,6 +22,7 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.verification.limit_violations import (
     UNITS,
     LimitViolation,
+    effort_range,
     on_segment,
 )
 from tominpmp.verification.replay import (
@@ -97,37 +98,29 @@ def explain(
     begin = f"{GAVE_UP.get(status, status.value.rstrip('.'))} after {effort}"
     if not found:
         return f"{begin}; the best motion is within 0.1 % of what is allowed."
-    everywhere = _everywhere(problem, outcomes, [item for _, item in found])
+    everywhere = _everywhere(problem, outcomes, found)
+    stages = stages_of(problem, least.trajectory)
     clauses = [
-        _on(stage)
-        + _clause(stage, least.trajectory, item)
+        on_segment(item.segment, item.span)
+        + _clause(stages[(item.segment or 1) - 1], least.trajectory, item)
         + (" in every start tried" if item.name in everywhere else "")
-        for stage, item in found
+        for item in found
     ]
-    needed = _joined([_relaxation(item) for _, item in found])
+    needed = _joined([_relaxation(item) for item in found])
     return (
         f"{begin}: {'; '.join(clauses)}. The nearest motion found would need {needed}."
     )
 
 
-def _violations_of(
-    problem: Problem, trajectory: Trajectory
-) -> list[tuple[Stage, LimitViolation]]:
-    """What a planned motion violates, the worst first, and on which segment."""
-    motion = _look(trajectory)
+def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolation]:
+    """What a planned motion violates, the worst first."""
+    motion, stages = _look(trajectory), stages_of(problem, trajectory)
     torque = torque_pieces(problem.robot, trajectory)
-    found: list[tuple[Stage, LimitViolation]] = []
-    for stage in stages_of(problem, trajectory):
-        alone = [stage], motion, torque, STRICT, [stage.problem.checker]
-        found += [(stage, item) for item in judge(*alone).violations]
+    checkers = [stage.problem.checker for stage in stages]
+    found = judge(stages, motion, torque, STRICT, checkers).violations
     measure = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
-    found.sort(key=lambda one: -one[1].share / measure.get(one[1].kind, STRICT.limits))
-    return found[:MOST]
-
-
-def _on(stage: Stage) -> str:
-    number = stage.number + 1 if stage.count > 1 else None
-    return on_segment(number, (stage.begin, stage.end))
+    worst = sorted(found, key=lambda x: -x.share / measure.get(x.kind, STRICT.limits))
+    return worst[:MOST]
 
 
 def _look(trajectory: Trajectory) -> Replay:
@@ -190,7 +183,7 @@ def _of_effort(
     i = robot.joint_names.index(item.name)
     q, rest = (last if known is None else known)[None], np.zeros((1, robot.n))
     holding = float(RobotDynamics(robot).inverse(q, rest, rest)[0, i])
-    low, high = _allowed(problem, i)
+    low, high = (float(most[i]) for most in effort_range(problem))
     if problem.goal.fixes_velocity and not np.any(problem.goal.final_velocity(robot.n)):
         much = max(holding - high, low - holding)
         if much > STRICT.limits * max(high - low, 1e-12):
@@ -219,17 +212,9 @@ def _stuck(problem: Problem, first: Array, last: Array, i: int) -> float | None:
     rest = np.zeros((1, robot.n))
     holding = RobotDynamics(robot).inverse(first[None], rest, rest)[0, i]
     needed = float(holding + np.sign(way) * robot.friction[i])
-    low, high = _allowed(problem, i)
+    low, high = (float(most[i]) for most in effort_range(problem))
     moves = low < needed < high or robot.friction[i] == 0.0 or way == 0.0
     return None if moves else needed
-
-
-def _allowed(problem: Problem, i: int) -> tuple[float, float]:
-    limits, extra = problem.robot.limits, problem.motion_limits
-    scale = 1.0 if extra is None else extra.effort_scale
-    low, high = float(limits.effort_lower[i]), float(limits.effort_upper[i])
-    middle, half = 0.5 * (high + low), 0.5 * (high - low)
-    return middle - scale * half, middle + scale * half
 
 
 def _of_clearance(problem: Problem, item: LimitViolation) -> str:

@@ -182,18 +182,14 @@ def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
         dynamics = Plant(stage.problem.robot).dynamics
         slopes[rows] = dynamics.forward_jacobians(states[rows], middle.u[rows]).f_x
     scale = np.concatenate([np.ones(n), np.full(n, 0.1)])
+    largest, from_start = 1.0, np.eye(2 * n)
     with np.errstate(all="ignore"):
         moves = expm(slopes * np.diff(t)[:, None, None])
-        moves = moves * scale[:, None] / scale
-    largest = 1.0
-    from_start = np.eye(2 * n)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for move in moves:
+        for move in moves * scale[:, None] / scale:
             # The identity is added where the motion forgets errors again.
             from_start = move @ from_start
-            size = 0.0
-            if _finite(from_start):
-                size = float(np.linalg.svd(from_start, compute_uv=False)[0])
+            finite = bool(np.all(np.isfinite(from_start)))
+            size = float(np.linalg.norm(from_start, 2)) if finite else 0.0
             if not size > 0.0:
                 return np.inf
             largest = max(largest, size)
@@ -202,24 +198,18 @@ def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
     return largest
 
 
-def _finite(matrix: Array) -> bool:
-    return bool(np.all(np.isfinite(matrix)))
-
-
-def lost_to_rounding(growth: float, tolerance: float) -> bool:
-    """Whether rounding alone makes a motion miss its goal without feedback."""
-    return not growth * float(np.finfo(float).eps) < tolerance
-
-
-def doubtful(growth: float, tolerance: float, error: float) -> bool:
+def doubtful(
+    growth: float, tolerance: float, error: float, share: float = NEGLIGIBLE
+) -> bool:
     """Whether errors of the integration may matter at the goal.
 
     Args:
         growth: See :func:`amplification`.
         tolerance: What is tolerated at the goal [rad or m].
         error: Of the integration, as a share of the growth.
+        share: Part of the tolerance from which on they matter.
     """
-    return not growth * error < NEGLIGIBLE * tolerance
+    return not growth * error < share * tolerance
 
 
 def settled(one: Replay, finer: Replay, tolerances: Tolerances) -> bool:
@@ -247,7 +237,7 @@ def feedback_rate(growth: float, duration: float, tolerance: float) -> float | N
         duration: Duration of the motion [s].
         tolerance: What is tolerated at the goal [rad or m].
     """
-    if growth * RTOL < NEGLIGIBLE * tolerance:
+    if not doubtful(growth, tolerance, RTOL):
         return None
     speed = np.log(min(growth, 1e300)) / duration
     return float(max(FASTER * speed, LEAST_RATE))

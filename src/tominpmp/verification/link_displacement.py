@@ -65,6 +65,11 @@ class LinkDisplacement:
             self._turn[joint] = motion[3:]
             self._column[joint] = item.idx_v
 
+    @classmethod
+    def of_links(cls, checker: CollisionChecker) -> LinkDisplacement:
+        """Of balls around the links of a checker, about the middles of their bodies."""
+        return cls(checker.robot, [_ball(body) for body in checker.links])
+
     @property
     def moves(self) -> BoolArray:
         """Which coordinates of the model move a joint, shape (joints, nv)."""
@@ -134,22 +139,18 @@ class LinkDisplacement:
         """
         parts: list[tuple[IntArray, BoolArray]] = []
         index: dict[tuple[str, int], int] = {}
-
-        def part(link: str, joint: int, against: int) -> int:
-            if (link, against) not in index:
-                index[link, against] = len(parts)
-                alone = self.moves[joint] & ~self.moves[against]
-                parts.append((self.balls_of(link), alone))
-            return index[link, against]
-
         sides = np.full((len(pairs), 2), -1, dtype=np.int64)
-        for k, (link, other) in enumerate(pairs):
-            joint = self.joint_of(link)
-            # What moves both alike does not bring them closer.
-            against = self.joint_of(other) if own[k] else 0
-            sides[k, 0] = part(link, joint, against)
-            if own[k]:
-                sides[k, 1] = part(other, against, joint)
+        for k, names in enumerate(pairs):
+            moving = names if own[k] else names[:1]
+            joints = [*map(self.joint_of, moving), 0]
+            for side, name in enumerate(moving):
+                mine, against = joints[side], joints[1 - side]
+                if (name, against) not in index:
+                    index[name, against] = len(parts)
+                    # What moves both alike does not bring them closer.
+                    alone = self.moves[mine] & ~self.moves[against]
+                    parts.append((self.balls_of(name), alone))
+                sides[k, side] = index[name, against]
         return RelativeMotion(self, parts, sides)
 
 
@@ -181,17 +182,16 @@ class RelativeMotion:
             Shape (m, k) [m].
         """
         sides = self.sides if pairs is None else self.sides[pairs]
-        used, index = np.unique(sides, return_inverse=True)
-        parts = [self.parts[k] for k in used[used >= 0]]
+        used = np.unique(sides[sides >= 0])
+        parts = [self.parts[k] for k in used]
         balls = np.unique(np.concatenate([part[0] for part in parts] or [_NONE]))
         shifts = self.reach.shifts(q, swing, balls)
-        # The first column is for what does not move.
-        moved = np.zeros((q.shape[0], len(parts) + 1))
-        for k, (mine, alone) in enumerate(parts):
+        # The last column is for what does not move.
+        moved = np.zeros((q.shape[0], len(self.parts) + 1))
+        for k, (mine, alone) in zip(used, parts, strict=True):
             total = shifts[:, np.searchsorted(balls, mine)] @ alone.astype(np.float64)
-            moved[:, k + 1] = np.max(total, axis=1, initial=0.0)
-        index = index.reshape(sides.shape) + (1 if used.size == len(parts) else 0)
-        return np.asarray(moved[:, index[:, 0]] + moved[:, index[:, 1]])
+            moved[:, k] = np.max(total, axis=1, initial=0.0)
+        return np.asarray(moved[:, sides[:, 0]] + moved[:, sides[:, 1]])
 
 
 def _lever(arm: Array, axis: Array) -> Array:
@@ -202,11 +202,6 @@ def _lever(arm: Array, axis: Array) -> Array:
     squared += (z * u - x * w) ** 2
     squared += (x * v - y * u) ** 2
     return np.asarray(np.sqrt(squared))
-
-
-def link_balls(checker: CollisionChecker) -> list[Ball]:
-    """Balls around the links of a checker, about the middles of their bodies."""
-    return [_ball(body) for body in checker.links]
 
 
 # The bodies of a robot are the same ones in every problem.

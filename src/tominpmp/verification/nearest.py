@@ -13,7 +13,7 @@ from tominpmp.collision.selection import links_of, links_touching
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop, check
-from tominpmp.verification.closest_approach import Approach, Closest, Course
+from tominpmp.verification.closest_approach import Approach, Closest, HermitePath
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import TIME_STEP, Replay, planned
 
@@ -93,7 +93,7 @@ def closest(
     if not checker.pairs:
         return None
     margins = checker.margins(problem.margin)
-    allowed = touching(problem, checker, margins, tolerance)
+    allowed = _touching(problem, checker, margins, tolerance)
     nearest = Approach(checker, replay, margins, allowed, NEAR_END).run()
     return _nearest(nearest, checker, margins)
 
@@ -123,7 +123,7 @@ def _of_links(
             if names <= cut or _of_one_piece(part, names):
                 return clear
             cut |= names
-            q = Course(replay).positions(np.array([found.time]))
+            q = HermitePath(replay).positions(np.array([found.time]))
             if _apart(checker.with_cut(cut), names, q) <= found.room + RESIDUE:
                 return clear
         except Stop:
@@ -180,7 +180,7 @@ def held(replay: Replay) -> Replay:
     return replace(replay, t=t, q=q, v=0.0 * q, u=np.vstack([replay.u, replay.u]))
 
 
-def touching(
+def _touching(
     problem: Problem, checker: CollisionChecker, margins: Array, tolerance: float
 ) -> Array:
     """What pairs may lack around ends that are at the margin, shape (2, pairs) [m]."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 
 # Points of a piece, and the relative deviation between them that is let pass.
 POINTS = 10
@@ -103,27 +103,30 @@ class Pieces:
         out[:, :, :-1] = order * self.coefficients[:, :, 1:]
         return out * (2.0 / np.diff(self.t))[:, None, None]
 
-    def on(self, piece: int, times: Array) -> Array:
-        """Values of one piece at times of shape (m,), its ends among them, (m, n)."""
-        begin, end = self.t[piece], self.t[piece + 1]
-        s = (2.0 * times - begin - end) / (end - begin)
-        powers = np.vander(s, self.coefficients.shape[2], increasing=True)
-        return np.asarray(powers @ self.coefficients[piece].T)
+    def on(self, piece: int | IntArray, times: Array) -> Array:
+        """Values of pieces at times of shape (m,), their ends among them.
 
-    def __call__(self, times: Array) -> Array:
-        """Values at times of shape (m,), shape (m, n); just after a jump."""
-        out = np.empty((times.size, self.coefficients.shape[1]))
-        for first in range(0, times.size, CHUNK):
-            part = slice(first, first + CHUNK)
-            out[part] = self._at(times[part])
-        return out
+        Args:
+            piece: One for all times, or one for each, shape (m,).
+            times: The times [s].
 
-    def _at(self, times: Array) -> Array:
-        if not self.count:
-            return np.repeat(self.coefficients[:, :, 0], times.size, axis=0)
-        piece = np.searchsorted(self.t, times, side="right") - 1
-        piece = np.clip(piece, 0, self.count - 1)
+        Returns:
+            Shape (m, n).
+        """
+        piece = np.broadcast_to(piece, times.shape)
         begin, end = self.t[piece], self.t[piece + 1]
         s = (2.0 * times - begin - end) / (end - begin)
         powers = np.vander(s, self.coefficients.shape[2], increasing=True)
         return np.asarray(np.einsum("mnk,mk->mn", self.coefficients[piece], powers))
+
+    def __call__(self, times: Array) -> Array:
+        """Values at times of shape (m,), shape (m, n); just after a jump."""
+        if not self.count:
+            return np.repeat(self.coefficients[:, :, 0], times.size, axis=0)
+        piece = np.searchsorted(self.t, times, side="right") - 1
+        piece = np.clip(piece, 0, self.count - 1)
+        out = np.empty((times.size, self.coefficients.shape[1]))
+        for first in range(0, times.size, CHUNK):
+            part = slice(first, first + CHUNK)
+            out[part] = self.on(piece[part], times[part])
+        return out

@@ -126,10 +126,8 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
     """
     time_step = max(time_step, trajectory.duration / MOST_ROWS)
     nodes = trajectory.t
-    steps = np.maximum(np.ceil(np.diff(nodes) / time_step - 1e-9), 1.0).astype(int)
-    spans = zip(nodes[:-1], nodes[1:], steps, strict=True)
-    parts = [np.linspace(*span, endpoint=False) for span in spans]
-    t = np.concatenate([*parts, nodes[-1:]])
+    rows = [_instants(nodes[k : k + 2], time_step) for k in range(nodes.size - 1)]
+    t = np.concatenate([nodes[:1], *rows])
     state = trajectory(t)
     return Replay(
         trajectory.joint_names,
@@ -143,6 +141,13 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
         0,
         True,
     )
+
+
+def _instants(ends: Array, time_step: float) -> Array:
+    """Times at which a motion is looked at behind one time until another, (m,) [s]."""
+    begin, end = ends.tolist()
+    count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
+    return np.linspace(begin, end, count + 1)[1:]
 
 
 def replay(
@@ -166,10 +171,14 @@ def replay(
     Returns:
         The motion that the torques bring about.
     """
-    v_start = 0.0 * problem.q_start if problem.v_start is None else problem.v_start
-    start = np.concatenate([problem.q_start, v_start])
     integration = Integration(problem.robot, trajectory, pieces, integrator)
-    return integration.run(start, time_step)
+    return integration.run(start_of(problem), time_step)
+
+
+def start_of(problem: Problem) -> Array:
+    """State from which a motion is replayed, shape (2n,)."""
+    v_start = 0.0 * problem.q_start if problem.v_start is None else problem.v_start
+    return np.concatenate([problem.q_start, v_start])
 
 
 class _GivenUp(Exception):
@@ -226,6 +235,11 @@ class Integration:
         self.evaluations = 0
         self._stride = np.inf
 
+    def tighter(self, tightness: float) -> Integration:
+        """The same with tolerances that are so many times tighter than usual."""
+        known = self._trajectory, self.pieces, self.integrator, self.plants
+        return Integration(self.plants[0].robot, *known, tightness)
+
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
@@ -234,7 +248,7 @@ class Integration:
         x = start
         for k in range(pieces.count):
             check()
-            ticks = self._ticks(k, time_step)
+            ticks = _instants(pieces.t[k : k + 2], time_step)
             rows, way = self._piece(k, x, ticks)
             times.append(ticks[: len(rows)])
             states.append(rows)
@@ -284,20 +298,13 @@ class Integration:
         interval = np.searchsorted(self._trajectory.t, pieces.t[:-1], side="right") - 1
         for k in range(out.shape[0]):
             check()
-            x: Array | None = nodes[k]
+            x = nodes[k]
             for piece in np.flatnonzero(interval == k).tolist():
-                if x is not None:
-                    rows, _ = self._piece(piece, x, self._ticks(piece, TIME_STEP))
-                    x = rows[-1] if len(rows) else None
-            if x is not None:
-                out[k] = x - nodes[k + 1]
+                ticks = _instants(pieces.t[piece : piece + 2], TIME_STEP)
+                rows, _ = self._piece(piece, x, ticks)
+                x = rows[-1] if len(rows) else np.full_like(x, np.nan)
+            out[k] = x - nodes[k + 1]
         return out
-
-    def _ticks(self, k: int, time_step: float) -> Array:
-        """Times at which a piece is looked at, its end among them."""
-        begin, end = self.pieces.t[k : k + 2].tolist()
-        count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
-        return np.linspace(begin, end, count + 1)[1:]
 
     def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
         """Integrate over a piece of torque.

@@ -53,11 +53,6 @@ class Stage:
     arrival: tuple[float, float] | None = None
 
     @property
-    def last(self) -> bool:
-        """Whether no other follows."""
-        return self.number == self.count - 1
-
-    @property
     def timeliness(self) -> list[LimitViolation]:
         """Whether it ends when it is to; nothing if any time will do."""
         if self.arrival is None:
@@ -74,29 +69,26 @@ class Stage:
             return item
         return replace(item, segment=self.number + 1, span=(self.begin, self.end))
 
-    def of_replay(self, replay: Replay, torque: Pieces) -> Replay:
-        """Its rows of a replay; none if the replay was lost before."""
+    def part(self, replay: Replay, torque: Pieces) -> tuple[Replay, Pieces]:
+        """Its rows of a replay, none if that was lost before, and its torque."""
         if self.count == 1:
-            return replay
+            return replay, torque
         part = replay.between(self.begin, self.end)
-        t, u = part.t, np.array(part.u)
-        complete = bool(t.size) and t[-1] == self.end
+        complete = bool(part.t.size) and part.t[-1] == self.end
+        first, behind = np.searchsorted(torque.t, [self.begin, self.end]).tolist()
+        pieces = replace(
+            torque,
+            t=torque.t[first : behind + 1],
+            coefficients=torque.coefficients[first:behind],
+        )
+        u = np.array(part.u)
         if self.begin == self.end:
             # Nothing is exerted in no time: it is that which holds the arm.
             u = RobotDynamics(self.problem.robot).inverse(part.q, part.v, 0.0 * part.v)
-        elif complete and not self.last:
+        elif complete:
             # The row of a node is what holds just after it, on the next segment.
-            piece = int(np.searchsorted(torque.t, self.end)) - 1
-            u[-1] = torque.ends()[piece, 1]
-        return replace(part, u=u, complete=complete)
-
-    def of_torque(self, torque: Pieces) -> Pieces:
-        """Its pieces of the torque."""
-        if self.count == 1:
-            return torque
-        first, behind = np.searchsorted(torque.t, [self.begin, self.end]).tolist()
-        times = torque.t[first : behind + 1]
-        return replace(torque, t=times, coefficients=torque.coefficients[first:behind])
+            u[-1] = pieces.ends()[-1, 1]
+        return replace(part, u=u, complete=complete), pieces
 
 
 def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
@@ -264,37 +256,26 @@ def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
 def arrival(
     stage: Stage, replay: Replay, tolerances: Tolerances
 ) -> list[LimitViolation]:
-    """Where a segment ends, and where the arm is before it stays there."""
+    """Place and velocity where a segment ends, and before the arm stays there.
+
+    No velocity where any will do.
+    """
     rows = [replay.t.size - 1]
     if stage.reached < stage.end:
         rows.append(int(np.argmin(np.abs(replay.t - stage.reached))))
-    found = [_arrival(stage, replay, row, tolerances) for row in rows]
-    return [
-        max(both, key=lambda item: item.amount) for both in zip(*found, strict=True)
+    goal, kinematics = stage.problem.goal, RobotKinematics(stage.problem.robot)
+    misses = [
+        miss
+        for q, v in zip(replay.q[rows], replay.v[rows], strict=True)
+        for miss in goal.nearest(kinematics, q, v).misses(kinematics, q, v)
     ]
-
-
-def _arrival(
-    stage: Stage, replay: Replay, row: int, tolerances: Tolerances
-) -> list[LimitViolation]:
-    """Place and velocity at a row; no velocity where any will do."""
-    problem, q, v = stage.problem, replay.q[row], replay.v[row]
-    kinematics = RobotKinematics(problem.robot)
-    misses = problem.goal.nearest(kinematics, q, v).misses(kinematics, q, v)
-
-    def worst(kind: str, moving: bool, tolerance: float) -> LimitViolation | None:
-        found = [miss for miss in misses if miss.moving is moving]
-        if not found:
-            return None
-        miss = max(found, key=lambda miss: miss.amount)
-        amount = miss.amount if replay.complete else np.inf
-        time, violated = replay.duration, not amount <= tolerance
-        return LimitViolation(
-            kind, miss.name, time, amount, miss.unit, amount, violated
-        )
-
-    both = (
-        worst("goal", False, tolerances.goal),
-        worst("speed", True, tolerances.speed),
-    )
-    return [item for item in both if item is not None]
+    time, found = replay.duration, []
+    for kind, tolerance in (("goal", tolerances.goal), ("speed", tolerances.speed)):
+        mine = [miss for miss in misses if miss.moving is (kind == "speed")]
+        if mine:
+            miss = max(mine, key=lambda miss: miss.amount)
+            amount = miss.amount if replay.complete else np.inf
+            missed = not amount <= tolerance
+            item = kind, miss.name, time, amount, miss.unit, amount, missed
+            found.append(LimitViolation(*item))
+    return found

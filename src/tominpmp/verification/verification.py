@@ -31,7 +31,6 @@ from tominpmp.verification.feedback import (
     amplification,
     doubtful,
     feedback_rate,
-    lost_to_rounding,
     needed,
     settled,
 )
@@ -44,12 +43,15 @@ from tominpmp.verification.replay import (
     Integrator,
     Replay,
     planned,
+    start_of,
     torque_pieces,
 )
 from tominpmp.verification.stages import Stage, arrival, stages_of, with_segments
 
 # Longer motions are not replayed, which would take too many steps [s].
 LONGEST = 1e4
+# Share of a number that it may be off by in a computer.
+ROUNDING = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,35 +182,32 @@ def verify(
     torque = torque_pieces(robot, trajectory)
     plants = [Plant(stage.problem.robot) for stage in stages]
     integration = Integration(robot, trajectory, torque, integrator, plants)
-    v_start = np.zeros(robot.n) if problem.v_start is None else problem.v_start
-    start = np.concatenate([problem.q_start, v_start])
-    checkers = _checkers(stages, checker, geometry)
-    growth = amplification(stages, trajectory)
-    alone, findings, feedback, defect = None, None, None, None
-    if not lost_to_rounding(growth, tolerances.goal):
-        replayed = integration.run(start)
-        alone = findings = judge(stages, replayed, torque, tolerances, checkers)
-    # Errors of the integration may also lead a motion to its goal.
-    if (
-        alone is None
-        or alone.violations
-        or not _counts(stages, trajectory, integration, alone, growth, tolerances)
-    ):
-        rate = feedback_rate(growth, trajectory.duration, tolerances.goal)
-        if rate is not None:
-            tracking = Tracking(stages, trajectory, rate, integrator)
-            tracked = tracking.run(start)
-            trace = tracked.u - tracking.pieces(tracked.t)[:, : robot.n]
-            feedback = frozen_array(np.max(np.abs(trace), axis=0))
-            findings = judge(stages, tracked, torque, tolerances, checkers)
-            taken = needed(robot, tracked.t, trace, tolerances.limits)
-            findings.limits.extend([] if taken is None else [taken])
+    start, checkers = start_of(problem), _checkers(stages, checker, geometry)
+    growth, goal = amplification(stages, trajectory), tolerances.goal
+    findings, feedback, defect, sure = None, None, None, False
+    if not doubtful(growth, goal, ROUNDING, share=1.0):
+        alone = integration.run(start)
+        findings = judge(stages, alone, torque, tolerances, checkers)
+        # Errors of the integration may also lead a motion to its goal.
+        sure = not findings.violations and (
+            not doubtful(growth, goal, integration.error)
+            or settled(alone, integration.tighter(TIGHTER).run(start), tolerances)
+        )
+    rate = None if sure else feedback_rate(growth, trajectory.duration, goal)
+    if rate is not None:
+        tracking = Tracking(stages, trajectory, rate, integrator)
+        tracked = tracking.run(start)
+        trace = tracked.u - tracking.pieces(tracked.t)[:, : robot.n]
+        feedback = frozen_array(np.max(np.abs(trace), axis=0))
+        findings = judge(stages, tracked, torque, tolerances, checkers)
+        taken = needed(robot, tracked.t, trace, tolerances.limits)
+        findings.limits.extend([] if taken is None else [taken])
     assert findings is not None  # noqa: S101
     if findings.violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
         gaps = np.where(np.isfinite(gaps), gaps, np.inf)
         defect = float(np.max(gaps, initial=0.0))
-    replayed, nearest = findings.replay, findings.nearest
+    replayed = findings.replay
     # Without the torques, which take most of the time of an evaluation.
     plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
     return Verification(
@@ -217,7 +216,7 @@ def verify(
         speed_error=findings.worst_end("speed"),
         worst=findings.worst,
         violations=findings.violations,
-        min_clearance=np.inf if nearest is None else nearest.distance,
+        min_clearance=findings.distance,
         deviation=frozen_array(np.max(np.abs(replayed.q - plan), axis=0)),
         defect=defect,
         integrator=replayed.integrator,
@@ -259,29 +258,6 @@ def _too_long(
     )
 
 
-def _counts(
-    stages: Sequence[Stage],
-    trajectory: Trajectory,
-    first: Integration,
-    alone: Findings,
-    growth: float,
-    tolerances: Tolerances,
-) -> bool:
-    """Whether a replay that is all right would be with a tighter integration too.
-
-    It is integrated a second time only where the growth of errors says that it matters.
-    """
-    if not doubtful(growth, tolerances.goal, first.error):
-        return True
-    replay = alone.replay
-    start = np.concatenate([replay.q[0], replay.v[0]])
-    robot, plants = stages[0].problem.robot, first.plants
-    again = Integration(
-        robot, trajectory, first.pieces, first.integrator, plants, tightness=TIGHTER
-    )
-    return settled(replay, again.run(start), tolerances)
-
-
 class Findings(NamedTuple):
     """What a replay does.
 
@@ -289,13 +265,13 @@ class Findings(NamedTuple):
         replay: The replay.
         end: Where it ends, and its segments: places and velocities.
         limits: The worst of each kind of limit, clearance among them.
-        nearest: The pair with the least room; None without pairs.
+        distance: The least of pairs [m]; infinite without any.
     """
 
     replay: Replay
     end: tuple[LimitViolation, ...]
     limits: list[LimitViolation]
-    nearest: Nearest | None
+    distance: float
 
     @property
     def violations(self) -> tuple[LimitViolation, ...]:
@@ -328,30 +304,22 @@ def judge(
     """Hold a replay against the goals, the limits and the obstacles."""
     limits: list[LimitViolation] = []
     ends: list[LimitViolation] = []
-    nearest: Nearest | None = None
+    nearest: list[Nearest] = []
     for stage, checker in zip(stages, checkers, strict=True):
-        problem, part = stage.problem, stage.of_replay(replay, torque)
+        problem, (part, pieces) = stage.problem, stage.part(replay, torque)
         if not part.t.size:
-            ends.append(_unreached(stage, replay))
+            lost = replay.duration, np.inf, "m or rad", np.inf, True
+            ends.append(stage.named(LimitViolation("goal", "the arm", *lost)))
             continue
-        pieces = stage.of_torque(torque)
         found = limit_violations(problem, part, pieces, tolerances.limits)
         near = closest(problem, part, checker, tolerances.contact)
         if near is not None:
             found.append(near.violation)
-            if nearest is None or near.distance < nearest.distance:
-                nearest = near
-        limits += map(stage.named, found)
+            nearest.append(near)
+        limits += map(stage.named, [*found, *stage.timeliness])
         ends += map(stage.named, arrival(stage, part, tolerances))
-        limits += map(stage.named, stage.timeliness)
-    return Findings(replay, tuple(ends), limits, nearest)
-
-
-def _unreached(stage: Stage, replay: Replay) -> LimitViolation:
-    lost = LimitViolation(
-        "goal", "the arm", replay.duration, np.inf, "m or rad", np.inf, True
-    )
-    return stage.named(lost)
+    distance = min((near.distance for near in nearest), default=np.inf)
+    return Findings(replay, tuple(ends), limits, distance)
 
 
 def _checkers(
@@ -359,16 +327,16 @@ def _checkers(
 ) -> list[CollisionChecker]:
     if checker is not None and len(stages) == 1:
         return [checker]
-    problems = [stage.problem for stage in stages]
+    own = [stage.problem.checker for stage in stages]
     if geometry == "convex":
-        return [problem.checker for problem in problems]
+        return own
     return [
         CollisionChecker(
-            problem.robot,
-            problem.scene,
-            self_collision=problem.checker.self_collision,
+            stage.problem.robot,
+            stage.problem.scene,
+            self_collision=known.self_collision,
             geometry=geometry,
-            may_touch=problem.checker.may_touch,
+            may_touch=known.may_touch,
         )
-        for problem in problems
+        for stage, known in zip(stages, own, strict=True)
     ]
