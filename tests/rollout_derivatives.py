@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from tominpmp.dynamics import Dynamics
-from tominpmp.transcription.integrator import differentiate_defects
-from tominpmp.transcription.rollout import Rollout, Sensitivities, compose_steps
+from tominpmp.transcription.integrator import (
+    Rollout,
+    Sensitivities,
+    compose_steps,
+    differentiate_defects,
+)
 
 
 def differentiate_rollout(dynamics: Dynamics, motion: Rollout) -> Sensitivities:

@@ -20,7 +20,7 @@ from tominpmp.planner.progress import Progress
 from tominpmp.solvers import rounds
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.stopping import Stop
-from tominpmp.transcription.anchoring import anchored, padding_left, unanchored
+from tominpmp.transcription.distance_rows import anchored, padding_left, unanchored
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram

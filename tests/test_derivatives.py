@@ -24,11 +24,10 @@ from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares, interval_shares
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.integrator import rollout, sweep_adjoint
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram, Sampled
-from tominpmp.transcription.rollout import rollout
-from tominpmp.transcription.sweep import sweep_adjoint
 
 Array = np.ndarray
 

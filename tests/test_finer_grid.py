@@ -27,6 +27,7 @@ from tominpmp.solvers.restoration import restored
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.bends import BENDS
+from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.grid import (
     delayed_shares,
     interval_shares,
@@ -34,7 +35,6 @@ from tominpmp.transcription.grid import (
 )
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.kept_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram

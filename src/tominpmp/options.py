@@ -174,7 +174,7 @@ class Options(Record):
         control_period: Period of the controller that takes the motion as samples [s]:
             all knots and the duration become multiples of it, so that the polynomials
             by which the controller joins the samples are the motion itself, see
-            :mod:`~tominpmp.transcription.ticks`. At most a second; None leaves them
+            :mod:`~tominpmp.transcription.grid`. At most a second; None leaves them
             where they are.
         processes: Number of processes that several starts are spread over, up to 256;
             no more are started than there are cores (or two), and the motion is the

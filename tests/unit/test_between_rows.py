@@ -14,7 +14,7 @@ from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.task import Task
 from tominpmp.planner.attempt import Attempt
 from tominpmp.status import Status
-from tominpmp.transcription.anchoring import with_nearest
+from tominpmp.transcription.distance_rows import with_nearest
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions

@@ -12,9 +12,9 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import Status
 from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.integrator import rollout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.rollout import rollout
 
 INTERVALS = 8
 

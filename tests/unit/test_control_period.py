@@ -22,7 +22,7 @@ import tominpmp as tm
 from tominpmp.exceptions import OptionsError
 from tominpmp.planner import control_period as clock
 from tominpmp.planner.planning import plan
-from tominpmp.transcription.ticks import Ticks, ticks_of
+from tominpmp.transcription.grid import Ticks, ticks_of
 from tominpmp.verification.limit_violations import LimitViolation
 
 PERIODS = (0.001, 0.004, 0.008)

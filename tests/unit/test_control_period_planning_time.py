@@ -26,9 +26,9 @@ from tominpmp.planner import control_period_segments
 from tominpmp.planner.control_period import ClockCallback
 from tominpmp.stopping import Deadline
 from tominpmp.transcription.bspline_basis import Basis
+from tominpmp.transcription.grid import Ticks, ticks_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE
-from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.nearest import keeps_clear
 

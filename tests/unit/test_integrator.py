@@ -15,9 +15,9 @@ from tominpmp.robot import Robot
 from tominpmp.transcription.integrator import (
     differentiate_defects,
     evaluate_defects,
+    rollout,
     solve_inner_stage,
 )
-from tominpmp.transcription.rollout import rollout
 
 # A joint and a half: one swings, the other is heavily damped.
 SWING = Pendulum([0.5, 0.2], [0.1, 2.0], [3.0, 1.0])

@@ -10,11 +10,10 @@ from tests.sample_arms import make_arm, rod
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.options import Options
 from tominpmp.planner.direct_solve import first_program
-from tominpmp.transcription import missing_rows
+from tominpmp.transcription import exchange
 from tominpmp.transcription.blocks import Sampled
-from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.exchange import ROOM, excess_at, exchanged, jumping
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.missing_rows import ROOM, excess_at, jumping
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # The second joint is so strong that it never comes near its limit.
@@ -125,7 +124,7 @@ def test_slow_motions_are_not_looked_at_closely(control, monkeypatch) -> None:
         looks.append(at.size)
         return excess_at(constraint, of, motion, at, *rest)
 
-    monkeypatch.setattr(missing_rows, "excess_at", counting)
+    monkeypatch.setattr(exchange, "excess_at", counting)
     sizes = {}
     for pace in (1.0, 3.0):
         program, z = whipping(control, pace, swing=0.0)

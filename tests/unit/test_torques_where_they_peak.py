@@ -11,9 +11,9 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, rod
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.transcription.control_points import INSPECTED, TORQUE_SHARES
+from tominpmp.transcription.exchange import BESIDE, turning
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.turning import BESIDE, turning
 
 EFFORT = (12.0, 4.0)
 

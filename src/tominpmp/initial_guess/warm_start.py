@@ -25,12 +25,11 @@ from tominpmp.transcription.bends import to_be_split
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
-from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.grid import Ticks, interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.ticks import Ticks
 
 # Samples for what needs the shape only.
 SAMPLES = 400

@@ -14,7 +14,7 @@ from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.base import Program
-from tominpmp.transcription.kept_rows import times_of_rows
+from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.nearest import keeps_clear

@@ -3,7 +3,7 @@
 The motion that was found freely lasts so many periods and a bit. Its knots are moved to
 ticks, and a few linear programs find a motion on these knots that lasts one period
 more at most, or a few where that cannot be. What a controller makes of its samples is
-this motion itself, see :mod:`~tominpmp.transcription.ticks`, and so its replay judges
+this motion itself, see :mod:`~tominpmp.transcription.grid`, and so its replay judges
 what the controller will do.
 """
 
@@ -41,9 +41,9 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.grid import Ticks, ticks_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
-from tominpmp.transcription.ticks import Ticks, ticks_of
 from tominpmp.verification.verification import Verification, verify
 
 logger = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from tominpmp.certificate.stays import stays_where_it_moves
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, IterationRecord, Status
-from tominpmp.transcription.ticks import ticks_of
+from tominpmp.transcription.grid import ticks_of
 from tominpmp.verification.verification import Verification
 
 # A motion on the clock that takes this share of the tolerance more than rounding is

@@ -22,11 +22,11 @@ from tominpmp.options import FEWEST_PERIODS
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.transcription.bspline_segments import SegmentedBSpline
+from tominpmp.transcription.grid import Ticks, at_ticks, ticks_of, whole_periods
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import interpolated
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
-from tominpmp.transcription.ticks import Ticks, at_ticks, ticks_of, whole_periods
 
 
 @dataclass(frozen=True, eq=False)

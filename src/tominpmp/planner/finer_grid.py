@@ -35,8 +35,8 @@ from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.bends import BENDS, to_be_split
+from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.kept_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import (
     QUADRATIC,
     Gridded,

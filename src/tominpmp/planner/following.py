@@ -26,7 +26,7 @@ from tominpmp.solvers.merit import WEIGHT_MARGIN, Merit
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.anchoring import (
+from tominpmp.transcription.distance_rows import (
     anchored,
     padding_left,
     unanchored,

@@ -27,12 +27,12 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.base import Program
+from tominpmp.transcription.bends import missing_torque, torques_at_ends
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.torque_losses import missing_torque, torques_at_ends
 from tominpmp.verification.verification import verify
 
 logger = logging.getLogger(__name__)

@@ -19,9 +19,9 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.solvers.smoothing import SmoothingSolver
 from tominpmp.status import Status
+from tominpmp.transcription.grid import Ticks, ticks_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.ticks import Ticks, ticks_of
 
 NO_QUIETER = "no quieter motion was found."
 # Ways of all joints that are shorter by this share are a gain without quieter torques.

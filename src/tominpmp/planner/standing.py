@@ -20,7 +20,7 @@ from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.transcription.ticks import at_ticks, whole_periods
+from tominpmp.transcription.grid import at_ticks, whole_periods
 from tominpmp.verification import verify
 
 # A goal at a distance of just the feasibility is met, however the distance is rounded.

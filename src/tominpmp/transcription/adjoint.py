@@ -29,11 +29,9 @@ from tominpmp.transcription.controls import (
     turned_ways,
 )
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.integrator import stage_weights
+from tominpmp.transcription.integrator import rollout, stage_weights, sweep_adjoint
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.rollout import rollout
 from tominpmp.transcription.shot import Shot
-from tominpmp.transcription.sweep import sweep_adjoint
 
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3

@@ -1,4 +1,9 @@
-"""Where the controls of a motion bend, and which intervals are to be halved for it."""
+"""Where the controls of a motion bend, and which intervals are to be halved for it.
+
+Constant accelerations leave a part of torques, as these run on while accelerations
+stand. A torque that is at its limit somewhere in an interval comes there at one end of
+it, and is below it for the rest. The shorter the interval, the less it lacks.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,6 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import Gridded
-from tominpmp.transcription.torque_losses import missing_torque, torques_at_ends
 
 # The largest number of intervals.
 MOST_INTERVALS = 300
@@ -22,6 +26,8 @@ AT_LIMIT, RULING = 0.999, 0.4
 # Constant accelerations that leave this much of torques at their limits, in shares of
 # their half ranges in the mean, are held by that rather than by where they jump.
 MUCH_MISSING = 1e-2
+# Torques beyond this share of their limits are at them.
+AT_TORQUE_LIMIT = 0.98
 
 
 def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
@@ -75,3 +81,33 @@ def bends_of_controls(of: Gridded, z: Array) -> Array:
     width = jumps.size - N + 1
     around = [jumps[k : k + N] for k in range(width)]
     return np.asarray(np.max(around, axis=0))
+
+
+def torques_at_ends(of: InverseTranscription, z: Array) -> tuple[Array, Array]:
+    """Torques where each interval begins and where it ends, shares, shape (N, n) each.
+
+    Args:
+        of: The parameterisation.
+        z: An iterate of it.
+    """
+    spline = of.motion(z)
+    a = spline.a
+    begin, end = np.empty_like(a), np.empty_like(a)
+    parts = zip(of.system.segments, of.segments, strict=True)
+    for part, (first, last) in parts:
+        here, there = slice(first, last), slice(first + 1, last + 1)
+        begin[here] = part.torque(spline.q[here], spline.v[here], a[here])
+        end[here] = part.torque(spline.q[there], spline.v[there], a[here])
+    return begin, end
+
+
+def missing_torque(begin: Array, end: Array) -> Array:
+    """Mean share that a torque at its limit lacks on each interval, largest, (N,).
+
+    Args:
+        begin: Torques where each interval begins, shares, shape (N, n).
+        end: Torques where it ends, shape (N, n).
+    """
+    at_limit = np.maximum(np.abs(begin), np.abs(end)) > AT_TORQUE_LIMIT
+    missing = np.where(at_limit, 0.5 * np.abs(end - begin), 0.0)
+    return np.asarray(np.max(missing, axis=1))

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import Dynamics
 
 NODES = np.array([1.0 / 3.0, 1.0])
@@ -32,6 +32,7 @@ WEIGHTS = np.array([[5.0 / 12.0, -1.0 / 12.0], [3.0 / 4.0, 1.0 / 4.0]])
 # the quadratic convergence has certainly reached it.
 ROUNDING = 1e-13
 NEWTON_STEPS = 30
+NEWTON_STEPS_NEAR = 8  # on all steps at once, before giving up
 
 
 class Stage(NamedTuple):
@@ -222,3 +223,210 @@ class Newton:
         self.solved |= (size < 1e-9) & (size >= 0.1 * self._last)
         self._last = size
         return bool(np.all(self.solved)) or not bool(np.all(np.isfinite(size)))
+
+
+class Rollout(NamedTuple):
+    """A motion integrated forward from a state.
+
+    Attributes:
+        x: States at the ends of all steps, from the start on, shape (M + 1, 2n).
+        inner: Inner stages, shape (M, 2n).
+        u: Torques of the steps, shape (M, n).
+        h: Lengths of the steps [s], shape (M,).
+        substeps: Steps an interval.
+        finite: Whether every step could be solved; what follows a failure is NaN.
+    """
+
+    x: Array
+    inner: Array
+    u: Array
+    h: Array
+    substeps: int
+    finite: bool
+
+    @property
+    def nodes(self) -> Array:
+        """States at the nodes, shape (N + 1, 2n)."""
+        return self.x[:: self.substeps]
+
+
+class Sensitivities(NamedTuple):
+    """How the end of each interval depends on its start, torque and length.
+
+    Attributes:
+        A: With respect to x_k, shape (N, 2n, 2n).
+        B: With respect to u_k, shape (N, 2n, n).
+        c: With respect to h_k, shape (N, 2n).
+    """
+
+    A: Array
+    B: Array
+    c: Array
+
+
+def rollout(
+    dynamics: Dynamics,
+    x_start: Array,
+    u: Array,
+    h: Array,
+    substeps: int = 1,
+    guess: Rollout | None = None,
+) -> Rollout:
+    """Integrate forward with a constant torque on each interval.
+
+    With a motion near by as a guess, Newton's iteration runs on all steps at once,
+    which takes a few evaluations of long rows in place of many of short ones; the
+    outcome is the same. Otherwise, or where that fails, one step is solved after the
+    other.
+
+    Args:
+        dynamics: Equations of motion.
+        x_start: State at the start, shape (2n,).
+        u: Torques of the intervals, shape (N, n) [N m or N].
+        h: Lengths of the intervals, shape (N,) [s].
+        substeps: Steps an interval.
+        guess: A motion of as many steps.
+    """
+    u, h = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
+    count, size = h.size, x_start.size
+    with np.errstate(over="ignore", invalid="ignore"):
+        if guess is not None and guess.finite:
+            stages = np.stack([guess.inner, guess.x[1:]], axis=1)
+            solved = _solve_steps(dynamics, x_start, u, h, stages, NEWTON_STEPS_NEAR)
+            if solved is not None:
+                return _as_rollout(x_start, solved, u, h, substeps)
+        stages = np.full((count, 2, size), np.nan)
+        x = x_start
+        for k in range(count):
+            start = np.stack([x, x])[None]
+            one = slice(k, k + 1)
+            solved = _solve_steps(dynamics, x, u[one], h[one], start, NEWTON_STEPS)
+            if solved is None:
+                break
+            stages[k] = solved[0]
+            x = stages[k, 1]
+    return _as_rollout(x_start, stages, u, h, substeps)
+
+
+def _as_rollout(
+    x_start: Array, stages: Array, u: Array, h: Array, substeps: int
+) -> Rollout:
+    x = np.concatenate([x_start[None], stages[:, 1]])
+    finite = bool(np.all(np.isfinite(x)))
+    return Rollout(x, stages[:, 0], u, h, substeps, finite)
+
+
+def compose_steps(by: DefectJacobians, substeps: int) -> Sensitivities:
+    """Derivatives of intervals of so many steps each, from those of the steps."""
+    size, n = by.by_control.shape[1:]
+    right = np.concatenate(
+        [by.by_start, by.by_control, by.by_length[..., None]], axis=2
+    )
+    # The end of a step makes its defect zero.
+    parts = -solve_systems(by.by_end, right).reshape(-1, substeps, size, size + n + 1)
+    parts[..., -1] /= substeps
+    total = parts[:, 0]
+    for s in range(1, substeps):
+        A = parts[:, s, :, :size]
+        carried = A @ total
+        carried[..., size:] += parts[:, s, :, size:]
+        total = carried
+    return Sensitivities(total[..., :size], total[..., size:-1], total[..., -1])
+
+
+def _solve_steps(
+    dynamics: Dynamics, x_start: Array, u: Array, h: Array, stages: Array, most: int
+) -> Array | None:
+    """Stages of successive steps by Newton's iteration on all of them.
+
+    Args:
+        dynamics: Equations of motion.
+        x_start: State before the first step, shape (s,).
+        u: Torques, shape (M, n).
+        h: Lengths [s], shape (M,).
+        stages: Guess, shape (M, 2, s).
+        most: Largest number of iterations.
+
+    Returns:
+        Stages, shape (M, 2, s); None where the iteration fails.
+    """
+    count, _, size = stages.shape
+    weights = h[:, None, None] * WEIGHTS
+    torque = np.repeat(u, 2, axis=0)
+    identity = np.eye(2 * size)
+    both = np.broadcast_to(np.vstack([np.eye(size)] * 2), (count, 2 * size, size))
+    progress = Newton(1)
+    for _ in range(most):
+        by = dynamics.forward_jacobians(stages.reshape(-1, size), torque)
+        f_x = by.f_x.reshape(count, 2, size, size)
+        starts = np.concatenate([x_start[None], stages[:-1, 1]])
+        residual = stages - starts[:, None] - weights @ by.f.reshape(stages.shape)
+        coupling = weights[:, :, None, :, None] * f_x.transpose(0, 2, 1, 3)[:, None]
+        matrix = identity - coupling.reshape(count, 2 * size, 2 * size)
+        residual = residual.reshape(count, 2 * size, 1)
+        if count == 1:
+            change = -solve_systems(matrix, residual).reshape(1, 2 * size)
+        else:
+            right = np.concatenate([-residual, both], axis=2)
+            change = _follow(solve_systems(matrix, right))
+        stages = stages + change.reshape(stages.shape)
+        if progress.settled(change.reshape(1, -1), stages.reshape(1, -1)):
+            break
+    return stages if progress.solved[0] else None
+
+
+def _follow(parts: Array) -> Array:
+    """Changes of all stages, each step starting where the one before it ends, (M, 2s).
+
+    From those with a fixed start and their derivatives by it, shape (M, 2s, 1 + s).
+    """
+    size = parts.shape[2] - 1
+    own, by_start = parts[..., 0].copy(), parts[..., 1:]
+    for k in range(1, own.shape[0]):
+        own[k] += by_start[k] @ own[k - 1, size:]
+    return own
+
+
+def sweep_adjoint(
+    sensitivities: Sensitivities, nodes: IntArray, seeds: Array
+) -> tuple[Array, Array]:
+    r"""Differentiate functionals of the state at nodes with respect to the controls.
+
+    In the paper, the differential of a functional :math:`g(x(1))` (equation 12) is
+
+    .. math:: \delta g = T \int_0^1 \langle f_u^T \psi, \delta u \rangle \, d\tau
+        + \delta T \int_0^1 \langle \psi, f \rangle \, d\tau, \qquad
+        \frac{d\psi}{d\tau} + T f_x^T \psi = 0, \quad \psi(1) = g_x^T,
+
+    and that of a functional at another instant (equation 13) begins its costate there.
+    Here the motion is that of an integrator, and the derivatives are exactly those of
+    its steps: for a functional :math:`g(x_k)` the discrete adjoint is
+    :math:`\lambda_k = g_x` and :math:`\lambda_j = A_j^T \lambda_{j+1}`, swept backwards
+    for all functionals at once; the derivatives are
+    :math:`g_{u_j} = B_j^T \lambda_{j+1}` and :math:`g_{h_j} = c_j^T \lambda_{j+1}`.
+
+    Args:
+        sensitivities: A, B and c of the intervals.
+        nodes: Node of each functional, shape (m,).
+        seeds: Its gradient with respect to the state there, shape (m, 2n).
+
+    Returns:
+        Derivatives with respect to torques, shape (m, N, n), and lengths, shape (m, N).
+    """
+    A, B, c = sensitivities
+    count, _, n = B.shape
+    by_control = np.zeros((nodes.size, count, n))
+    by_length = np.zeros((nodes.size, count))
+    order = np.argsort(-nodes, kind="stable")
+    first = np.searchsorted(-nodes[order], -np.arange(count + 1), side="right")
+    costate = seeds[order].copy()
+    for j in range(count - 1, -1, -1):
+        # Rows whose node lies behind interval j.
+        live = slice(0, first[j + 1])
+        rows = costate[live]
+        by_control[live, j] = rows @ B[j]
+        by_length[live, j] = rows @ c[j]
+        costate[live] = rows @ A[j]
+    back = np.empty_like(order)
+    back[order] = np.arange(order.size)
+    return by_control[back], by_length[back]

@@ -12,11 +12,13 @@ from tominpmp.dynamics import Dynamics
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import (
     DefectJacobians,
+    Rollout,
+    Sensitivities,
+    compose_steps,
     differentiate_defects,
     stage_weights,
     stage_weights_by_share,
 )
-from tominpmp.transcription.rollout import Rollout, Sensitivities, compose_steps
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ from tominpmp.scene import Scene
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
-from tominpmp.transcription.ticks import whole_periods
+from tominpmp.transcription.grid import whole_periods
 
 # Configurations of a station that differ by less in all joints are the same [rad or m]:
 # what they differ by is how exactly the goal is met, and their legs would be planned

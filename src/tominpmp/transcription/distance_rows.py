@@ -1,4 +1,8 @@
-"""Anchoring: rows of distances where pairs of bodies are nearest, and only there.
+"""Rows of distances between the nodes, kept and put where pairs of bodies are nearest.
+
+A motion rests on the rows that joined its program. On another grid it would pass
+through what is between the nodes, look faster than it is, and find them anew: they are
+kept where a motion goes on with another grid.
 
 A pair holds a motion at the instant at which it is nearest, which moves with the
 motion. Rows at other instants of the same approach, as a grid has them, say more than
@@ -10,7 +14,7 @@ the optimum.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -21,10 +25,12 @@ from tominpmp.certificate.clearances import Nearest
 from tominpmp.constraints.clearance import ClearanceConstraint, Slopes
 from tominpmp.transcription.base import Motion, Transcription
 from tominpmp.transcription.blocks import Block, Sampled
+from tominpmp.transcription.exchange import Missing, with_rows
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.missing_rows import Missing, with_rows
 from tominpmp.transcription.program import NonlinearProgram
 
+# Rows closer than this share of the motion are one.
+APART = 1e-4
 # Rows of pairs beyond this, in lengths, are left as they are.
 ATTENTION = 0.03
 # A row within this share of the motion around the nearest instant belongs to the same
@@ -32,6 +38,51 @@ ATTENTION = 0.03
 APPROACH = 0.05
 # Of what is left of the padding this share is asked for, and so much of all at least.
 ALMOST, LEAST = 0.95, 0.3
+
+
+def times_of_rows(program: NonlinearProgram, z: Array) -> dict[str, Array]:
+    """Times of the rows of distances of a program [s], by the name of the block.
+
+    Args:
+        program: The program.
+        z: Its iterate.
+    """
+    of = program.transcription
+    h = of.motion(z).h
+    return {
+        block.name: block.fixed.times(h) + of.delays[block.fixed.interval]
+        for block in program.blocks
+        if isinstance(block, Sampled) and block.gradual
+    }
+
+
+def with_rows_at(
+    program: NonlinearProgram, z: Array, times: Mapping[str, Array]
+) -> NonlinearProgram:
+    """The program with rows of distances at times, where it has none.
+
+    Args:
+        program: The program.
+        z: Its iterate, the motion that the rows are of.
+        times: Times of rows [s], by the name of the block.
+    """
+    of, blocks = program.transcription, list(program.blocks)
+    h = of.motion(z).h
+    own = times_of_rows(program, z)
+    for index, block in enumerate(blocks):
+        if not isinstance(block, Sampled) or block.name not in own:
+            continue
+        wanted = times.get(block.name, np.zeros(0))
+        known = np.sort(own[block.name])
+        place = np.searchsorted(known, wanted)
+        padded = np.concatenate([[-np.inf], known, [np.inf]])
+        apart = np.minimum(wanted - padded[place], padded[place + 1] - wanted)
+        more = np.unique(wanted[apart > APART * float(h.sum())])
+        if more.size:
+            at = Instants.at_times(more, h, of.delays)
+            at = at if block.within is None else at.within(*block.within)
+            blocks[index] = replace(block, fixed=block.fixed.joined(at))
+    return replace(program, blocks=tuple(blocks))
 
 
 def anchored(
