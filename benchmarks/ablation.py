@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 from unittest import mock
 
 from benchmarks.golden_runner import BASE, Row, Rows, items, read_rows, revision, run
+from tominpmp.planner.planning import IMPROVEMENTS
 
 if TYPE_CHECKING:
     from benchmarks.golden_problems import Task
@@ -69,27 +70,22 @@ def _none(*_: Any, **__: Any) -> None:
     return None
 
 
-CERTIFIED = Variant(parts={f"{PLANNER}.planning.certified": _nothing})
-FINER = Variant(parts={f"{PLANNER}.planning.on_finer_grid": _nothing})
-CONTINUED = Variant(parts={f"{PLANNER}.planning.continued": _nothing})
+def _without(*names: str) -> Variant:
+    """The best motion of a search is not improved in these ways."""
+    left = tuple(one for one in IMPROVEMENTS if one.name not in names)
+    return Variant(parts={f"{PLANNER}.planning.IMPROVEMENTS": left})
+
+
+NEITHER = _without("finer grid", "certificate")
 COARSE = Variant(parts={f"{PLANNER}.multistart.suits": _false})
 QUICK = Variant({"effort": "quick"})
-ONCE = Variant({"effort": "quick", "refine": None})
-SQUARES = Variant(
-    parts={
-        f"{PLANNER}.{module}.by_squares": _false
-        for module in ("direct_solve", "finer_grid", "coarse_grids")
-    }
-)
-LINEAR = Variant({"control": "linear", "intervals": 60, "smoothing": 0.0})
+ONCE = Variant({"effort": "quick", "refine": None}) | COARSE
+CONSTANT = Variant({"control": "constant"})
 VARIANTS: dict[str, Variant] = {
-    "no continuation": CONTINUED,
-    "no certified stage": CERTIFIED,
-    "no finer grid": FINER,
-    "none of these three": CERTIFIED | FINER | CONTINUED,
-    "only the certified stage": FINER | CONTINUED,
+    **{f"no {one.name}": _without(one.name) for one in IMPROVEMENTS},
+    "no finer grid and no certificate": NEITHER,
     "no coarse grids": COARSE,
-    "no squares": SQUARES,
+    "constant accelerations": CONSTANT,
     "no proximal term": Variant(parts={f"{SOLVERS}.proposal.PROXIMAL": 0.0}),
     "no total variation": Variant({"smoothing": 0.0}),
     "rows of links at once": Variant(
@@ -105,30 +101,22 @@ VARIANTS: dict[str, Variant] = {
     "no correction": Variant(parts={f"{SOLVERS}.slp.CORRECTIONS": 0}),
     "no light violations": Variant(
         parts={
-            f"{PLANNER}.direct_solve.LIGHT": 0.0,
+            f"{PLANNER}.descent.LIGHT": 0.0,
             f"{PLANNER}.finer_grid.LIGHT": 0.0,
         }
     ),
     "starts not judged": Variant(
-        parts={f"{PLANNER}.start_judge.StartJudge.enough": _none}
+        parts={f"{PLANNER}.coarse_search.CoarseSearch._let_go": _none}
     ),
-    "iterations not stilled": Variant(parts={f"{SOLVERS}.slp.SlpSolver.still": _false}),
     "no exchange on the way": Variant(
         parts={f"{SOLVERS}.exchange.RowExchange.due": _false}
     ),
     "no torque starts": Variant(parts={f"{PLANNER}.search.shots": _nothing}),
-    "no former leaders": Variant(
-        parts={f"{PLANNER}.planning.former_leaders": lambda searched: []}
-    ),
-    "no search among moving": Variant(
-        parts={f"{PLANNER}.planning.search_among_moving": _nothing}
-    ),
     "quick": QUICK,
-    "quick, none of these three": QUICK | CERTIFIED | FINER | CONTINUED,
-    "one descent": ONCE | CERTIFIED | CONTINUED | COARSE,
-    "one descent, certified": ONCE | CONTINUED | COARSE,
-    "one descent, linear": ONCE | LINEAR | CERTIFIED | COARSE,
-    "one descent, linear, certified": ONCE | LINEAR | COARSE,
+    "quick, no finer grid and no certificate": QUICK | NEITHER,
+    "one descent": ONCE | NEITHER,
+    "one descent, certified": ONCE,
+    "one descent, constant accelerations": ONCE | CONSTANT | NEITHER,
 }
 
 

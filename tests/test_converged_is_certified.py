@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.certificate.clearances import nearest_instants
-from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import optimality
 from tominpmp.planner.attempt import Attempt
@@ -20,7 +17,6 @@ from tominpmp.planner.progress import Progress
 from tominpmp.solvers import rounds
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.stopping import Stop
-from tominpmp.transcription.distance_rows import anchored, padding_left, unanchored
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -234,72 +230,6 @@ def test_random_clutter(seed):
         assert solution.certificate.ok, solution.certificate.message
     else:
         assert "Small changes promise" in solution.message
-
-
-# -- rows where pairs are nearest ------------------------------------------------------
-
-
-def test_rows_stand_where_pairs_are_nearest_and_beside_there_are_none(around):
-    """Rows beside them hold the pace: the program settles where no optimum is."""
-    problem = around.problem
-    of, z = Layout.of_motion(around.trajectory).taken_up(
-        ProblemFunctions.of(problem), around.trajectory
-    )
-    program = NonlinearProgram.of(of).at(z)
-    seen = Motion.of(Task.of(problem), of.trajectory(z))
-    nearest = nearest_instants(seen)
-    times, pairs = nearest.times, nearest.pairs
-    assert times.size
-    share = padding_left(of, z, nearest, 1.0)
-    found = anchored(program, z, nearest, share)
-    index = found.rows.kinds.index("clearance")
-    block = found.blocks[index]
-    at = block.instants(of, of.motion(z).h).times(of.motion(z).h)
-    held = np.isfinite(block.upper)
-    for time, pair in zip(times, pairs, strict=True):
-        assert held[np.argmin(np.abs(at - time)), pair]
-    added = np.setdiff1d(np.round(at, 9), np.round(_regular(of, z), 9))
-    assert added.size  # the grid had no rows there
-    values = found.evaluate(z)
-    kept = found.rows.kind == index
-    # What is left of the padding is asked for, so that the motion may go on as it is.
-    assert share < 1.0 or np.max(found.rows.violation(values)[kept]) <= 1e-9
-    assert np.max(found.rows.violation(values)[kept]) <= 2e-3
-
-
-def test_rows_of_corners_that_pass_have_the_slopes_of_their_least_distances(around):
-    """Those at the instant itself are those of the corner before, or after."""
-    of, z = Layout.of_motion(around.trajectory).taken_up(
-        ProblemFunctions.of(around.problem), around.trajectory
-    )
-    program = NonlinearProgram.of(of).at(z)
-    seen = Motion.of(Task.of(around.problem), of.trajectory(z))
-    nearest = nearest_instants(seen)
-    twice = nearest._replace(slopes=2.0 * nearest.slopes)
-
-    def at_nearest(program):
-        """Rows of the pairs at their nearest instants."""
-        index = program.rows.kinds.index("clearance")
-        block, motion = program.blocks[index], of.motion(z)
-        known, count = anchored(program, z, nearest, 1.0), block.constraint.count
-        known = known.blocks[index].constraint.known
-        rows = known.at * count + known.which
-        return block.jacobian(of, motion, rows).toarray()
-
-    one = at_nearest(anchored(program, z, nearest, 1.0))
-    assert np.any(one)
-    other = anchored(program, z, twice, 1.0)
-    assert at_nearest(other) == pytest.approx(2.0 * one)
-    # Where iterates lead corners are others: all rows have their own slopes again.
-    assert at_nearest(unanchored(other)) == pytest.approx(one, abs=1e-3)
-    held = unanchored(other).blocks[other.rows.kinds.index("clearance")].upper
-    assert np.all(np.isfinite(held))
-
-
-def _regular(of, z):
-    h = of.motion(z).h
-    nodes = np.concatenate([[0.0], np.cumsum(h)])
-    return np.concatenate([nodes, 0.5 * (nodes[1:] + nodes[:-1])])
 
 
 def test_rounds_that_run_out_are_no_convergence(around, monkeypatch):

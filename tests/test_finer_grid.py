@@ -15,9 +15,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import finer_grid
 from tominpmp.planner.finer_grid import (
     USUAL,
-    Promise,
-    Work,
-    nothing_to_gain,
+    Watch,
     to_be_split,
 )
 from tominpmp.planner.progress import Progress
@@ -177,15 +175,6 @@ def test_rides_at_a_speed_limit_are_left_as_they_are():
     assert not split[rides].any()
 
 
-def test_a_joint_at_its_speed_limit_all_the_way_has_nothing_to_gain():
-    rail = make_arm(slide(1.0), effort=1e4, velocity=0.5)
-    for goal, expected in ((1.0, True), (1e-5, False)):
-        problem = tm.Problem(rail, [0.0], tm.JointGoal([goal]))
-        motion = tm.plan(problem, refine=None).trajectory
-        system = ProblemFunctions.of(problem)
-        assert nothing_to_gain(system, motion) == expected
-
-
 def test_knots_stay_on_the_ticks_of_a_controller():
     solution = tm.plan(planar(), control_period=0.01)
     ticks = solution.trajectory.t / 0.01
@@ -204,28 +193,12 @@ def test_a_motion_of_segments_becomes_no_slower():
     assert len(solution.segments) == 2
 
 
-def test_a_grid_that_promises_too_little_is_not_looked_at_between_its_rows():
-    gain, work, options = USUAL.gain, Work(1.0, USUAL), tm.Options()
-    for first, reached, broken in (
-        (0.5 * gain, 1.0, True),
-        (4.0 * gain, 1.0 - 0.5 * gain, True),
-        (4.0 * gain, 1.0 - 2.0 * gain, False),
-    ):
-        promise = Promise(None, 2.0, 2.0, work, 40, options)
-        promise.first, promise.reached = first, 2.0 * reached
-        assert promise.broken is broken
-    # A later round adds to what the first has brought.
-    later = Promise(None, 2.0, 2.0 * (1.0 - 2.0 * gain), work, 40, options)
-    later.first = 0.1 * gain
-    assert not later.broken
-
-
 def test_a_plan_that_is_cut_short_brings_no_more_than_a_longer_one(monkeypatch):
     """What a whole stage would let go of is let go of, and the plan was cut short."""
 
     def cut_short(problem, options, progress, name, work):
         progress.cut_short = Status.TIME_LIMIT
-        before.append(work.args[2].duration)
+        before.append(progress.best)
         return SimpleNamespace(duration=(1.0 - 0.5 * USUAL.gain) * before[0])
 
     before = []
@@ -292,15 +265,15 @@ class Slow:
 def test_an_iteration_goes_on_while_slowing_down_is_no_cure(curable):
     options, program, z = tm.Options(), Slow(curable), np.ones(1)
     progress = Progress(options)
-    promise = Promise(progress, 1.0, 1.0, Work(1e9, USUAL), 40, options)
+    watch = Watch(progress, options, USUAL, 1.0, 1e9)
     merit = Merit(np.ones(1), program.rows, 0.0, np.ones(1))
     iterate = Iterate(z, program.evaluate(z), merit, TrustRegion(), np.zeros(1))
-    promise.keep(program, iterate)
+    watch.keep(program, iterate)
     values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
     record = IterationRecord(**values | {"predicted": 1e-2, "violation": 1e-4})
     # It has kept all that it promised, but for what is violated.
     record = replace(record, actual=record.predicted, duration=1.0)
-    assert promise(record) == (Status.CONVERGED if curable else None)
+    assert watch(record) == (Status.CONVERGED if curable else None)
 
 
 def test_slowing_down_by_little_more_than_has_to_be_takes_few_looks():
@@ -319,12 +292,12 @@ def test_slowing_down_by_little_more_than_has_to_be_takes_few_looks():
 
 def test_nothing_is_slowed_down_where_that_cures_nothing():
     options, program, z = tm.Options(), Slow(False), np.ones(1)
-    promise = Promise(Progress(options), 1.0, 1.0, Work(1e9, USUAL), 40, options)
+    watch = Watch(Progress(options), options, USUAL, 1.0, 1e9)
     merit = Merit(np.ones(1), program.rows, 0.0, np.ones(1))
     iterate = Iterate(z, program.evaluate(z), merit, TrustRegion(), np.zeros(1))
-    promise.keep(program, iterate)
+    watch.keep(program, iterate)
     program.evaluate = None  # not asked
-    assert not promise.cured_by_time
+    assert not watch._cured_by_time
 
 
 # -- rows of distances that a motion rests on ------------------------------------------

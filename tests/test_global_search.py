@@ -13,9 +13,7 @@ from tominpmp.initial_guess.bumps import HEIGHT, bumped, bumps
 from tominpmp.initial_guess.guess import SAMPLED, straight_guess
 from tominpmp.planner import search, thorough
 from tominpmp.planner.automatic_options import resolve_options
-from tominpmp.planner.coarse_grids import torques_rule
-from tominpmp.planner.coarse_search import CoarseSearch
-from tominpmp.planner.planning import former_leaders
+from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
 from tominpmp.planner.progress import Progress
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -74,7 +72,7 @@ def test_a_start_that_leads_to_a_known_motion_is_let_go_early():
     near = bumped(coarse.system, guess, np.full((1, 3), 1e-3))
     assert coarse.rough(near) is None
     assert len(coarse.progress.records) <= count
-    assert coarse.judge.known == [first]
+    assert coarse.known == [first]
 
 
 def test_a_coarse_motion_promises_what_the_finished_one_keeps():
@@ -86,17 +84,6 @@ def test_a_coarse_motion_promises_what_the_finished_one_keeps():
     assert finished.found
     assert finished.duration < rough.duration < 1.1 * finished.duration
     assert finished.trajectory.t.size - 1 >= 40
-
-
-def test_who_led_before_and_nearly_does_is_remembered():
-    def attempt(duration, found=True):
-        return SimpleNamespace(duration=duration, found=found)
-
-    slow, first, worse, best = (attempt(T) for T in (1.1, 1.005, 1.007, 1.0))
-    none = attempt(0.9, found=False)
-    assert former_leaders([slow, first, none, worse, best]) == [first]
-    assert former_leaders([best, first]) == []
-    assert former_leaders([none]) == []
 
 
 def test_detours_begin_and_end_where_the_guess_does_and_keep_the_limits():

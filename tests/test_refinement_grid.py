@@ -10,12 +10,6 @@ from two_link_cases import CASES
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
-from tominpmp.planner.grid_refinement import (
-    MOST_INTERVALS,
-    interval_losses,
-    step_errors,
-    worst_intervals,
-)
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
@@ -146,42 +140,3 @@ def test_splitting_leaves_the_motion_as_it_is(
         times = before.t  # in between torques rule, whatever the states
     np.testing.assert_allclose(after(times).q, before(times).q, atol=1e-10)
     np.testing.assert_allclose(after(times).v, before(times).v, atol=1e-10)
-
-
-def test_errors_of_steps() -> None:
-    """Constant force on a mass is integrated exactly; an error of 1 mm is seen."""
-    system = system_of("rail", "rail")
-    a, h = 5.0, np.array([0.2, 0.3])
-    t = np.concatenate([[0.0], np.cumsum(h)])
-    x = np.stack([0.5 * a * t**2, a * t], axis=1)
-    u = np.full((2, 1), 10.0)
-    np.testing.assert_allclose(step_errors(system, x, u, h), 0.0, atol=1e-12)
-    x[1, 0] += 1e-3
-    found = step_errors(system, x, u, h)
-    np.testing.assert_allclose(found[:, 0], 1e-3, rtol=1e-9)
-
-
-def test_losses_tell_where_a_torque_switches() -> None:
-    """Full force, then brakes from within the fourth of eight intervals on."""
-    system = system_of("rail", "rail")
-    transcription = CollocationTranscription(
-        system, interval_shares("uniform", FEW), 0.9
-    )
-    u = np.array([10.0, 10.0, 10.0, 4.0, -10.0, -10.0, -10.0, -10.0])[:, None]
-    h = np.full(FEW, 0.9 / FEW)
-    v = np.concatenate([[0.0], np.cumsum(h * u[:, 0] / 2.0)])
-    q = np.concatenate([[0.0], np.cumsum(0.5 * h * (v[1:] + v[:-1]))])
-    z = transcription.pack(np.stack([q, v], axis=1), u, np.array([0.9]))
-    losses = interval_losses(system, transcription, z)
-    assert int(np.argmax(losses)) == 3
-    assert losses[3] > 100.0 * np.delete(losses, 3).max()
-
-
-def test_which_intervals_are_split() -> None:
-    losses = np.array([1e-3, 1e-9, 4e-4, 1e-5, 0.0, 0.0])
-    split = worst_intervals(losses, 1.0)
-    np.testing.assert_array_equal(split, [True, False, True, False, False, False])
-    assert not worst_intervals(np.full(6, 1e-8), 1.0).any()
-    assert not worst_intervals(np.ones(MOST_INTERVALS), 1.0).any()
-    most = worst_intervals(np.ones(MOST_INTERVALS - 3), 1.0)
-    assert most.sum() == 3

@@ -15,7 +15,7 @@ import tominpmp as tm
 from tominpmp import stopping
 from tominpmp.linear_programs import make_solver
 from tominpmp.linear_programs.program import LinearProgram
-from tominpmp.planner import direct_solve as guessed
+from tominpmp.planner import descent, finer_grid
 from tominpmp.planner.attempt import Attempt
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.solvers.smoothing import SmoothingSolver
@@ -160,14 +160,14 @@ def test_a_later_stage_that_fails_keeps_the_motion(monkeypatch, error):
     def failing(*arguments):
         raise error
 
-    monkeypatch.setattr(guessed, "refine", failing)
+    monkeypatch.setattr(finer_grid, "refined", failing)
     solution = tm.plan(reach(), tm.Options(refine="grid"))
     assert solution.success and solution.verification.ok
     assert "later stage failed" in solution.message
 
 
 def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
-    usual, calls = guessed.solve_from_guess, []
+    usual, calls = descent.descend, []
 
     def failing(*arguments):
         calls.append(1)
@@ -175,9 +175,9 @@ def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
             raise ZeroDivisionError
         return usual(*arguments)
 
-    monkeypatch.setattr(guessed, "solve_from_guess", failing)
+    monkeypatch.setattr(descent, "descend", failing)
     assert tm.plan(reach(), tm.Options(effort="quick", starts=2)).success
-    monkeypatch.setattr(guessed, "solve_from_guess", lambda *a: 1 / 0)
+    monkeypatch.setattr(descent, "descend", lambda *a: 1 / 0)
     far = tm.Scene([tm.Sphere("far", radius=0.1, position=(9.0, 9.0, 0.0))])
     with pytest.raises(ZeroDivisionError):
         tm.plan(reach(scene=far), tm.Options(effort="quick", starts=2))

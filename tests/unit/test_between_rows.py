@@ -9,12 +9,8 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.arrays import Array
-from tominpmp.certificate.clearances import Nearest, nearest_instants
-from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.task import Task
 from tominpmp.planner.attempt import Attempt
 from tominpmp.status import Status
-from tominpmp.transcription.distance_rows import with_nearest
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -45,28 +41,6 @@ def test_a_motion_that_is_too_close_between_its_rows_is_settled_again(
     assert solution.certificate.ok
 
 
-def test_rows_where_pairs_are_nearest_join_the_others(problem: tm.Problem) -> None:
-    system = ProblemFunctions.of(problem)
-    shares = np.full((6, 2), 1.0 / 12.0)
-    of = InverseTranscription(system, shares, 3.0)
-    start, end = np.array(START), np.array(GOAL)
-    z = of.start(lambda t: start + np.multiply.outer(t / 3.0, end - start), 3.0)
-    program = NonlinearProgram.of(of).at(z)
-    nearest = nearest_instants(Motion.of(Task.of(problem), of.trajectory(z)))
-    instants = np.unique(nearest.times).size
-    assert instants
-
-    more = with_nearest(program, z, nearest)
-    none = with_nearest(program, z, Nearest.none(system.n))
-
-    before, after = program.evaluate(z), more.evaluate(z)
-    assert after.size == before.size + instants * len(problem.checker.pairs)
-    # Nothing at the old instants is as near as what is between them.
-    lacks = [_clearance(one, z).max() for one in (program, more)]
-    assert lacks[1] > lacks[0]
-    np.testing.assert_array_equal(none.evaluate(z), before)
-
-
 @pytest.mark.parametrize("angle", np.linspace(1.38, 1.52, 8))
 def test_what_fast_links_pass_between_two_looks_becomes_a_row(angle: float) -> None:
     """The tip goes 19 cm from one look to the next, and through a ball of 10 cm."""
@@ -84,8 +58,6 @@ def test_what_fast_links_pass_between_two_looks_becomes_a_row(angle: float) -> N
 
     z = of.start(path, 0.2)
     program = NonlinearProgram.of(of).at(z)
-    nearest = nearest_instants(Motion.of(Task.of(problem), of.trajectory(z)))
-    assert nearest.times.size
 
     more = exchanged(program, z)
 

@@ -1,8 +1,7 @@
 """Planning for a controller's clock takes little more than planning without one.
 
 An interior-point solver leaves the duration a trace above its bound: that was taken for
-another period, and tried again and again. And motions of the search, which nobody is
-given, were replayed as well as the one on the clock that is made of them.
+another period, and tried again and again.
 """
 
 from __future__ import annotations
@@ -115,48 +114,16 @@ def test_the_iteration_ends_where_the_duration_stays_above():
 
 
 @pytest.mark.parametrize("period", [0.001, 0.004, 0.008])
-def test_one_replay_and_few_programs(ur5, calls, period):
+def test_one_replay_on_the_clock_and_few_programs(ur5, calls, period):
     problem, few = ur5_problem(ur5, motion_limits=LIMITS), {"intervals": 20}
     solution = tm.plan(problem, control_period=period, **few)
     assert solution.success and solution.verification.ok
-    assert (calls.search, calls.clock) == (0, 1)
+    assert calls.clock == 1
     assert calls.tries <= 2
     records = [item for item in solution.history if item.programs]
     free = tm.plan(problem, **few)
     assert len(records) - len(free.history) <= 4
     assert solution.T <= ticks_of(free.T, period) * period + period * 1.001
-
-
-def test_without_a_clock_the_motion_itself_is_replayed(ur5, calls):
-    problem = ur5_problem(ur5, motion_limits=LIMITS)
-    solution = tm.plan(problem, intervals=20, refine=None)
-    assert solution.verification.ok
-    assert (calls.search, calls.clock) == (1, 0)
-
-
-@pytest.mark.usefixtures("clock")
-def test_where_time_is_limited_nothing_is_put_off(planar3r, calls):
-    """There may be no time for a clock, and what was found has to be known to hold."""
-    problem = planar_problem(planar3r)
-    solution = tm.plan(problem, control_period=0.01, max_planning_time=60.0, **QUICK)
-    assert solution.success
-    assert calls.search >= 1
-    assert calls.clock == 1
-
-
-def test_torques_that_are_held_are_replayed_at_once(planar3r, calls):
-    """What they bring about is not the motion as planned."""
-    problem = planar_problem(planar3r)
-    solution = tm.plan(problem, method="collocation", control_period=0.01)
-    assert solution.success
-    assert calls.search >= 1
-
-
-def test_what_touches_is_replayed_at_once(planar3r, calls, monkeypatch):
-    monkeypatch.setattr(attempts, "keeps_clear", lambda *given: False)
-    solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
-    assert solution.success
-    assert calls.search >= 1
 
 
 def test_clearance_of_planned_motions(planar3r):
@@ -173,7 +140,7 @@ def test_clearance_of_planned_motions(planar3r):
         assert keeps_clear(there, motion, 1e-5) is clear
 
 
-def test_a_motion_off_the_clock_is_replayed_in_the_end(planar3r, calls, monkeypatch):
+def test_a_motion_off_the_clock_is_one_that_was_replayed(planar3r, monkeypatch):
     """Where none on the clock is found, what is kept is known to hold."""
     monkeypatch.setattr(clock, "TRIES", 1)
     less = lambda T, period: int(0.8 * T / period)  # noqa: E731
@@ -182,47 +149,10 @@ def test_a_motion_off_the_clock_is_replayed_in_the_end(planar3r, calls, monkeypa
     assert not solution.success
     assert solution.verification is not None and solution.verification.ok
     assert "keeps all else" in solution.message
-    assert (calls.search, calls.clock) == (0, 1)
 
 
-def test_no_time_for_that_replay(planar3r, monkeypatch):
-    def interrupt(*given, **named):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(clock, "_solve", interrupt)
-    monkeypatch.setattr(clock, "verify", interrupt)
-    solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
-    assert not solution.success
-    assert solution.status is tm.Status.INTERRUPTED
-    assert solution.verification is None
-    assert "no time to verify" in solution.message
-
-
-def test_a_replay_put_off_that_fails_begins_the_search_again(
-    planar3r, calls, monkeypatch
-):
-    """With replays at once, as if none had been put off."""
-    judged, seen = clock.verify, []
-
-    def verify(*given, **named):
-        seen.append(calls.search)
-        found = judged(*given, **named)
-        return found if calls.search else not_right(found)
-
-    monkeypatch.setattr(clock, "TRIES", 2)
-    monkeypatch.setattr(clock, "verify", verify)
-    solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
-    assert solution.success and solution.verification.ok
-    assert calls.search >= 1
-    # Two tries on the clock and motions without, then with replays of the search.
-    assert seen[:3] == [0, 0, 0] and seen == sorted(seen) and seen[-1] > 0
-    assert solution.planning_time >= solution.verification.seconds
-
-
-def test_nothing_on_the_clock_is_right_though_the_motion_is(
-    planar3r, calls, monkeypatch
-):
-    """What is kept was replayed, and the search is not made again."""
+def test_nothing_on_the_clock_is_right_though_the_motion_is(planar3r, monkeypatch):
+    """What is kept was replayed."""
     judged = clock.verify
 
     def verify(problem, motion, *rest, **named):
@@ -237,7 +167,6 @@ def test_nothing_on_the_clock_is_right_though_the_motion_is(
     assert not solution.success
     assert solution.status is tm.Status.UNVERIFIED
     assert solution.verification.ok
-    assert calls.search == 0
     assert "keeps all else" in solution.message
 
 

@@ -10,7 +10,7 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.coarse_search import CoarseSearch
-from tominpmp.planner.direct_solve import first_program
+from tominpmp.planner.first_program import first_program
 from tominpmp.planner.progress import Progress
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -85,4 +85,4 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
         raise Stop(requested=False)
 
     monkeypatch.setattr(Attempt, "verified", stopped)
-    assert not search._replayed(rough).found
+    assert not search._replayed(rough, tm.Status.TIME_LIMIT).found

@@ -9,7 +9,7 @@ import tominpmp as tm
 from tests.energy_derivatives import check_gradient
 from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.initial_guess.segments import solved_guess
-from tominpmp.planner.direct_solve import segmented_program
+from tominpmp.planner.first_program import segmented_program
 from tominpmp.solvers.energy_measures import PositiveWork, SquaredTorques
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions

@@ -9,7 +9,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, rod
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.options import Options
-from tominpmp.planner.direct_solve import first_program
+from tominpmp.planner.first_program import first_program
 from tominpmp.transcription import exchange
 from tominpmp.transcription.blocks import Sampled
 from tominpmp.transcription.exchange import ROOM, excess_at, exchanged, jumping

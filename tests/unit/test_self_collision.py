@@ -15,7 +15,6 @@ import tominpmp as tm
 from tominpmp.collision import CollisionChecker
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.multistart import torques_may_lead
-from tominpmp.planner.touching import links_touch
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # The straight line between these leads the wrist of a Panda through its base.
@@ -94,18 +93,6 @@ def test_time_that_ends_while_links_are_parted_leaves_a_motion() -> None:
     solution = tm.plan(problem, callback=late, max_planning_time=60.0)
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success, solution.message
-
-
-def test_links_touch_where_their_meshes_do() -> None:
-    problem = through_itself()
-    way = np.array(TURNED) - FOLDED
-    q = FOLDED + np.linspace(0.0, 1.0, 9)[:, None] * way
-    t = np.linspace(0.0, 1.0, 9)
-    line = tm.Trajectory(problem.robot.joint_names, t, q, 0.0 * q, 0.0 * q)
-    assert links_touch(problem, line)
-    assert meshes_touch(problem, line)
-    still = tm.Trajectory(problem.robot.joint_names, t, 0.0 * q + FOLDED, 0 * q, 0 * q)
-    assert not links_touch(problem, still)
 
 
 def test_an_arm_alone_is_as_fast_as_if_its_links_could_touch() -> None:

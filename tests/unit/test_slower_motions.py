@@ -7,7 +7,7 @@ import numpy as np
 import tominpmp as tm
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.planner.automatic_options import resolve_options
-from tominpmp.planner.direct_solve import first_program
+from tominpmp.planner.first_program import first_program
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)

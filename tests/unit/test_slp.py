@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -16,9 +14,7 @@ from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import Status
 from tominpmp.transcription.base import (
     Linearization,
-    SquaredVariation,
     StepBounds,
-    Variation,
 )
 from tominpmp.transcription.rows import Rows
 
@@ -108,30 +104,6 @@ def test_equations_are_met():
     )
     assert result.status is Status.CONVERGED
     assert result.best.duration == pytest.approx(np.pi / 6, abs=1e-5)
-
-
-@pytest.mark.parametrize("fastest", [True, False])
-def test_no_program_confirms_that_nothing_was_gained(fastest):
-    """A step that removes violations and finds nothing else is the last one.
-
-    Least t >= 1 with x >= 1, from x = 0: where t is 1 already one program does.
-    """
-    program = Program(
-        [("torque", [1.0], [np.inf], [0])],
-        lambda z: [z[0]],
-        lambda z: [[1.0, 0.0]],
-        [-3, 1.0],
-        [3, 20],
-    )
-    start = np.array([0.0, 1.0 if fastest else 9.0])
-    options = Options(trust_region=2.0)
-    solver = SlpSolver(program, options, 0.0, make_solver("highs"), sure=lambda T: True)
-    result, usual = solver.run(start), replace(solver, sure=None).run(start)
-    assert result.status is usual.status is Status.CONVERGED
-    assert result.best.duration == usual.best.duration == pytest.approx(1.0)
-    assert result.best.violation == 0.0
-    assert (len(result.history) == 1) == fastest
-    assert len(usual.history) > 1
 
 
 def test_contradiction_is_infeasible_never_converged():
@@ -259,55 +231,6 @@ def test_what_the_duration_does_not_hang_on_stays_where_it_is():
     assert result.best.z[0] == pytest.approx(0.3, abs=1e-6)
     # What it hangs on moves all the way.
     assert result.best.duration == pytest.approx(0.1, abs=1e-6)
-
-
-def test_squared_differences_cost_no_columns_and_find_the_same_rest():
-    """t >= 1 leaves x and y free: their difference from 0.4 is quiet where it is 0."""
-    program = Program(
-        [("torque", [1.0], [np.inf], [0])],
-        lambda z: [z[2]],
-        lambda z: [[0.0, 0.0, 1.0]],
-        [-5, -5, 0.1],
-        [5, 5, 20],
-    )
-    differences = Variation(sp.csr_matrix([[1.0, -1.0, 0.0]]), np.array([-0.4]))
-    program.variation = lambda z: differences
-    options, columns = Options(tolerance=1e-7), []
-    for squares in (False, True):
-        lp = make_solver("piqp")
-        solver = SlpSolver(program, options, 1e-2, lp, squares=squares)
-        result = solver.run(np.array([2.0, 0.0, 3.0]))
-        assert result.status is Status.CONVERGED
-        assert result.best.duration == pytest.approx(1.0, abs=1e-5)
-        assert differences.total(result.best.z) == pytest.approx(0.0, abs=2e-2)
-        z = result.best.z
-        steps, iterate = program.step_bounds(z, 0.1), solver.init(z)
-        built = build_subproblem(
-            iterate.merit,
-            iterate.values,
-            program.linearize(z, iterate.values, steps),
-            steps,
-            solver.variation(z),
-            z,
-        )
-        columns.append(built.program.cost.size)
-    assert columns[1] == columns[0] - 2
-
-
-def test_the_program_of_squared_differences_is_their_merit():
-    program, z, step = circle(), np.array([2.0, 2.0, 10.0]), np.array([0.1, -0.2, -0.3])
-    solver = SlpSolver(program, Options(), 0.3, make_solver("piqp"))
-    squares = SquaredVariation(
-        sp.csr_matrix([[1.0, 2.0, 0.0], [0.0, 1.0, -1.0]]), np.array([0.7, -0.2])
-    )
-    iterate, steps = solver.init(z), program.step_bounds(z, 3.0)
-    linearization = program.linearize(z, iterate.values, steps)
-    built = build_subproblem(
-        iterate.merit, iterate.values, linearization, steps, squares, z
-    ).program
-    merit = [iterate.merit(there, iterate.values, squares) for there in (z, z + step)]
-    promised = built.cost[:3] @ step + 0.5 * step @ built.curved[:3, :3] @ step
-    assert promised == pytest.approx(merit[1] - merit[0], rel=1e-12)
 
 
 def test_groups_are_as_violated_as_their_worst_row_in_any_order():

@@ -82,12 +82,6 @@ def contacts(motion: Motion, attention: float = ATTENTION) -> tuple[Nearest, Arr
     return Nearest(*together), np.concatenate(missing)
 
 
-def nearest_instants(motion: Motion) -> Nearest:
-    """When pairs that come close are nearest, and how the least distances change."""
-    found, missing = contacts(motion, CLOSE)
-    return found.kept(missing > -CLOSE)
-
-
 @dataclass(frozen=True, eq=False)
 class _Approaches:
     """Looks for the instants at which pairs limit a motion."""

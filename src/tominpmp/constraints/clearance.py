@@ -7,7 +7,6 @@ is db/dT = db/dt * tau.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,22 +22,6 @@ LEAST_GRAZE = 1e-5
 REST = 0.5
 
 
-class Slopes(NamedTuple):
-    """Derivatives of some values that are known already.
-
-    Attributes:
-        at: Row of each value in what the constraint evaluates, shape (k,).
-        which: Its column, shape (k,).
-        by_q: By the configuration, shape (k, n).
-        by_t: By time [1/s], shape (k,).
-    """
-
-    at: IntArray
-    which: IntArray
-    by_q: Array
-    by_t: Array
-
-
 class ClearanceConstraint(Constraint):
     """Keep every link farther than a margin from all that it is watched against.
 
@@ -48,8 +31,6 @@ class ClearanceConstraint(Constraint):
         length: Length that the values are divided by [m].
         padding: What the margin contains beyond what has to be kept, in units of the
             length, one for all pairs or by pair.
-        known: Derivatives that take the place of those at the instants themselves: for
-            a corner that passes, those of its least distance.
     """
 
     name = "clearance"
@@ -62,23 +43,10 @@ class ClearanceConstraint(Constraint):
         margin: float | Array,
         length: float,
         padding: float | Array = 0.0,
-        known: Slopes | None = None,
     ) -> None:
         self.checker, self.margin, self.length = checker, margin, length
-        self.known = known
         self.padding = np.broadcast_to(padding, len(checker.pairs))
         self.moving = checker.moving
-
-    def tightened(self, share: float) -> ClearanceConstraint:
-        """The same with a share of the padding."""
-        padding = share * self.padding
-        margin = self.margin + self.length * (padding - self.padding)
-        return ClearanceConstraint(self.checker, margin, self.length, padding)
-
-    def knowing(self, known: Slopes | None) -> ClearanceConstraint:
-        """The same with derivatives that are known."""
-        own = self.checker, self.margin, self.length, self.padding
-        return ClearanceConstraint(*own, known)
 
     @property
     def count(self) -> int:
@@ -170,12 +138,4 @@ class ClearanceConstraint(Constraint):
         """Derivatives of distances."""
         times = states.t if self.moving else None
         by_q, by_t = self.derivatives_at(states.q, at, which, times)
-        if self.known is not None and self.known.at.size:
-            keys = self.known.at * self.count + self.known.which
-            order, own = np.argsort(keys), at * self.count + which
-            place = np.minimum(np.searchsorted(keys[order], own), keys.size - 1)
-            index = order[place]
-            same = keys[index] == own
-            by_q[same] = self.known.by_q[index[same]]
-            by_t[same] = self.known.by_t[index[same]]
         return Partials(at, by_q=by_q, by_t=by_t if self.moving else None)

@@ -22,15 +22,16 @@ from tominpmp.exact.switching_times import (
     sharpen,
 )
 from tominpmp.exact.transcription import ArcTranscription
-from tominpmp.linear_programs import LpSolver
+from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.grid_refinement import refine_grid, replayed_well
+from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
 from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.merit import Merit
+from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import EVALUATIONS, Budget
-from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -76,7 +77,6 @@ class Search:
         progress: Sees records, and keeps what is found.
         budget: What may be spent in all.
         limit: Longer motions are of no use [s].
-        plan: The motion to begin with.
         found: The motions, each faster than those before.
     """
 
@@ -84,7 +84,6 @@ class Search:
     progress: Progress
     budget: Budget
     limit: float
-    plan: Iterate
     found: list[OptimisedArcs] = field(default_factory=list)
 
     @property
@@ -109,7 +108,7 @@ class Search:
         if motion.duration <= self.duration:
             self.found.append(motion)
             arcs_found, y = _transcribe(motion)
-            self.progress.keep(arcs_found, _iterate(arcs_found, y, self.plan))
+            self.progress.keep(arcs_found, _iterate(arcs_found, y))
         return motion.duration <= self.limit
 
     def read(self, trajectory: Trajectory, evaluations: int) -> bool:
@@ -118,54 +117,46 @@ class Search:
         return self.follow(arcs, states_of(trajectory), evaluations)
 
 
-def refine_switching(
-    system: ProblemFunctions,
-    options: Options,
-    program: Program,
-    result: SlpResult,
-    lp: LpSolver,
-    progress: Progress,
-) -> tuple[Program, SlpResult]:
+def exact_switches(
+    system: ProblemFunctions, options: Options, attempt: Attempt, progress: Progress
+) -> Attempt:
     """Place the switches of a motion exactly.
 
     Args:
         system: The functions of the problem.
         options: Options of the plan.
-        program: The program of the motion.
-        result: Its solution.
-        lp: Solver of linear programs.
+        attempt: What led to the motion.
         progress: Time limit and callback.
 
     Returns:
-        Program and solution of the refined motion, which its replay confirms; what was
-        given where no such motion was found that is at least as fast.
+        The refined motion, which its replay confirms; what was given, with a remark,
+        where no such motion was found that is at least as fast.
     """
-    iterate = result.iterate if result.best is None else result.best
-    plan = program.trajectory(iterate.z)
+    plan, lp = attempt.trajectory, make_solver(options.lp_solver)
+    granted = system
     if system.friction is not None:
         ways = one_way(system, plan)
         if ways is None:
-            return program, replace(result, remark=TURNING)
+            return replace(attempt, history=(), remark=TURNING)
         granted = replace(system, ways=ways)
-    else:
-        granted = system
     few = driven_joints(system).size <= EXPLORED_MOTORS
     budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
-    given = result.best is not None and replayed_well(system, plan, options)
     limit = np.inf
-    if result.best is not None:
+    if attempt.feasible:
         # A motion that its replay does not confirm may be somewhat too fast; without
         # arcs that are about as fast, a finer grid is better.
-        limit = plan.duration * (1.0 + (LONGER if given else UNCONFIRMED))
-    search = Search(granted, progress, budget, limit, iterate)
+        limit = plan.duration * (1.0 + (LONGER if attempt.found else UNCONFIRMED))
+    search = Search(granted, progress, budget, limit)
     _look(search, options, without_friction(granted, plan), lp)
     for motion in reversed(search.found):
-        arcs = _transcribe(sharpen(granted, motion, budget.part()))
-        if replayed_well(system, arcs[0].trajectory(arcs[1]), options):
-            return arcs[0], _result(*arcs, result, iterate)
-    # What would have been done without this is done now.
-    program, result = refine_grid(system, options, program, result, lp, progress)
-    return program, replace(result, remark=KEPT)
+        arcs, y = _transcribe(sharpen(granted, motion, budget.part()))
+        iterate = _iterate(arcs, y)
+        result = SlpResult(Status.CONVERGED, iterate, iterate, tuple(progress.records))
+        exact = Attempt.of(attempt.name, arcs, attempt.initial, result)
+        exact = exact.verified(system.problem, options)
+        if exact.found:
+            return exact
+    return replace(attempt, history=(), remark=KEPT)
 
 
 def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> None:
@@ -176,7 +167,7 @@ def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> N
     # More starts look at no less than fewer would, and a single one not elsewhere.
     tries = 0 if options.starts == 1 else max(TRIES, (options.starts or 1) - 1)
     # Where ways are taken for granted, perturbed motions would not go them.
-    if small and search.progress.start == 0 and search.system.ways is None:
+    if small and search.system.ways is None:
         _explore(search, options, plan, lp, tries)
     # What was found elsewhere is no reason to give up what lies near.
     if small and not near:
@@ -224,20 +215,8 @@ def _transcribe(motion: OptimisedArcs) -> tuple[ArcTranscription, np.ndarray]:
     return ArcTranscription(motion.program, motion.shot), motion.y
 
 
-def _result(
-    arcs: ArcTranscription,
-    y: np.ndarray,
-    result: SlpResult,
-    iterate: Iterate,
-) -> SlpResult:
-    """The solution in terms of arcs."""
-    refined = _iterate(arcs, y, iterate)
-    return SlpResult(Status.CONVERGED, refined, refined, result.history)
-
-
-def _iterate(arcs: ArcTranscription, y: np.ndarray, plan: Iterate) -> Iterate:
+def _iterate(arcs: ArcTranscription, y: np.ndarray) -> Iterate:
     """Arcs as an iterate."""
-    weights = np.ones(len(arcs.rows.kinds))
-    merit = replace(plan.merit, cost=arcs.cost, rows=arcs.rows, weights=weights)
+    merit = Merit(arcs.cost, arcs.rows, 0.0, np.ones(len(arcs.rows.kinds)))
     zero = np.zeros(arcs.rows.size)
-    return Iterate(y, arcs.evaluate(y), merit, plan.region, zero)
+    return Iterate(y, arcs.evaluate(y), merit, TrustRegion(), zero)

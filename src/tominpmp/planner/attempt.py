@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,11 +17,8 @@ from tominpmp.transcription.base import Program
 from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.verification.nearest import keeps_clear
-from tominpmp.verification.verification import LONGEST, Verification, verify
+from tominpmp.verification.verification import Verification, verify
 
-# Doublings of the grid, or of the steps, of a motion that the replay does not confirm.
-REFINEMENTS = 2
 # Motions this much slower than the best one, as a share of T, are nearly as fast: what
 # grids cost differs by less.
 TIE = 0.01
@@ -39,12 +36,9 @@ class Attempt:
         initial: The motion it began with.
         violations: Largest violation by kind of constraint.
         history: One record an iteration.
-        verification: Replay of the torques, if the motion is feasible; None too if it
-            was put off.
+        verification: Replay of the torques, if the motion is feasible.
         remark: A sentence for the user, if there is something to say.
-        unconfirmed: Whether there was no time left for the replay.
         layout: How the motion was parameterised; None where only torques are.
-        taken_over: Whether it is on the finer grid of a former motion.
         apart: Whether rows kept bodies, or links, from touching.
         rows: Times of its rows of distances [s], by what they are called.
     """
@@ -58,9 +52,7 @@ class Attempt:
     history: tuple[IterationRecord, ...]
     verification: Verification | None = None
     remark: str = ""
-    unconfirmed: bool = False
     layout: Layout | None = None
-    taken_over: bool = False
     apart: bool = False
     rows: Mapping[str, Array] = field(default_factory=dict)
 
@@ -115,8 +107,18 @@ class Attempt:
     @property
     def found(self) -> bool:
         """Whether the motion keeps all constraints, in the replay too."""
-        confirmed = self.verification is None or self.verification.ok
-        return self.feasible and confirmed and not self.unconfirmed
+        confirmed = self.verification is not None and self.verification.ok
+        return self.feasible and confirmed
+
+    @property
+    def unconfirmed(self) -> bool:
+        """Whether there was no time left for the replay."""
+        return self.feasible and self.verification is None
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the replay of a motion that a program allows does not hold."""
+        return self.feasible and not self.unconfirmed and not self.found
 
     @property
     def touches(self) -> bool:
@@ -130,30 +132,20 @@ class Attempt:
         """T of the motion if it keeps all constraints [s]; else infinite."""
         return self.trajectory.duration if self.found else np.inf
 
-    def verified(
-        self, problem: Problem, options: Options, *, later: bool = False
-    ) -> Attempt:
-        """Replay the torques of a motion that is said to keep all constraints.
-
-        Args:
-            problem: What it is to solve.
-            options: Options of the plan.
-            later: Whether that may be put off, as another motion is made of it. It is
-                where the torques follow from the motion and it touches nothing.
-        """
-        if not self.feasible or (later and self._may_wait(problem, options)):
+    def verified(self, problem: Problem, options: Options) -> Attempt:
+        """Replay the torques of a motion that is said to keep all constraints."""
+        if not self.feasible:
             return self
         verification = verify(
             problem, self.trajectory, options.tolerances, checker=problem.checker
         )
         return replace(self, verification=verification)
 
-    def _may_wait(self, problem: Problem, options: Options) -> bool:
-        motion = self.trajectory
-        if (
-            problem.segments
-            or motion.inverse_dynamics is None
-            or not motion.duration <= LONGEST
-        ):
-            return False
-        return keeps_clear(problem, motion, options.tolerances.contact)
+
+def fastest(attempts: Iterable[Attempt]) -> Attempt | None:
+    """The fastest motion that was found; None if there is none.
+
+    Of those that are as fast it is the last one, which knows best what it is.
+    """
+    found = [attempt for attempt in attempts if attempt.found]
+    return min(reversed(found), key=lambda attempt: attempt.duration, default=None)

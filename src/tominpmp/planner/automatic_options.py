@@ -133,10 +133,9 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
         )
     if control != "auto":
         return control
-    if smooth:
-        return "linear"
-    # Left to choose, "constant" and then "linear" where that is faster.
-    return "auto" if options.method == "auto" and method == "inverse" else "constant"
+    # Torques that switch are read off accelerations that jump.
+    jumps = method != "inverse" or options.refine == "switching"
+    return "constant" if jumps and not smooth else "linear"
 
 
 def _check_clock(problem: Problem, options: Options) -> None:

@@ -1,4 +1,4 @@
-"""Coarse search: cheap starts on coarse grids, the best of which are gone on with.
+"""Coarse search: cheap starts on coarse grids, the best of which are finished.
 
 A descent on a few intervals takes a fraction of the time, and is less apt to end in a
 poor local optimum than one on the grid that is asked for: obstacles and torque limits
@@ -11,56 +11,145 @@ less would have found, and then more.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import logging
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.motion.curves import states
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_grids import RADIUS, SPEED_LOSS, TORQUE_LOSS, Grids
-from tominpmp.planner.direct_solve import solve_and_verify, solve_from_guess
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.descent import descend, descended
+from tominpmp.planner.progress import Kept, Progress
 from tominpmp.planner.rescue import guarded, slowed_down
-from tominpmp.planner.rough_motions import NEARLY, Rough, shape_of
-from tominpmp.planner.start_judge import PROMISE, StartJudge
-from tominpmp.planner.touching import links_touch
-from tominpmp.status import STOPPED, Status
+from tominpmp.solvers.slp import TIME_SCALINGS
+from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
+# Intervals of grids from which on a coarser one pays, and of a coarse grid.
+LEAST_INTERVALS, INTERVALS = 24, 16
+# How exactly a coarse motion is found, and in how many iterations.
+TOLERANCE, ITERATIONS = 2e-3, 30
 # Excess of torques between the rows of coarse grids that is let pass, where the asked
 # grid is refined by what is left; 3e-2 would be too much to slow down. Exact switching
 # begins with what the coarse grid leads to.
 COARSE_OVERLOAD = 1e-2
+# Trust region for finishing a coarse motion, as a share of the usual one.
+RADIUS = 0.5
+# Intervals to finish one with, at most, where torques rule and the grid may follow the
+# motion, and joints times intervals: programs of thirty joints take a second each.
+TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
+# A guess is held by speed limits where a joint is at one for this share of the time,
+# from this share of it on: torques do not rule it then.
+SPEED_SHARE, AT_LIMIT = 0.6, 0.97
+# What a coarse grid costs, as a share of T, where torques rule and where speeds do.
+TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
+# Largest violation of a coarse motion that is finished.
+NEARLY = 1e-2
+# Iterations after which a start is let go that is not near a motion, since rows between
+# the nodes have joined it last: these break a motion that was all right before.
+PATIENCE = 12
+# While a motion is not near it stands still where its trust region is this small.
+STUCK = 0.02
+# What further iterations may gain altogether, in gains of the last one.
+LEFT = 3.0
+# A motion goes astray on the asked grid that becomes so many times as slow: one
+# that passes something between the nodes, where rows join it, becomes ever slower.
+ASTRAY = 3.0
+# What a motion has to promise beyond the best one to be finished, as a share of T.
+PROMISE = 0.003
 # A timed guess this much slower than a motion that was found is not worth its time.
 TOO_SLOW = 1.4
-# How much slower a coarse motion may have to be, where it is all that there is.
-TIME_SCALINGS = (1.0, 1.01, 1.03, 1.1)
-# Share of the time that is allowed after which the first motion is replayed at once.
-LATE = 0.2
+# Instants at which motions are compared, and how near to each other the same ones are
+# [rad, or shares of the reach].
+SAMPLES = 12
+SAME = 0.05
+
+
+def suits(system: ProblemFunctions, options: Options) -> bool:
+    """Whether coarse grids are for a problem, and for these options."""
+    return (
+        options.method == "inverse"
+        and options.objective == "time"
+        and options.intervals >= LEAST_INTERVALS
+        and not system.parts
+    )
+
+
+def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
+    """Whether torques rule a motion along a guess, rather than speed limits."""
+    if not guess.timed:
+        return True
+    v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
+    used = speed_used(system.problem, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
+    return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
+
+
+def shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
+    """Configurations at even shares of the duration, scaled, shape (SAMPLES, n)."""
+    times = np.linspace(0.0, 1.0, SAMPLES) * motion.duration
+    q, _, _ = states(motion.t, motion.q, motion.v, motion.a, times)
+    return np.asarray(q / system.step_scale)
+
+
+def is_among(shape: Array, others: Iterable[Array]) -> bool:
+    """Whether a shape is that of one of other motions."""
+    return any(np.max(np.abs(shape - other)) < SAME for other in others)
+
+
+@dataclass(frozen=True, eq=False)
+class Rough:
+    """A motion on a coarse grid.
+
+    Attributes:
+        attempt: What led to it.
+        guess: What that began with.
+        shape: Its shape.
+        kept: Its program and iterate.
+    """
+
+    attempt: Attempt
+    guess: Guess
+    shape: Array
+    kept: Kept
+
+    @property
+    def duration(self) -> float:
+        """T on the coarse grid [s]; infinite if it is far from a motion."""
+        near = self.attempt.violation <= NEARLY
+        return self.attempt.trajectory.duration if near else np.inf
 
 
 class CoarseSearch:
     """Starts on coarse grids, and what is made of them.
 
+    Where torques rule, even intervals lose least; where speeds and obstacles do, short
+    ones at both ends. A weight on the variation of torques leads to better optima on
+    the coarse grid; on the fine one it costs 0.1 % of T. If the grid may follow the
+    motion anyway, torques get twice the intervals at once: that ends 0.1 to 0.5 % lower
+    (six goals).
+
     Args:
         system: The problem.
         options: Options of the plan.
         progress: Time limit and callback, and the duration of the best motion so far.
+        torques: Whether torques rule the motion.
 
     Attributes:
-        judge: What lets starts go, and remembers the motions that were found.
-        tried: What these and others began with.
+        known: Motions on coarse grids, all different.
+        ends: Shapes of the motions that were finished.
         loss: What the coarse grid costs, as a share of T.
         stopped: Whether it was time to stop.
     """
@@ -74,170 +163,165 @@ class CoarseSearch:
         torques: bool,
     ) -> None:
         self.system, self.options, self.progress = system, options, progress
-        self.grids = Grids.of(system, options, torques)
-        self.judge = StartJudge(system, progress)
-        self.tried: list[Guess] = []
+        self.coarse = replace(
+            options,
+            intervals=INTERVALS,
+            refine=None,
+            tolerance=max(options.tolerance, TOLERANCE),
+            max_iterations=min(options.max_iterations, ITERATIONS),
+        )
+        self.fine = replace(options, trust_region=RADIUS * options.trust_region)
+        if torques:
+            self.fine = replace(self.fine, smoothing=options.smoothing or 0.0)
+        if torques and system.alone:
+            self.coarse = replace(self.coarse, grid="uniform")
+            if options.refine == "auto":
+                most = min(TORQUE_INTERVALS, TORQUE_VARIABLES // system.n)
+                finer = max(options.intervals, min(2 * options.intervals, most))
+                self.fine = replace(self.fine, intervals=finer)
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
+        self.known: list[Rough] = []
+        self.ends: list[Array] = []
         self.stopped = False
+        self._tried: list[Guess] = []
         self._gains: list[float] = []
+        self._rows = self._joined = 0
 
     # -- on the coarse grid ------------------------------------------------------------
 
     def rough(self, guess: Guess) -> Rough | None:
         """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
-        if any(guess is one for one in self.tried):
+        if any(guess is one for one in self._tried):
             return None
-        self.tried.append(guess)
-        progress = self.progress
+        self._tried.append(guess)
+        progress, system = self.progress, self.system.first_tried
         progress.deadline.check()
-        system = self.system.first_tried
-        attempt = self._coarse(system, guess)
-        if attempt is None:
-            return None
-        first, last = progress.kept[0], progress.kept[-1]
-        touches = self._touches(attempt)
-        if touches and attempt.status not in STOPPED:
-            apart = self._parted(attempt, guess)
-            if apart is not None:
-                attempt, last = apart, progress.kept[-1]
-                touches = self._touches(attempt)
-        shape = shape_of(system, attempt.trajectory)
-        rough = Rough(attempt, guess, shape, last, first, touches)
-        if attempt.status in STOPPED:
-            self.stopped = True
-            self.judge.known.append(rough)
-            return None
-        if rough.duration == np.inf or self.judge.knows(rough.shape):
-            return None
-        self.judge.known.append(rough)
-        return rough
-
-    def _coarse(
-        self, system: ProblemFunctions, guess: Guess, radius: float = 1.0
-    ) -> Attempt | None:
-        """A guess, improved on the coarse grid with a share of the trust region."""
-        options, progress = self.grids.coarse, self.progress
-        options = replace(options, trust_region=radius * options.trust_region)
         progress.begin()
         overload = COARSE_OVERLOAD if self.options.refine == "auto" else OVERLOAD
         solve = partial(
-            solve_from_guess,
-            system,
-            options,
-            guess,
-            progress,
-            coarse=True,
-            overload=overload,
+            descend, system, self.coarse, guess, progress, overload=overload
         )
-        with progress.judged(self.judge.enough):
-            return guarded(system.problem, options, progress, guess.name, solve)
-
-    def _touches(self, attempt: Attempt) -> bool:
-        """Whether links of an arm that is alone are known to touch in a motion."""
-        alone = self.system.alone
-        return alone and links_touch(self.system.problem, attempt.trajectory)
-
-    def _parted(self, attempt: Attempt, guess: Guess) -> Attempt | None:
-        """A motion in which links touch, gone on with with rows for them.
-
-        On the coarse grid: the fine one begins with links that are clear then. None if
-        that leads nowhere.
-        """
-        former = self._former(attempt, guess)
-        apart = self._coarse(self.system, former, RADIUS)
-        if apart is None or apart.violation > NEARLY:
+        with progress.judged(self._let_go):
+            attempt = guarded(system.problem, self.options, progress, guess.name, solve)
+        if attempt is None:
             return None
-        return apart.after(attempt)
+        shape = shape_of(system, attempt.trajectory)
+        rough = Rough(attempt, guess, shape, progress.kept[-1])
+        self.stopped = attempt.status in STOPPED
+        if not self.stopped and (rough.duration == np.inf or self._knows(shape)):
+            return None
+        self.known.append(rough)
+        return None if self.stopped else rough
 
-    def _former(self, attempt: Attempt, guess: Guess) -> WarmStart:
-        """What a guess has led to, to go on from."""
-        former = warm_start(self.system, attempt.trajectory)
-        return replace(former, name=attempt.name, blocked=guess.blocked)
+    def _let_go(self, record: IterationRecord) -> Status | None:
+        """End a start that comes to nothing that is new or faster."""
+        count, rows = len(self.progress.records), self.progress.kept[-1].program.rows
+        if count <= 1 or rows.size != self._rows:
+            self._joined = count
+        self._rows = rows.size
+        if record.violation > NEARLY:
+            over = count - self._joined >= PATIENCE or record.radius < STUCK
+            return Status.STALLED if over else None
+        if self._outdone():
+            return Status.STALLED
+        program, iterate, _ = self.progress.kept[-1]
+        if not self.known:
+            return None
+        shape = shape_of(self.system, program.trajectory(iterate.z))
+        return Status.STALLED if self._knows(shape) else None
+
+    def _knows(self, shape: Array) -> bool:
+        return is_among(shape, (one.shape for one in self.known))
+
+    def _outdone(self) -> bool:
+        """Whether a start will end no faster than one that went before.
+
+        Iterations gain less and less: this one, several times more.
+        """
+        records = self.progress.records
+        if self.system.final_configuration is not None or not self.system.alone:
+            return False
+        best = min((one.duration for one in self.known), default=np.inf)
+        if best == np.inf or len(records) < 2:
+            return False
+        before, now = (record.duration for record in records[-2:])
+        left = LEFT * max(before - now, 0.0)
+        return now - left > (1.0 - PROMISE) * best
 
     # -- on the grid that is asked for -------------------------------------------------
 
     def finished(self, rough: Rough) -> Attempt | None:
         """Go on from a coarse motion on the grid that is asked for."""
-        system, fine, progress = self.system, self.grids.fine, self.progress
-        judge = self.judge
-        early = self._secured(rough)
+        system, progress, former = self.system, self.progress, rough.attempt
         progress.begin()
-        former = rough.attempt
-        # A finer motion would touch, too.
-        progress.links_touched = rough.touches or former.apart
-        guess = self._former(former, rough.guess)
-        solve = partial(solve_and_verify, system, fine, guess, progress)
-        with progress.judged(judge.of_finish(rough)):
-            attempt = guarded(system.problem, fine, progress, former.name, solve)
-        if progress.let_go and judge.ends:
+        guess = warm_start(system, former.trajectory)
+        guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
+
+        def astray(record: IterationRecord) -> Status | None:
+            slow = record.duration > ASTRAY * rough.duration
+            return Status.STALLED if slow or self._comes_back(record) else None
+
+        solve = partial(descended, system, self.fine, guess, progress)
+        with progress.judged(astray):
+            attempt = guarded(system.problem, self.fine, progress, former.name, solve)
+        if attempt is None or (progress.let_go and self.ends):
             return None
-        if attempt is None or progress.let_go:
-            return early if early is not None and early.found else None
         attempt = attempt.after(former)
         self.stopped = attempt.status in STOPPED
-        if self.stopped and not attempt.found and progress.best == np.inf:
-            early = early or self._replayed(rough)
-        if early is not None and early.found and not attempt.found:
-            status, history = attempt.status, attempt.history
-            attempt = replace(early, status=status, history=history)
         if attempt.found:
             self._gains.append(rough.duration / attempt.duration - 1.0)
-            judge.ends.append(shape_of(system, attempt.trajectory))
+            self.ends.append(shape_of(system, attempt.trajectory))
+        elif self.stopped and progress.best == np.inf:
+            attempt = self._replayed(rough, attempt.status)
         progress.best = min(progress.best, attempt.duration)
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
         return attempt
 
-    def _secured(self, rough: Rough) -> Attempt | None:
-        """The coarse motion, replayed, where there may be no time to go on from it.
+    def _comes_back(self, record: IterationRecord) -> bool:
+        """Whether one comes to a motion which was finished before, or near it.
 
-        A plan that takes long is known by what it took so far, or by links that have to
-        be parted, which takes several times as long; without a limit for the time there
-        is enough of it. None where that is not so.
+        Among obstacles it may still get away from there, and past them.
         """
         progress = self.progress
-        long = progress.share_used >= LATE
-        apart = self.system.alone and (rough.touches or rough.attempt.apart)
-        long = long or (apart and progress.left is not None)
-        if not long or progress.best < np.inf:
-            return None
-        early = self._replayed(rough)
-        if early.verification is not None:
-            progress.replayed(early.verification.seconds)
-        return early
+        faster = record.duration < (1.0 - PROMISE) * progress.best
+        if (
+            not self.ends
+            or faster
+            or record.violation > NEARLY
+            or not self.system.alone
+        ):
+            return False
+        program, iterate, _ = progress.kept[-1]
+        return is_among(shape_of(self.system, program.trajectory(iterate.z)), self.ends)
 
     def saved(self) -> Iterator[Attempt]:
         """What there is when it is time to stop: the best coarse motion, replayed."""
-        known = self.judge.known
-        if not known or self.progress.best < np.inf:
-            return
-        last = known[-1].attempt
-        ended = last.status if last.status in STOPPED else Status.TIME_LIMIT
-        best = min(known, key=lambda one: (one.attempt.duration, one.duration))
-        yield replace(self._replayed(best), status=ended)
+        if self.known and self.progress.best == np.inf:
+            best = min(self.known, key=lambda one: one.duration)
+            ended = self.progress.cut_short or Status.TIME_LIMIT
+            yield self._replayed(best, ended)
 
-    def _replayed(self, rough: Rough) -> Attempt:
-        """A coarse motion, as slow as it has to be for its replay to be all right.
+    def _replayed(self, rough: Rough, status: Status) -> Attempt:
+        """A coarse motion, as slow as it has to be, replayed in a little time."""
+        attempt = replace(rough.attempt, status=status)
+        slow = slowed_down(rough.kept)
+        if attempt.found or slow is None:
+            return attempt
+        attempt = replace(attempt, layout=None, feasible=True)
+        with self.progress.saving():
+            try:
+                for factor in TIME_SCALINGS:
+                    z = slow.program.stretch(slow.iterate.z, factor)
+                    tried = replace(attempt, trajectory=slow.program.trajectory(z))
+                    attempt = tried.verified(self.system.problem, self.options)
+                    if attempt.found:
+                        break
+            except (Stop, KeyboardInterrupt) as stop:
+                self.progress.stopped(stop)
+                attempt = replace(attempt, verification=None)
+        return attempt
 
-        Where links touch in it that is none: then what it began with is slowed down.
-        """
-        program, iterate, _ = rough.kept
-        attempt = rough.attempt
-        if attempt.verification is not None and attempt.found:
-            return attempt
-        factors: tuple[float, ...] = TIME_SCALINGS
-        if rough.touches:
-            program, iterate, _ = slower = slowed_down(rough.begun) or rough.kept
-            attempt = replace(attempt, feasible=slower is not rough.kept)
-            factors = (1.0,)
-        with self.progress.saving(), contextlib.suppress(Stop):
-            for factor in factors:
-                motion = program.trajectory(program.stretch(iterate.z, factor))
-                slow = replace(attempt, trajectory=motion, layout=None)
-                attempt = slow.verified(self.system.problem, self.options)
-                if attempt.found:
-                    break
-            return attempt
-        return replace(attempt, unconfirmed=True)  # there was no time for all of it
+    # -- what is compared --------------------------------------------------------------
 
     def descents(self, guesses: Iterable[Guess], wanted: int) -> Iterator[Attempt]:
         """The first motions of a plan.
@@ -249,7 +333,7 @@ class CoarseSearch:
         """
         source = iter(guesses)
         for guess in itertools.islice(source, wanted):
-            best = min((one.duration for one in self.judge.known), default=np.inf)
+            best = min((one.duration for one in self.known), default=np.inf)
             if guess.timed and guess.duration > TOO_SLOW * best:
                 continue
             self.rough(guess)
@@ -257,7 +341,7 @@ class CoarseSearch:
                 break
         tried: list[Rough] = []
         while not self.stopped:
-            left = [rough for rough in self.judge.known if rough not in tried]
+            left = [rough for rough in self.known if rough not in tried]
             for rough in sorted(left, key=lambda one: one.duration):
                 tried.append(rough)
                 attempt = self.finished(rough)
@@ -270,12 +354,6 @@ class CoarseSearch:
                 return
             self.rough(further)
         yield from self.saved()
-
-    def know(self, attempt: Attempt) -> None:
-        """Have a motion that was found elsewhere stand for what coarse grids cost."""
-        rough = self.rough(Guess.of_motion(attempt.name, attempt.trajectory))
-        if rough is not None:
-            self._gains.append(rough.duration / attempt.duration - 1.0)
 
     def compare(self) -> None:
         """Have starts promise only what is less than the coarse motions so far.

@@ -31,7 +31,8 @@ from tominpmp.planner.control_period_outcome import (
     succeeded,
 )
 from tominpmp.planner.control_period_segments import Course, Knots
-from tominpmp.planner.direct_solve import NEARLY, SMOOTHING_SHARE
+from tominpmp.planner.descent import SMOOTHING_SHARE
+from tominpmp.planner.first_program import rested
 from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
@@ -40,7 +41,6 @@ from tominpmp.solvers.rounds import FAR, solve_in_rounds
 from tominpmp.solvers.slp import SlpSolver
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
-from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.grid import Ticks, ticks_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
@@ -78,16 +78,6 @@ def searching(options: Options) -> Options:
     if options.control_period is None or limit is None:
         return options
     return replace(options, max_planning_time=SEARCH_SHARE * limit)
-
-
-def puts_off_replays(options: Options) -> bool:
-    """Whether motions of the search without a clock need no replay of their own.
-
-    What leaves is another motion, made of the best of them, and that is replayed. Where
-    time is limited there may be none in the end, and what was found has to be known to
-    hold.
-    """
-    return options.control_period is not None and options.max_planning_time is None
 
 
 def on_clock(
@@ -128,7 +118,7 @@ def on_clock(
         outcome = Clocked(progress.stopped(stop))
     solution = replace(solution, history=tuple(history), planning_time=progress.seconds)
     if outcome.trajectory is None:
-        return failed(_replayed(solution, progress), outcome, period)
+        return failed(solution, outcome, period)
     try:
         status, promise = status_on_clock(solution, outcome, period)
     except (Stop, KeyboardInterrupt) as stop:
@@ -137,22 +127,6 @@ def on_clock(
     better = status is Status.CONVERGED and solution.status is not status
     remark = "" if better else f"{remark} {promise}".strip()
     return succeeded(solution, outcome, remark, period, status)
-
-
-def _replayed(solution: Solution, progress: Progress) -> Solution:
-    """The solution with the replay of its motion, if that was put off."""
-    motion, problem = solution.trajectory, solution.problem
-    if solution.verification is not None or motion is None:
-        return solution
-    try:
-        verification = verify(
-            problem, motion, solution.options.tolerances, checker=problem.checker
-        )
-    except (Stop, KeyboardInterrupt) as stop:
-        progress.stopped(stop)
-        return solution
-    progress.in_vain = not verification.ok
-    return replace(solution, verification=verification, planning_time=progress.seconds)
 
 
 def _numbered(
@@ -367,8 +341,7 @@ def _solve(
         smoothing = SMOOTHING_SHARE * ticks.duration
     callback.goal = ticks.duration
     lp = make_solver(options.lp_solver)
-    program, z = knots.program(system)
-    program = exchanged(program, z, -NEARLY) or program
+    program, z = rested(*knots.program(system))
 
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None

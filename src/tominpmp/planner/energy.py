@@ -18,7 +18,12 @@ from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
-from tominpmp.planner.direct_solve import NEARLY, first_program, segmented_program
+from tominpmp.planner.first_program import (
+    Begun,
+    first_program,
+    rested,
+    segmented_program,
+)
 from tominpmp.planner.later_stage import Former, Over, bettered, made
 from tominpmp.solution import Solution
 from tominpmp.solvers.energy import EnergySolver
@@ -26,7 +31,6 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
 from tominpmp.status import Status
 from tominpmp.transcription.bspline import DEGREES
-from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.layout import QUADRATIC, Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -40,8 +44,6 @@ FINER = 2
 SLOWER_TRIALS = 6
 UNITS = {"torque_squared": "N^2 m^2 s", "work": "J"}
 NO_CHEAPER = "none of less cost was found."
-# A program, and where it begins.
-Begun = tuple[NonlinearProgram, Array]
 
 
 def economical(solution: Solution, options: Options) -> Solution:
@@ -190,8 +192,7 @@ def _taken_up(system: ProblemFunctions, options: Options, former: Trajectory) ->
         split = np.zeros(of.intervals, dtype=bool)
         split[longest[: options.intervals - of.intervals]] = True
         of, z = split_intervals(of, z, split)
-    program = NonlinearProgram.of(of).at(z)
-    return exchanged(program, z, -NEARLY) or program, z
+    return rested(NonlinearProgram.of(of).at(z), z)
 
 
 def _as_slow_as_is_best(solver: EnergySolver, z: Array) -> Array:

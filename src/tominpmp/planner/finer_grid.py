@@ -1,4 +1,4 @@
-"""The last stage of a search: the grid of the best motion follows its bends.
+"""Finer grids: the grid of the best motion follows its bends.
 
 A grid that was chosen before anything was known of the motion costs time where torques
 switch inside an interval, where what runs to its limit gets there at one instant of it
@@ -18,14 +18,11 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import LpSolver, make_solver
-from tominpmp.motion.trajectory import Trajectory
+from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.continuation import SPEED_SHARE, speed_share
-from tominpmp.planner.direct_solve import SMOOTHING_SHARE, by_squares
+from tominpmp.planner.attempt import Attempt, fastest
+from tominpmp.planner.descent import repaired
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.ramps import time_at_speed_limits
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
@@ -36,11 +33,8 @@ from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import (
-    QUADRATIC,
     Gridded,
-    Layout,
     split_intervals,
 )
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -48,14 +42,12 @@ from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# What further rounds promise together is half of what this one did, at most; as much as
-# this one did where accelerations are constant, whose error falls with their lengths.
-FALLS, FALLS_OF_CONSTANT = 2.0, 1.0
+# What further rounds promise together is half of what this one did, at most.
+FALLS = 2.0
 # Slowing down cures a violation of this much, and costs no more than half of it.
 CURABLE = 3e-4
-# Programs that all rounds together may take at least, on the first grid; and how much
-# more of everything where accelerations are constant: they need more intervals.
-LEAST_PROGRAMS, MORE_FOR_CONSTANT = 16, 2.0
+# Programs that all rounds together may take at least.
+LEAST_PROGRAMS = 16
 # Iterations on a grid; and at most, where violations are left that slowing down does
 # not cure: without them all that was gained would be lost.
 ITERATIONS, MOST_ITERATIONS = 8, 20
@@ -73,9 +65,8 @@ class Thrift:
             this share of T: most of the gain comes with the first step.
         gain: Motions that gain less than this share of T are not worth a replay.
         rounds: Rounds of halving.
-        work: What the programs of all rounds may take together, in intervals of
-            programs, to what the search took. A round that has used it up ends with
-            what it has, and is the last.
+        work: Programs of all rounds together, to those of the search. A round that has
+            used them up ends with what it has, and is the last.
         bends: Intervals are halved that have this share of all bends, with their
             lengths, together.
     """
@@ -98,7 +89,6 @@ def on_finer_grid(
     options: Options,
     progress: Progress,
     attempts: Sequence[Attempt],
-    thrift: Thrift = USUAL,
 ) -> Iterator[Attempt]:
     """Go on with the best motion on a grid of its own, if that pays.
 
@@ -107,32 +97,33 @@ def on_finer_grid(
         options: Options of the plan.
         progress: Time limit and callback.
         attempts: What was found.
-        thrift: What it must bring, and may take.
 
     Yields:
         The motion on a finer grid, if it is faster.
     """
-    if options.refine != "auto" or options.objective != "time":
+    best = fastest(attempts)
+    if best is None or best.status in STOPPED:
         return
-    found = [attempt for attempt in attempts if attempt.found]
-    if not found:
+    if best.layout is None:
+        if options.refine == "grid":
+            way = f"method {options.method!r}"
+            remark = f"It was not refined: that is not done for {way}."
+            yield replace(best, history=(), remark=f"{best.remark} {remark}".strip())
         return
-    best = min(found, key=lambda attempt: attempt.duration)
-    if best.status in STOPPED:
-        return
-    if best.taken_over and speed_share(best.trajectory, problem) > SPEED_SHARE:
-        return
+    thrift = USUAL if options.refine == "auto" else LAVISH
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    if nothing_to_gain(system, best.trajectory, thrift.worth):
-        return
     progress.share(1)
     progress.begin()
     made = sum(r.programs for attempt in attempts for r in attempt.history)
     programs = max(thrift.work * made, LEAST_PROGRAMS)
-    if best.trajectory.degree == QUADRATIC:
-        programs *= MORE_FOR_CONSTANT
-    work = Work(programs * (best.trajectory.t.size - 1), thrift)
-    solve = partial(refined, system, options, best, progress, work)
+
+    def make(tried: ProblemFunctions, _: int, __: Attempt | None) -> Attempt:
+        watch = Watch(progress, options, thrift, best.duration, programs)
+        return _refined(tried, options, best, watch) or best
+
+    # Links that rows have kept apart would touch without them.
+    progress.links_touched = best.apart
+    solve = partial(repaired, system, progress, make, repairs=0)
     faster = guarded(problem, options, progress, best.name, solve)
     # One that is cut short brings as much as one that is not, or nothing: a plan with
     # more time would have let go of less.
@@ -140,157 +131,76 @@ def on_finer_grid(
         yield faster
     elif progress.cut_short is not None:
         yield replace(best, history=(), status=progress.cut_short)
+    elif faster is None:
+        failure = type(progress.failures[-1]).__name__
+        remark = f"A later stage failed ({failure}), and this was kept."
+        yield replace(best, history=(), remark=f"{best.remark} {remark}".strip())
     progress.deadline.check()
 
 
-def nothing_to_gain(
-    system: ProblemFunctions, motion: Trajectory, worth: float = USUAL.worth
-) -> bool:
-    """Whether a joint needs nearly all of T for its way at its speed limit alone."""
-    least = time_at_speed_limits(system, motion)
-    return bool(least > (1.0 - worth) * motion.duration)
-
-
-class Work:
-    """What the programs of finer grids may take.
-
-    Args:
-        budget: Intervals of all programs together.
-        thrift: What it must bring.
-
-    Attributes:
-        done: How many there were.
-    """
-
-    def __init__(self, budget: float, thrift: Thrift) -> None:
-        self.budget, self.thrift, self.done = budget, thrift, 0.0
-
-    @property
-    def spent(self) -> bool:
-        """Whether it is used up."""
-        return self.done >= self.budget
-
-
-def refined(
-    system: ProblemFunctions,
-    options: Options,
-    attempt: Attempt,
-    progress: Progress,
-    work: Work,
-) -> Attempt | None:
-    """A motion on finer grids, replayed; None if that brings next to nothing.
-
-    Args:
-        system: The functions of the problem; those of an arm alone let its links touch
-            at first, unless the motion came of rows that keep them apart.
-        options: Options of the plan.
-        attempt: What led to the motion.
-        progress: Time limit and callback.
-        work: What may be done.
-    """
-    first = system if attempt.apart else system.first_tried
-    found = _refined(first, options, attempt, progress, work)
-    if first is system or found is None or not found.touches:
-        return found
-    again = Work(work.budget, work.thrift)
-    return _refined(system, options, attempt, progress, again)
-
-
 def _refined(
-    system: ProblemFunctions,
-    options: Options,
-    attempt: Attempt,
-    progress: Progress,
-    work: Work,
+    system: ProblemFunctions, options: Options, attempt: Attempt, watch: Watch
 ) -> Attempt | None:
-    layout = attempt.layout or Layout.of_motion(attempt.trajectory)
-    if layout is None:
-        return None
-    of, z = layout.taken_up(system, attempt.trajectory)
-    T, lp = attempt.duration, make_solver(options.lp_solver)
+    """A motion on finer grids, replayed; None if that brings next to nothing."""
+    assert attempt.layout is not None  # noqa: S101
+    of, z = attempt.layout.taken_up(system, attempt.trajectory)
     best: tuple[NonlinearProgram, SlpResult] | None = None
-    thrift, rows, lean = work.thrift, attempt.rows, False
-    reached = kept = T
+    thrift, rows, reached = watch.thrift, attempt.rows, attempt.duration
     for _ in range(thrift.rounds):
         split = to_be_split(of, z, thrift.bends)
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
-        promise = Promise(progress, T, reached, work, of.intervals, options)
-        program, result = _solve(of, z, rows, options, lp, promise)
+        watch.begin()
+        program, result = _solve(of, z, rows, options, watch)
         found = result.best
-        logger.info("%d intervals: promise %.1e", of.intervals, promise.first)
-        if found is None or found.duration >= reached or (lean and promise.broken):
+        logger.info("%d intervals: promise %.1e", of.intervals, watch.first)
+        if found is None or found.duration >= reached:
             break
-        # What the first grid does not bring the next one may, which knows more bends.
-        lean = promise.broken
-        best, kept = (best, kept) if lean else ((program, result), found.duration)
+        best, reached = (program, result), found.duration
+        if watch.first < FALLS * thrift.worth or watch.spent:
+            break
         assert isinstance(program.transcription, Gridded)  # noqa: S101
-        reached = found.duration
-        little = promise.first < _falls(of) * thrift.worth
-        if little or work.spent:
-            break
         of, z = program.transcription, found.z
         rows = times_of_rows(program, z)
-    if best is None or kept > (1.0 - thrift.gain) * T:
+    if best is None or reached > (1.0 - thrift.gain) * attempt.duration:
         return None
-    return _attempt(system, options, attempt, best, progress)
+    history = tuple(watch.progress.records)
+    result = replace(best[1], status=attempt.status, history=history)
+    finer = Attempt.of(attempt.name, best[0], attempt.initial, result)
+    finer = replace(finer, remark=attempt.remark)
+    return finer.verified(system.problem, options)
 
 
-def _falls(of: Gridded) -> float:
-    """What a round has to promise for another one to be worth while, in its worth."""
-    constant = isinstance(of, InverseTranscription)
-    return FALLS_OF_CONSTANT if constant else FALLS
-
-
-def _attempt(
-    system: ProblemFunctions,
-    options: Options,
-    former: Attempt,
-    best: tuple[NonlinearProgram, SlpResult],
-    progress: Progress,
-) -> Attempt:
-    """What was found, replayed."""
-    history = tuple(progress.records)
-    result = replace(best[1], status=former.status, history=history)
-    attempt = Attempt.of(former.name, best[0], former.initial, result)
-    attempt = replace(attempt, remark=former.remark)
-    return attempt.verified(system.problem, options, later=progress.puts_off)
-
-
-class Promise:
-    """Callback that ends an iteration when no more is promised.
+class Watch:
+    """Callback that ends the iterations of a round when no more is promised.
 
     Args:
         progress: Is shown every record.
-        duration: T of the motion that has to be beaten [s].
-        begun: T of the motion that the iteration begins with [s].
-        work: What may be done.
-        intervals: Of the grid.
         options: Options of the plan.
+        thrift: What finer grids must bring, and may take.
+        duration: T of the motion that has to be beaten [s].
+        programs: How many all rounds may take.
 
     Attributes:
-        first: What the first step promised, as a share of T.
-        reached: T of the last iterate [s].
-        iterations: How many it has seen.
-        latest: Program and iterate of the motion that was kept last.
+        first: What the first step of the round promised, as a share of T.
     """
 
     def __init__(
         self,
         progress: Progress,
-        duration: float,
-        begun: float,
-        work: Work,
-        intervals: int,
         options: Options,
+        thrift: Thrift,
+        duration: float,
+        programs: float,
     ) -> None:
-        self.progress, self.duration = progress, duration
-        self.work, self.intervals = work, intervals
-        self.first, self.begun = np.nan, begun
-        self.reached, self.iterations = begun, 0
-        self.feasibility = options.feasibility
-        self.most = min(options.max_iterations, ITERATIONS)
+        self.progress, self.options, self.thrift = progress, options, thrift
+        self.duration, self.programs = duration, programs
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with a round."""
+        self.first, self.iterations = np.nan, 0
         self.latest: tuple[Program, Iterate] | None = None
 
     def __call__(self, record: IterationRecord) -> Status | None:
@@ -298,26 +208,20 @@ class Promise:
         status = self.progress(record)
         promised = record.predicted / self.duration
         left = promised - max(record.actual, 0.0) / self.duration
+        self.iterations += 1
         if np.isnan(self.first):
             self.first = promised
-        self.reached = record.duration
-        self.work.done += record.programs * self.intervals
-        self.iterations += 1
-        thrift = self.work.thrift
-        enough = left < thrift.enough or self.work.spent
-        enough = enough or self.iterations >= self.most
-        enough = enough and record.violation <= CURABLE and self.cured_by_time
-        enough = enough or self.first < thrift.worth
+        enough = left < self.thrift.enough or self.spent
+        enough = enough or self.iterations >= ITERATIONS
+        enough = enough and record.violation <= CURABLE and self._cured_by_time
+        enough = enough or self.first < self.thrift.worth
         return status or (Status.CONVERGED if enough else None)
 
     @property
-    def broken(self) -> bool:
-        """Whether less is left of it than is worth a replay.
-
-        Rows between the nodes, which make motions slower, are not looked for then.
-        """
-        least = max(self.reached, (1.0 - self.first) * self.begun)
-        return least > (1.0 - self.work.thrift.gain) * self.duration
+    def spent(self) -> bool:
+        """Whether the programs are used up."""
+        made = sum(record.programs for record in self.progress.records)
+        return made >= self.programs
 
     def keep(self, program: Program, iterate: Iterate) -> None:
         """See the best motion so far, or the present one, and have it kept."""
@@ -325,12 +229,12 @@ class Promise:
         self.progress.keep(program, iterate)
 
     @property
-    def cured_by_time(self) -> bool:
+    def _cured_by_time(self) -> bool:
         """Whether slowing down cures all that is violated: it parts nothing."""
         if self.latest is None:
             return True
-        program, iterate = self.latest
-        return cured(program, iterate, np.inf, self.feasibility) is not None
+        limit = self.options.feasibility
+        return cured(*self.latest, np.inf, limit) is not None
 
 
 def _solve(
@@ -338,14 +242,10 @@ def _solve(
     z: Array,
     rows: Mapping[str, Array],
     options: Options,
-    lp: LpSolver,
-    promise: Promise,
+    watch: Watch,
 ) -> tuple[NonlinearProgram, SlpResult]:
     """A few programs on a new grid, with the rows of distances that there were."""
-    smoothing = options.smoothing
-    if smoothing is None:
-        smoothing = 0.0 if of.system.alone else SMOOTHING_SHARE * float(of.cost @ z)
-    squares = by_squares(of.system, options)
+    lp, smoothing = make_solver(options.lp_solver), options.smoothing or 0.0
     few = replace(
         options,
         trust_region=RADIUS * options.trust_region,
@@ -356,16 +256,8 @@ def _solve(
     def solve(
         program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
     ) -> SlpResult:
-        promise.iterations = 0
-        solver = SlpSolver(program, options, smoothing, lp, promise, keep=promise.keep)
-        return replace(solver, squares=squares).run(z, after=after)
+        watch.iterations = 0
+        solver = SlpSolver(program, options, smoothing, lp, watch, keep=watch.keep)
+        return solver.run(z, after=after)
 
-    return solve_in_rounds(
-        program,
-        z,
-        few,
-        solve,
-        rough=False,
-        light=LIGHT,
-        over=lambda: promise.broken,
-    )
+    return solve_in_rounds(program, z, few, solve, rough=False, light=LIGHT)

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.planner.attempt import REFINEMENTS
+from tominpmp.planner.descent import REPAIRS
 from tominpmp.planner.rescue import NUMERICAL
 from tominpmp.solution import Solution
 from tominpmp.status import Status
@@ -107,7 +107,7 @@ def made(
     complete = ProblemFunctions.of(problem.alternative_of(former))
     system = complete.first_tried
     guess, found = taken(system, former), None
-    for refinement in range(1 + REFINEMENTS):
+    for refinement in range(1 + REPAIRS):
         motion, status = make(system, guess, intervals, over)
         if motion is None:
             break

@@ -29,10 +29,9 @@ from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_grids import suits
-from tominpmp.planner.continuation import outdone, solve_from_warm_start
-from tominpmp.planner.direct_solve import solve_and_verify
-from tominpmp.planner.judges import hopeless
+from tominpmp.planner.coarse_search import suits
+from tominpmp.planner.descent import descended, hopeless
+from tominpmp.planner.former_motion import outdone, solve_from_warm_start
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.planner.search import Remembered, Search, further_paths
@@ -156,8 +155,7 @@ def _from_guesses(
     make = guesses_of
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
-    moving = bool(system.problem.scene.moving)
-    searched = suits(system, options) and not moving
+    searched = suits(system, options)
     most = count.most
     if searched and not system.alone:
         most = max(most, count.usual + further_paths(system))
@@ -215,7 +213,7 @@ def _in_full(
         # The last one may take as long as it likes.
         judge = None
         if number + 1 < count.rescues and isinstance(guess, SegmentedGuess):
-            judge = hopeless(guess.duration, progress)
+            judge = hopeless(guess.duration)
         try:
             with progress.judged(judge):
                 attempt = source.solve(number, guess)
@@ -268,9 +266,7 @@ class _Source:
     def solve(self, number: int, guess: Guess) -> Attempt | None:
         """What a guess leads to."""
         self.progress.begin()
-        solve = partial(
-            solve_and_verify, self.system, self.options, guess, self.progress
-        )
+        solve = partial(descended, self.system, self.options, guess, self.progress)
         problem = self.system.problem
         return guarded(problem, self.options, self.progress, guess.name, solve)
 
@@ -385,7 +381,7 @@ def solve_alone(
         options = replace(options, max_planning_time=left)
     progress = Progress(options, first=number, asked=asked_to_stop)
     progress.begin()
-    solve = partial(solve_and_verify, system, options, guess, progress)
+    solve = partial(descended, system, options, guess, progress)
     with progress.deadline.in_force():
         attempt = guarded(system.problem, options, progress, guess.name, solve)
     return attempt, progress.failures

@@ -3,10 +3,9 @@
 An iteration ends when it makes no more progress, which proves nothing: rows of
 distances beside the nearest instants may hold it, a small trust region, or a padding
 that costs time. So the best motion is put to the test of its certificate. Where small
-changes of it promise too much it is improved, with rows of distances at the nearest
-instants, which follow it, and with less padding where that is what is to be gained.
-Only what passes is called locally optimal; else the status says which limit was
-reached, and the message how much small changes promise still.
+changes of it promise too much it is improved, with less padding where that is what is
+to be gained. Only what passes is called locally optimal; else the status says which
+limit was reached, and the message how much small changes promise still.
 """
 
 from __future__ import annotations
@@ -18,30 +17,32 @@ from functools import partial
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.certificate.clearances import CLOSE
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.direct_solve import SMOOTHING_SHARE
-from tominpmp.planner.following import Budget, Following
+from tominpmp.planner.attempt import Attempt, fastest
+from tominpmp.planner.first_program import rested
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.slp import ACCURACY
-from tominpmp.status import STOPPED, Status
+from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.solvers.slp import ACCURACY, SlpSolver
+from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.transcription.distance_rows import with_rows_at
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# Rounds of going on, each of which ends with a look at the motion, and iterations of
-# those that do not follow it.
-ROUNDS, ITERATIONS = 4, 25
+# Rounds of going on, each of which ends with a look at the motion; their iterations,
+# and their trust region as a share of the usual one.
+ROUNDS, ITERATIONS, RADIUS = 4, 25, 0.1
 # Iterations that there may be in any case.
 FEWEST = 60
 # Iterations at most for a motion that is longer than any by this share of T at most.
@@ -49,10 +50,10 @@ FEW, NEARLY_THERE = 10, 0.03
 # Where the padding of distances is worth this share of the promise, this much of it is
 # left for the next round.
 PADDING_SHARE, LESS_PADDING = 0.3, 0.3
-# Replays of a motion that was found, each with rows where the last one came nearest.
-CLOSER_LOOKS = 4
-# Rounds in a row that may bring next to nothing: this share of T.
-IDLE, LITTLE = 1, 5e-4
+# Replays of a motion that was found, each with rows where the last one broke limits.
+CLOSER_LOOKS = 3
+# A round has brought next to nothing that brings no more than this share of T.
+LITTLE = 5e-4
 # What small changes may promise, as a share of T, where effort is "thorough".
 THOROUGH = 1e-3
 # A motion is gone on with that small changes promise more than this share of T of,
@@ -62,9 +63,6 @@ WORTH_A_TRY = 5e-3
 # Where nothing comes near, a last step that promised less than this share of the
 # tolerance, if it is taken as far as the certificate does, is proof enough.
 CLEARLY = 0.3
-# Weight of the total variation, as a share of T and of the tolerance: what it costs is
-# less than that.
-SMOOTHING = 1e-2
 
 
 def certified(
@@ -87,11 +85,8 @@ def certified(
     Yields:
         The motion, or one that is faster, with the status that it deserves.
     """
-    found = [attempt for attempt in attempts if attempt.found]
-    if options.objective != "time" or not found or stays_where_it_moves(problem):
-        return
-    best, tolerance = min(found, key=_duration), tolerance_of(options)
-    if best.status in STOPPED:
+    best, tolerance = fastest(attempts), tolerance_of(options)
+    if best is None or best.status in STOPPED or stays_where_it_moves(problem):
         return
     if best.status is Status.CONVERGED and clearly(problem, options, best, tolerance):
         return
@@ -124,10 +119,6 @@ def certified(
 def tolerance_of(options: Options) -> float:
     """What small changes of a motion that is called optimal may promise, in T."""
     return THOROUGH if options.effort == "thorough" else TOLERANCE
-
-
-def _duration(attempt: Attempt) -> float:
-    return attempt.duration
 
 
 def clearly(
@@ -169,6 +160,36 @@ def _anything_near(problem: Problem, attempt: Attempt) -> bool:
     return judged.min_clearance < margin + close
 
 
+class Budget:
+    """Callback that ends iterations when there have been enough.
+
+    Args:
+        progress: Is shown every record.
+        limit: So many iterations are enough.
+
+    Attributes:
+        used: Iterations so far.
+    """
+
+    def __init__(self, progress: Progress, limit: int) -> None:
+        self.progress, self.limit, self.used = progress, limit, 0
+
+    @property
+    def spent(self) -> bool:
+        """Whether there have been enough."""
+        return self.used >= self.limit
+
+    def allow(self, more: int) -> None:
+        """Have so many left at least."""
+        self.limit = max(self.limit, self.used + more)
+
+    def __call__(self, record: IterationRecord) -> Status | None:
+        """See a record; a status ends the iteration."""
+        self.used += 1
+        status = self.progress(record)
+        return status or (Status.ITERATION_LIMIT if self.spent else None)
+
+
 class Settling:
     """Improves a motion until its certificate accepts it.
 
@@ -191,26 +212,20 @@ class Settling:
         self.system, self.progress = system, progress
         self.tolerance, self.padding = tolerance, 1.0
         self.budget = Budget(progress, iterations)
-        smoothing = options.smoothing
-        if smoothing is None:
-            smoothing = min(SMOOTHING_SHARE, SMOOTHING * tolerance)
-        # Their sum takes three times the columns, which fine grids have too many of.
-        curved = make_solver(options.lp_solver).curved
-        self.squares = curved and options.smoothing is None
-        self.options = replace(options, smoothing=smoothing)
+        self.options = options
 
     def run(self, attempt: Attempt) -> Attempt:
         """The motion, or a faster one, with the status that it deserves."""
         best, seen = attempt, self.examine(attempt)
         layout = attempt.layout or Layout.of_motion(attempt.trajectory)
-        idle, budget = 0, self.budget
+        gain, budget = np.inf, self.budget
         for _ in range(ROUNDS):
-            if self._enough(seen) or layout is None or idle > IDLE or budget.spent:
+            spent = self._spend_padding(seen)
+            idle = gain <= LITTLE and not spent
+            if self._enough(seen) or layout is None or idle or budget.spent:
                 break
-            self._spend_padding(seen)
-            further = self._further(best, layout, follow=not idle)
+            further = self._further(best, layout)
             gain = 1.0 - further.duration / best.duration
-            idle = 0 if gain > LITTLE else idle + 1
             if gain > self.tolerance:
                 # The search had not come to its end.
                 budget.allow(min(FEWEST, self.options.max_iterations))
@@ -235,38 +250,59 @@ class Settling:
         logger.info("T %.5f s, small changes promise %.1e", attempt.duration, promise)
         return seen
 
-    def _spend_padding(self, seen: Findings) -> None:
-        """Leave less padding where that is what is to be gained."""
+    def _spend_padding(self, seen: Findings) -> bool:
+        """Leave less padding where that is what is to be gained; whether it is."""
         if seen.found is None:
-            return
+            return False
         given = seen.found.multipliers
         gained = float(given.promise[given.of("clearance")].sum())
-        if gained > PADDING_SHARE * max(seen.certificate.stationarity, self.tolerance):
+        promised = max(seen.certificate.stationarity, self.tolerance)
+        spent = gained > PADDING_SHARE * promised
+        if spent:
             self.padding *= LESS_PADDING
+        return spent
 
-    def _further(self, best: Attempt, layout: Layout, *, follow: bool) -> Attempt:
-        """A faster motion, replayed; the same where there is none.
-
-        Where following has brought nothing, rows that stay where they are may: corners
-        that pass within a fraction of a millimetre are no matter for small steps.
-        Motions of several segments are not followed.
-        """
-        of, z = layout.taken_up(self.system, best.trajectory)
-        own = self.budget, self.padding, self.squares
-        following = Following(of, self.options, *own)
-        if follow and not self.system.problem.segments:
-            program, result = following.run(z)
-        else:
-            program, result = following.settled(following.plain(z), z, ITERATIONS)
-        for look in range(CLOSER_LOOKS):
-            if look:
-                # What passes fast may come too close between all rows.
-                program, result = following.looked_closer(program, result)
-            if result.best is not None:
-                attempt = self._replayed(best, program, result)
-                if attempt is None or attempt.found:
-                    return attempt or best
+    def _further(self, best: Attempt, layout: Layout) -> Attempt:
+        """A faster motion, replayed; the same where there is none."""
+        system = self.system.padded(self.padding)
+        of, z = layout.taken_up(system, best.trajectory)
+        program, z = rested(NonlinearProgram.of(of).at(z), z)
+        for _ in range(CLOSER_LOOKS):
+            program, result = self._solved(program, z)
+            if result.best is None:
+                return best
+            attempt = self._replayed(best, program, result)
+            if attempt is None or attempt.found:
+                return attempt or best
+            # What passes fast may come too close between all rows.
+            z = result.best.z
+            assert attempt.verification is not None  # noqa: S101
+            times = np.array([item.time for item in attempt.verification.violations])
+            gradual = (block.name for block in program.blocks if block.gradual)
+            program = with_rows_at(program, z, dict.fromkeys(gradual, times))
+            self.budget.allow(min(ITERATIONS, self.options.max_iterations))
         return best
+
+    def _solved(
+        self, program: NonlinearProgram, z: Array
+    ) -> tuple[NonlinearProgram, SlpResult]:
+        """Some iterations, with rows where they show some to be missing."""
+        options, keep = self.options, self.budget.progress.keep
+        lp = make_solver(options.lp_solver)
+        near = replace(
+            options,
+            trust_region=RADIUS * options.trust_region,
+            max_iterations=min(ITERATIONS, options.max_iterations),
+        )
+        smoothing = options.smoothing or 0.0
+
+        def solve(
+            program: NonlinearProgram, z: Array, few: Options, after: SlpResult | None
+        ) -> SlpResult:
+            solver = SlpSolver(program, few, smoothing, lp, self.budget, keep=keep)
+            return solver.run(z, after=after)
+
+        return solve_in_rounds(program, z, near, solve, rough=False)
 
     def _replayed(
         self, best: Attempt, program: NonlinearProgram, result: SlpResult
@@ -274,8 +310,7 @@ class Settling:
         """What has come of a motion, replayed; None if it is no faster."""
         found = Attempt.of(best.name, program, best.initial, result)
         found = replace(found, remark=best.remark, history=())
-        # The duration of what is no motion is infinite.
-        if not found.duration < best.duration:
+        if not (found.feasible and found.trajectory.duration < best.duration):
             return None
         return found.verified(self.system.problem, self.options)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
@@ -16,23 +16,17 @@ from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.alternatives import attempts_of_alternatives
-from tominpmp.planner.attempt import TIE, Attempt
+from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.barriers import find_barrier
 from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
-from tominpmp.planner.continuation import continued
-from tominpmp.planner.control_period import (
-    on_clock,
-    puts_off_replays,
-    searching,
-)
+from tominpmp.planner.control_period import on_clock, searching
 from tominpmp.planner.energy import economical
+from tominpmp.planner.exact_switches import with_exact_switches
 from tominpmp.planner.finer_grid import on_finer_grid
-from tominpmp.planner.moving_search import search_among_moving
 from tominpmp.planner.multistart import make_attempts
 from tominpmp.planner.optimality import certified
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.replays import all_replayed, not_waiting, replayed, replays_last
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.thorough import thorough_search
@@ -81,22 +75,12 @@ def plan(
     if asked.energy_weight:
         # The fastest motion is where the search for the best one begins, no more.
         options = replace(options, energy_weight=0.0, refine=None, effort="quick")
-    progress = Progress(
-        searching(options),
-        puts_off=puts_off_replays(options),
-        replays_last=replays_last(options),
-    )
+    progress = Progress(searching(options))
     with progress.deadline.in_force():
         solution = _plan(problem, options, progress, start)
         if asked.energy_weight and solution.status not in STOPPED:
             return with_remarks(economical(solution, asked), progress)
-    if not progress.in_vain or progress.deadline.requested:
-        return solution
-    # The search ended with a motion whose replay was put off, and has failed since.
-    again = Progress(searching(options))
-    with again.deadline.in_force():
-        solution = _plan(problem, options, again, start)
-    return replace(solution, planning_time=progress.seconds)
+    return solution
 
 
 def _plan(
@@ -123,7 +107,6 @@ def _plan(
     if not attempts and progress.failures:
         raise progress.failures[0]
     with progress.saving():
-        attempts = all_replayed(problem, options, progress, attempts)
         solution = conclude(problem, options, progress, attempts, status)
     progress.extend(options.max_planning_time)
     if options.control_period is not None:
@@ -155,61 +138,69 @@ def _attempts(
         yield attempt
         if options.objective == "feasible" and attempt.found:
             return
-    stages = partial(_of_one, problem, options, progress)
     searched = tuple(attempts)
-    for attempt in _last_stages(problem, options, progress, searched):
+    for attempt in improved(problem, options, progress, searched):
         attempts.append(attempt)
         yield attempt
-    if options.starts is not None:
-        for leader in former_leaders(searched):
-            for attempt in stages(leader):
-                attempts.append(attempt)
-                yield attempt
-    for attempt in search_among_moving(problem, options, progress, attempts, stages):
-        attempts.append(attempt)
-        yield attempt
+
+    def stages(attempt: Attempt) -> Iterator[Attempt]:
+        return improved(problem, options, progress, [attempt])
+
     yield from thorough_search(problem, options, progress, attempts, stages)
 
 
-def _last_stages(
+class Improvement(NamedTuple):
+    """What is made of the best motion of a search.
+
+    Attributes:
+        name: Its name.
+        wanted: Whether options ask for it.
+        improve: Yields faster motions, or the best one with the status it deserves.
+        brings: What it brings by ``python -m benchmarks.ablation``.
+    """
+
+    name: str
+    wanted: Callable[[Options], bool]
+    improve: Callable[
+        [Problem, Options, Progress, Sequence[Attempt]], Iterator[Attempt]
+    ]
+    brings: str
+
+
+IMPROVEMENTS = (
+    Improvement(
+        "exact switches",
+        lambda options: options.refine == "switching",
+        with_exact_switches,
+        "known optima of small arms to 1e-6 of T",
+    ),
+    Improvement(
+        "finer grid",
+        lambda options: options.refine is not None,
+        on_finer_grid,
+        "0.1 to 0.5 % of T",
+    ),
+    Improvement(
+        "certificate",
+        lambda options: True,
+        certified,
+        "0.1 % of T among obstacles, and the status CONVERGED",
+    ),
+)
+
+
+def improved(
     problem: Problem, options: Options, progress: Progress, found: Sequence[Attempt]
 ) -> Iterator[Attempt]:
-    """What is made of the best motions of a search."""
+    """What is made of the best motion of a search, or of a single one."""
+    if options.objective != "time":
+        return
     attempts = list(found)
-    for attempt in continued(problem, options, progress, attempts):
-        attempts.append(attempt)
-        yield attempt
-    for attempt in on_finer_grid(problem, options, progress, attempts):
-        attempts.append(attempt)
-        yield attempt
-    for attempt in replayed(problem, options, progress, attempts):
-        attempts = [*not_waiting(attempts), attempt]
-        yield attempt
-    if not progress.in_vain:
-        yield from certified(problem, options, progress, attempts)
-
-
-def _of_one(
-    problem: Problem, options: Options, progress: Progress, attempt: Attempt
-) -> Iterator[Attempt]:
-    return _last_stages(problem, options, progress, [attempt])
-
-
-def former_leaders(searched: Sequence[Attempt]) -> list[Attempt]:
-    """Motions that were the best when they were found, and nearly are in the end.
-
-    The last stages may make the faster one of one of them. Fewer starts would have
-    ended with it, and more are to lead to nothing slower.
-
-    Args:
-        searched: What a search has led to, in that order.
-    """
-    leaders: list[Attempt] = []
-    for attempt in searched:
-        if attempt.found and (not leaders or attempt.duration < leaders[-1].duration):
-            leaders.append(attempt)
-    nearly = (1.0 + TIE) * leaders[-1].duration if leaders else 0.0
-    return [one for one in leaders[:-1] if one.duration <= nearly]
+    for improvement in IMPROVEMENTS:
+        if improvement.wanted(options):
+            for attempt in improvement.improve(problem, options, progress, attempts):
+                attempts.append(attempt)
+                yield attempt
 
 
 def _interrupted(solution: Solution) -> Solution:

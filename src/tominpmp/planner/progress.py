@@ -72,12 +72,6 @@ class Progress:
         let_go: Whether the judge of the present attempt has ended it for good.
         cut_short: How the present attempt was stopped; None if it was not.
         failures: What went wrong with attempts that have led to nothing.
-        puts_off: Whether motions need no replay yet, as one on the clock of a
-            controller is made of them, which is replayed.
-        in_vain: Whether there is no such motion, and the replay that was put off has
-            failed.
-        replays_last: Whether a motion that nothing is looked for beyond is replayed
-            once it is known that no finer grid takes its place.
     """
 
     def __init__(
@@ -86,8 +80,6 @@ class Progress:
         *,
         first: int = 0,
         asked: Callable[[], bool] | None = None,
-        puts_off: bool = False,
-        replays_last: bool = False,
     ) -> None:
         self.start = first
         self.best = np.inf
@@ -99,8 +91,6 @@ class Progress:
         self.let_go = False
         self.cut_short: Status | None = None
         self.failures: list[Exception] = []
-        self.puts_off, self.in_vain = puts_off, False
-        self.replays_last = replays_last
         self._judges: list[Judge] = []
         self._bounds: list[tuple[Problem, LowerBound]] = []
         self._starts = first

@@ -107,12 +107,12 @@ def _rescued(
             result = SlpResult(status, item.iterate, best, tuple(progress.records))
             try:
                 attempt = Attempt.of(name, item.program, initial, result)
-                last = last or replace(attempt, unconfirmed=item.feasible)
+                last = last or attempt
                 attempt = attempt.verified(problem, options)
             except (Stop, KeyboardInterrupt) as again:
                 progress.stopped(again)
                 # That one was refuted says nothing of those there was no time for.
-                return last and replace(last, unconfirmed=item.feasible)
+                return last and replace(last, verification=None)
             except (*NUMERICAL, TominpmpError) as error:
                 logger.warning("what was found could not be replayed: %r", error)
                 continue

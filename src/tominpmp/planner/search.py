@@ -16,16 +16,15 @@ from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_grids import torques_rule
-from tominpmp.planner.coarse_search import CoarseSearch
-from tominpmp.planner.direct_solve import GAP
+from tominpmp.planner.coarse_search import NEARLY, CoarseSearch, torques_rule
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.rough_motions import NEARLY
 from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
+# A motion is not searched on from that is at most this much above what none can beat.
+GAP = 0.03
 # Arms with so many joints at most are searched on where nothing is in their way: they
 # may swing, or turn their elbow over. How many detours are tried at least.
 FEW_JOINTS, DETOURS = 3, 6
@@ -121,45 +120,20 @@ class Search:
         Args:
             solve: Improves a guess on the grid that is asked for.
         """
-        begun = self._begin()
-        if begun is None:
+        system, options, progress = self.system, self.options, self.progress
+        guesses = list(itertools.islice(self.guesses.since(0), self.wanted))
+        if not guesses:
             return
-        first, torques, coarse = begun
+        first = next((guess for guess in guesses if guess.timed), guesses[0])
+        torques = torques_rule(system, first)
+        coarse = CoarseSearch(system, options, progress, torques=torques)
         try:
             yield from self._descents(coarse, first, torques, solve)
-            if not self.stopped and self.options.effort != "quick" and self.promising:
+            if not self.stopped and options.effort != "quick" and self.promising:
                 yield from self._beyond(coarse, first)
         except Stop:
             yield from coarse.saved()
             raise
-
-    def beyond(self, best: Attempt) -> Iterator[Attempt]:
-        """Search on from the best of the wanted guesses, which were improved in full.
-
-        Args:
-            best: What it has led to.
-        """
-        begun = self._begin()
-        if begun is None or self.options.effort == "quick" or not self.promising:
-            return
-        first, _, coarse = begun
-        # What the coarse grid costs; other starts that lead there are let go.
-        coarse.know(best)
-        yield from self._beyond(coarse, first)
-
-    def _begin(self) -> tuple[Guess, bool, CoarseSearch] | None:
-        """The first guess, whether torques rule there, and the coarse grids for that.
-
-        None if there are no guesses.
-        """
-        system = self.system
-        guesses = list(itertools.islice(self.guesses.since(0), self.wanted))
-        if not guesses:
-            return None
-        first = next((guess for guess in guesses if guess.timed), guesses[0])
-        torques = torques_rule(system, first)
-        coarse = CoarseSearch(system, self.options, self.progress, torques=torques)
-        return first, torques, coarse
 
     def _descents(
         self, coarse: CoarseSearch, first: Guess, torques: bool, solve: Solve

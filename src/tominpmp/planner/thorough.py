@@ -13,7 +13,6 @@ import itertools
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -21,17 +20,13 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.path_velocity import guesses_of
-from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_grids import suits, torques_rule
-from tominpmp.planner.coarse_search import CoarseSearch
-from tominpmp.planner.continuation import WARM_START_RADIUS
-from tominpmp.planner.direct_solve import solve_and_verify
-from tominpmp.planner.finer_grid import LAVISH, on_finer_grid
+from tominpmp.planner.coarse_search import CoarseSearch, suits, torques_rule
+from tominpmp.planner.exact_switches import with_exact_switches
+from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.optimality import certified
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.rescue import guarded
 from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.problem import Problem
 from tominpmp.status import STOPPED
@@ -126,36 +121,26 @@ def _to_the_end(
 def exactly(
     problem: Problem, options: Options, progress: Progress, best: Attempt
 ) -> Iterator[Attempt]:
-    """What is left to be had of a motion: exact switches, or a finer grid."""
-    for attempt in _exact_switching(problem, options, progress, best):
-        yield attempt
-        best = attempt
-    for attempt in on_finer_grid(problem, options, progress, [best], LAVISH):
-        yield attempt
-        yield from certified(problem, options, progress, [attempt])
+    """What is left to be had of a motion: exact switches, or a finer grid.
 
-
-def _exact_switching(
-    problem: Problem, options: Options, progress: Progress, best: Attempt
-) -> Iterator[Attempt]:
-    """Place the switches of a motion exactly, where a small arm has nothing around it.
-
-    Its structure is looked at only: other ones come from other starts.
+    Exact switches are for small arms with nothing around them. Their structure is
+    looked at only: other ones come from other starts.
     """
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
     small = system.alone and system.n <= FEW_MOTORS
-    plain = problem.motion_limits is None and options.control == "auto"
-    if not (small and plain and options.refine == "auto") or options.control_period:
-        return
-    exact = replace(options, control="constant", refine="switching", starts=1)
-    near = replace(exact, trust_region=WARM_START_RADIUS * exact.trust_region)
-    progress.begin()
-    guess = replace(warm_start(system, best.trajectory), name=best.name)
-    solve = partial(solve_and_verify, system, near, guess, progress)
-    attempt = guarded(problem, options, progress, best.name, solve)
-    if attempt is not None and _faster(attempt, best):
-        progress.best = min(progress.best, attempt.duration)
-        yield attempt
+    plain = problem.motion_limits is None and options.refine == "auto"
+    if small and plain and not options.control_period:
+        one = replace(options, starts=1)
+        for attempt in with_exact_switches(problem, one, progress, [best]):
+            if _faster(attempt, best):
+                progress.best = min(progress.best, attempt.duration)
+                yield attempt
+                best = attempt
+    lavish = options if options.refine is None else replace(options, refine="grid")
+    for attempt in on_finer_grid(problem, lavish, progress, [best]):
+        if _faster(attempt, best):
+            yield attempt
+            yield from certified(problem, options, progress, [attempt])
 
 
 def _faster(attempt: Attempt, best: Attempt | None) -> bool:

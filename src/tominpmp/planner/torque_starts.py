@@ -12,18 +12,16 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
-from tominpmp.planner.attempt import REFINEMENTS, Attempt
-from tominpmp.planner.direct_solve import make_slp, with_rows_where_needed
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.descent import repaired
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.refinement import refine, unrefined
 from tominpmp.planner.rescue import guarded
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.paper import PaperSolver
 from tominpmp.solvers.penalty import PenaltySolver
 from tominpmp.solvers.rounds import solve_in_rounds
-from tominpmp.status import STOPPED
+from tominpmp.solvers.slp import SlpSolver
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -114,28 +112,14 @@ def solve_by_shooting(
 
     Where the replay fails, go on with shorter steps of the integration.
     """
-
-    def solve(tried: ProblemFunctions, _: Attempt | None) -> Attempt:
-        return _solve_by_shooting(tried, options, progress, first)
-
-    return with_rows_where_needed(system, progress, solve)
-
-
-def _solve_by_shooting(
-    system: ProblemFunctions, options: Options, progress: Progress, first: Array | None
-) -> Attempt:
     z = _given_torques(system, options) if first is None else first
-    attempt, z = shoot(system, options, progress, z, substeps=1)
-    for refinement in range(REFINEMENTS):
-        if attempt.found or not attempt.feasible or attempt.status in STOPPED:
-            break
-        if system.clearance is None and attempt.touches:
-            break  # shorter steps do not part the links
-        finer, z = shoot(system, options, progress, z, substeps=2 ** (refinement + 1))
-        if not finer.feasible:
-            break
-        attempt = finer.after(attempt)
-    return attempt
+
+    def make(tried: ProblemFunctions, doublings: int, _: Attempt | None) -> Attempt:
+        nonlocal z
+        attempt, z = shoot(tried, options, progress, z, substeps=2**doublings)
+        return attempt.verified(system.problem, options)
+
+    return repaired(system, progress, make)
 
 
 def shoot(
@@ -164,16 +148,12 @@ def shoot(
         elif paper:
             result = PaperSolver(program, options, lp, progress, progress.keep).run(z)
         else:
-            solver = make_slp(program, options, options.smoothing or 0.0, lp, progress)
+            smoothing, keep = options.smoothing or 0.0, progress.keep
+            solver = SlpSolver(program, options, smoothing, lp, progress, keep=keep)
             return solver.run(z, after=after)
         former = () if after is None else after.history
         return replace(result, history=(*former, *result.history))
 
     program, result = solve_in_rounds(program, z, options, solve)
     found = result.iterate if result.best is None else result.best
-    if paper or options.method == "penalty":
-        refined: tuple[Program, SlpResult] = program, unrefined(options, result)
-    else:
-        refined = refine(system, options, program, result, lp, progress)
-    attempt = Attempt.of("shooting", refined[0], first, refined[1])
-    return attempt.verified(system.problem, options), found.z
+    return Attempt.of("shooting", program, first, result), found.z

@@ -145,6 +145,4 @@ class RowExchange:
         program, z = changed
         radius = max(iterate.region.radius, LEAST_RADIUS)
         region = replace(iterate.region, radius=radius)
-        return program, replace(
-            iterate.on(program, z), region=region, gains=(), still=False
-        )
+        return program, replace(iterate.on(program, z), region=region, gains=())

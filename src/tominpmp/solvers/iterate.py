@@ -24,7 +24,6 @@ class Iterate:
         multipliers: Of all rows, from the last linear program.
         raises: How often weights were raised for want of feasibility.
         gains: Merit gained in the last iterations [s], the newest last.
-        still: Whether the last program found nothing but violations, which are gone.
     """
 
     z: Array
@@ -34,7 +33,6 @@ class Iterate:
     multipliers: Array
     raises: int = 0
     gains: tuple[float, ...] = ()
-    still: bool = False
 
     @property
     def duration(self) -> float:

@@ -25,12 +25,7 @@ from tominpmp.solvers.iterate import Effort, Iterate
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.trust_region import GROWTH
 from tominpmp.stopping import check
-from tominpmp.transcription.base import (
-    Program,
-    SquaredVariation,
-    StepBounds,
-    Variation,
-)
+from tominpmp.transcription.base import Program, StepBounds, Variation
 
 # Rounds of putting rows into a program that its step breaks by more than this.
 ADDITIONS = 3
@@ -91,7 +86,7 @@ def propose(
     selecting, multipliers = iterate.values, iterate.multipliers
     near = root = None
     if lp.curved:
-        if variation is None or isinstance(variation, SquaredVariation):
+        if variation is None:
             near = _proximal(nlp, steps, iterate.duration)
         root = nlp.curvature(z, multipliers)
     unknown = lp.curved and root is None  # no multipliers yet, or nothing bends

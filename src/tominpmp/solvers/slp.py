@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +28,7 @@ from tominpmp.solvers.subproblem import Subproblem
 from tominpmp.solvers.trust_region import TrustRegion, repairing
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
-from tominpmp.transcription.base import Program, SquaredVariation, Variation
+from tominpmp.transcription.base import Program, Variation
 
 # Where any motion will do: how much slower one may be made.
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
@@ -83,10 +82,8 @@ class SlpSolver:
             inequalities.
         keep: Is given the best motion so far, or the present one while there is none:
             the iteration may be told to stop at any time.
-        squares: Whether controls vary by squares, for solvers that heed curvature.
         accuracy: Gap of a program that is none, as a share of T; None fits tolerance.
         exchange: When to look between the rows, and what finds those missing, if any.
-        sure: Whether a motion of T [s] that is still needs no program to confirm it.
     """
 
     nlp: Program
@@ -96,10 +93,8 @@ class SlpSolver:
     callback: Callback = go_on
     corrections: int | None = None
     keep: Keep = keep_nothing
-    squares: bool = False
     accuracy: float | None = None
     exchange: RowExchange | None = None
-    sure: Callable[[float], bool] | None = None
 
     def run(self, z: Array, *, after: SlpResult | None = None) -> SlpResult:
         """Iterate until it settles or has to stop.
@@ -201,17 +196,13 @@ class SlpSolver:
         region = self.shrunk_near_feasible(
             region, iterate, outcome.trial, program.step(solution)
         )
-        before = iterate.duration
         if outcome.accepted:
             iterate = replace(iterate, z=outcome.trial.z, values=outcome.trial.values)
-        wanted = float(merit.cost @ program.step(solution))
-        still = outcome.accepted and self.still(before, wanted, iterate)
         iterate = replace(
             iterate,
             merit=merit,
             region=region,
             multipliers=multipliers,
-            still=still,
             gains=(*iterate.gains, max(outcome.actual, 0.0))[-WINDOW:],
         )
         if self.settled(iterate, outcome) and not self.restorable(iterate):
@@ -222,10 +213,7 @@ class SlpSolver:
 
     def variation(self, z: Array) -> Variation | None:
         """Differences of the controls as they are weighed; None if they are not."""
-        if self.smoothing <= 0.0:
-            return None
-        variation = self.nlp.variation(z)
-        return SquaredVariation(*variation) if self.squares else variation
+        return None if self.smoothing <= 0.0 else self.nlp.variation(z)
 
     def shrunk_near_feasible(
         self, region: TrustRegion, iterate: Iterate, trial: Trial, step: Array
@@ -250,23 +238,7 @@ class SlpSolver:
         little = self.options.tolerance * max(iterate.duration, SHORTEST)
         if outcome.predicted < QUIET * little:
             return True
-        if iterate.still and self.sure is not None and self.sure(iterate.duration):
-            return True
         return len(iterate.gains) == WINDOW and sum(iterate.gains) < little
-
-    def still(self, before: float, wanted: float, iterate: Iterate) -> bool:
-        """Whether a program has found nothing but violations to reduce, and has.
-
-        Another one would find nothing at all.
-
-        Args:
-            before: T before its step [s].
-            wanted: Change of T that it asked for [s].
-            iterate: Where its step has led to.
-        """
-        little = QUIET * self.options.tolerance * max(iterate.duration, SHORTEST)
-        change = max(-wanted, abs(iterate.duration - before))
-        return change < little and iterate.violation <= self.options.feasibility
 
     def restorable(self, iterate: Iterate) -> bool:
         """Whether slowing down can remove what violation is left."""

@@ -27,7 +27,7 @@ from tominpmp.solvers.quadratic import (
 )
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.solvers.torque_variation import TorqueVariation
-from tominpmp.transcription.base import SquaredVariation, Variation
+from tominpmp.transcription.base import Variation
 from tominpmp.transcription.program import NonlinearProgram
 
 # Weight of violations before any multiplier is known; the objective begins at 1/2.
@@ -112,7 +112,7 @@ class SmoothingSolver:
             _with_squares(frame, residuals, z),
             objective.of(z, values),
             objective.of,
-            lambda step: 0.5 * residuals.total(z + step),
+            lambda step: 0.5 * _squares(residuals, z + step),
             self.options.feasibility,
         )
 
@@ -136,16 +136,21 @@ class SmoothingObjective:
     def of(self, z: Array, values: Array) -> float:
         """Half the sum of the squares: (1 + the weight of the speeds) / 2 at first."""
         differences = self.torques.differences(z, values) / self.torque_norm
-        speeds = np.sum((self.speeds.matrix @ z + self.speeds.offset) ** 2)
-        return 0.5 * float(differences @ differences + speeds / self.speed_norm**2)
+        speeds = _squares(self.speeds, z) / self.speed_norm**2
+        return 0.5 * float(differences @ differences + speeds)
 
-    def residuals(self, torques: Variation) -> SquaredVariation:
+    def residuals(self, torques: Variation) -> Variation:
         """All residuals as a linear function, from that of the torques."""
         parts = ((torques, self.torque_norm), (self.speeds, self.speed_norm))
-        return SquaredVariation(
+        return Variation(
             sp.vstack([part.matrix / norm for part, norm in parts], format="csr"),
             np.concatenate([part.offset / norm for part, norm in parts]),
         )
+
+
+def _squares(residuals: Variation, z: Array) -> float:
+    """Sum of the squared residuals."""
+    return float(np.sum((residuals.matrix @ z + residuals.offset) ** 2))
 
 
 def _norm(residuals: Array) -> float:

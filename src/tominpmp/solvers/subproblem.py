@@ -13,7 +13,6 @@ proportion), and zero on rows that are satisfied: d = 0 is always feasible.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +22,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.linear_programs.compressed import Compressed, single, sorted_in
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.merit import NEGLIGIBLE, Merit
-from tominpmp.transcription.base import (
-    Linearization,
-    SquaredVariation,
-    StepBounds,
-    Variation,
-)
+from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.rows import Rows
 
 # Keys of rows and columns that are not of the transcription begin here.
@@ -48,9 +42,8 @@ class Subproblem:
         size: Number of unknowns of the transcription.
         row_count: Number of rows of the transcription.
         matrix: Jacobian of its rows in the unknowns that can move, shape (r, k).
-        root: Root of the curvature of its objective in all unknowns, but for that of
-            squared differences, which the merit knows, shape (j, size); None if that
-            is linear.
+        root: Root of the curvature of its objective in all unknowns, shape (j, size);
+            None if that is linear.
         near: The same for the square of each unknown by itself, shape (size,).
     """
 
@@ -122,13 +115,6 @@ def build_subproblem(
         accuracy: A duality gap that is none [s].
     """
     rows = merit.rows
-    gradient, curvature = merit.cost, root
-    if isinstance(variation, SquaredVariation):
-        own = math.sqrt(2.0 * merit.smoothing) * variation.matrix
-        differences = variation.matrix @ z + variation.offset
-        gradient = gradient + 2.0 * merit.smoothing * (differences @ variation.matrix)
-        curvature = own if root is None else sp.vstack([root, own], format="csr")
-        variation = None
     moving = steps.upper - steps.lower > 0.0
     free = np.flatnonzero(moving)
     chosen, body, low, high = _rows_within_reach(
@@ -138,7 +124,7 @@ def build_subproblem(
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     matrix = body.rows()
     columns, count = [matrix], chosen.size
-    cost, lower, upper = [gradient[free]], [steps.lower[free]], [steps.upper[free]]
+    cost, lower, upper = [merit.cost[free]], [steps.lower[free]], [steps.upper[free]]
     keys, row_keys, row_low, row_high = [free], [chosen], [low], [high]
     further: list[Compressed] = []
     if variation is not None:
@@ -176,7 +162,7 @@ def build_subproblem(
         np.concatenate(upper),
         np.concatenate(row_keys),
         np.concatenate(keys),
-        _curvature(curvature, near, free, whole.shape[1]),
+        _curvature(root, near, free, whole.shape[1]),
         accuracy,
     )
     return Subproblem(program, free, chosen, z.size, rows.size, matrix, root, near)

@@ -65,14 +65,6 @@ class Variation(NamedTuple):
         return float(np.abs(self.matrix @ z + self.offset).sum())
 
 
-class SquaredVariation(Variation):
-    """The same differences, which count by their squares."""
-
-    def total(self, z: Array) -> float:
-        """Sum of the squared differences."""
-        return float(np.sum((self.matrix @ z + self.offset) ** 2))
-
-
 class Program(Protocol):
     """A nonlinear program, as the solvers see it."""
 

@@ -44,15 +44,20 @@ class Watched:
     Args:
         problem: The problem.
         reach: Length of the arm, which scales lengths [m].
+        share: Of the usual clearance beyond the margin.
     """
 
-    def __init__(self, problem: Problem, reach: float) -> None:
-        self._problem, self._reach = problem, reach
+    def __init__(self, problem: Problem, reach: float, share: float = 1.0) -> None:
+        self._problem, self._reach, self._share = problem, reach, share
+
+    def padded(self, share: float) -> Watched:
+        """The same with a share of the clearance beyond the margin."""
+        return Watched(self._problem, self._reach, share)
 
     @cached_property
     def room(self) -> Array:
         """Clearance to ask for beyond the margin, by pair [m]."""
-        return _padding(self._problem)
+        return self._share * _padding(self._problem)
 
     @cached_property
     def clearance(self) -> ClearanceConstraint | None:
@@ -176,6 +181,19 @@ class ProblemFunctions:
             return self
         parts = tuple(replace(part, watched=None) for part in self.parts)
         return replace(self, watched=None, parts=parts)
+
+    def padded(self, share: float) -> ProblemFunctions:
+        """The same problem with a share of the clearance beyond the margin."""
+        known: dict[int, Watched] = {}
+
+        def padded(system: ProblemFunctions) -> ProblemFunctions:
+            if system.watched is None:
+                return system
+            watched = known.setdefault(id(system.watched), system.watched.padded(share))
+            return replace(system, watched=watched)
+
+        parts = tuple(padded(part) for part in self.parts)
+        return replace(padded(self), parts=parts)
 
     def without_smooth_limits(self) -> ProblemFunctions:
         """The same problem without limits that need continuous accelerations."""

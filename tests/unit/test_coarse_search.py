@@ -11,10 +11,8 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import initial_guesses, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
-from tominpmp.planner.coarse_grids import ITERATIONS, Grids
-from tominpmp.planner.coarse_search import CoarseSearch
+from tominpmp.planner.coarse_search import PATIENCE, CoarseSearch
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.start_judge import FIRST_PATIENCE, PATIENCE
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -50,13 +48,12 @@ def record(search, **changes):
     return IterationRecord(**(values | changes))
 
 
-def test_a_start_ends_where_it_is_stuck_and_far_from_any_motion(coarse, monkeypatch):
-    search, _ = coarse
-    monkeypatch.setattr(search.judge, "known", [])
+def test_a_start_ends_where_it_is_stuck_and_far_from_any_motion(judged):
+    search, say = judged
     far = record(search, violation=0.1)
-    assert search.judge.enough(far) is None
-    assert search.judge.enough(replace(far, radius=1e-3)) is Status.STALLED
-    assert search.judge.enough(record(search, radius=1e-3)) is None
+    assert say(far, 1, 10) is None
+    assert say(replace(far, radius=1e-3), 1, 10) is Status.STALLED
+    assert say(record(search, radius=1e-3), 1, 10) is None
 
 
 @pytest.fixture
@@ -64,52 +61,28 @@ def judged(coarse, monkeypatch):
     """What is said of a record as one of so many, in a program of so many rows."""
     search, _ = coarse
     progress, last = search.progress, search.progress.kept[-1]
-    monkeypatch.setattr(search.judge, "known", [])
+    monkeypatch.setattr(search, "known", [])
 
     def say(record, count, rows):
         program = type("Rows", (), {"rows": np.zeros(rows)})()
         monkeypatch.setattr(progress, "kept", [last._replace(program=program)])
         monkeypatch.setattr(progress, "records", [record] * count)
-        return search.judge.enough(record)
+        return search._let_go(record)
 
-    return say
+    return search, say
 
 
-def test_rows_that_join_a_start_get_iterations_of_their_own(coarse, judged):
+def test_rows_that_join_a_start_get_iterations_of_their_own(judged):
     """It was let go in the very iteration that the rows had joined."""
-    far = record(coarse[0], violation=0.1)
-    assert [judged(far, count, 10) for count in (1, PATIENCE - 1)] == [None, None]
-    assert judged(far, PATIENCE, 10) is Status.ITERATION_LIMIT
-    most = PATIENCE + FIRST_PATIENCE
-    assert [judged(far, count, 12) for count in (PATIENCE, most - 1)] == [None, None]
-    assert judged(far, most, 12) is Status.ITERATION_LIMIT
-    assert judged(far, 1, 10) is None
-    assert judged(far, PATIENCE, 10) is Status.ITERATION_LIMIT  # another start
-    assert judged(far, ITERATIONS - 1, 12) is None
-    assert judged(far, ITERATIONS, 12) is Status.ITERATION_LIMIT
-
-
-def test_a_start_at_rest_goes_on_with_the_rows_that_it_lacks(coarse, judged):
-    near = record(coarse[0], violation=5e-3)
-    assert [judged(near, count, 10) for count in (1, 2, 5)] == [None, None, None]
-    assert [judged(near, count, 12) for count in (6, 7)] == [None, None]
-    assert judged(near, 8, 12) is Status.ITERATION_LIMIT
-
-
-def test_a_start_ends_at_its_lower_bound_once_rows_have_joined(coarse, monkeypatch):
-    search, _ = coarse
-    monkeypatch.setattr(search.judge, "known", [])
-    progress = search.progress
-    bound = progress.lower_bound(search.system.problem).T
-    near = record(search, duration=1.005 * bound)
-    last = progress.kept[-1]
-    fewer = last.program.rows.size - 1
-    for rows, status in ((fewer + 1, None), (fewer, Status.STALLED)):
-        first = last._replace(program=type("Fewer", (), {"rows": np.zeros(rows)})())
-        monkeypatch.setattr(progress, "begun", first)
-        assert search.judge.enough(near) is status
-    assert search.judge.enough(replace(near, duration=1.05 * bound)) is None
-    assert search.judge.enough(replace(near, violation=5e-3)) is None
+    search, say = judged
+    far = record(search, violation=0.1)
+    assert [say(far, count, 10) for count in (1, PATIENCE)] == [None, None]
+    assert say(far, PATIENCE + 1, 10) is Status.STALLED
+    most = 2 * PATIENCE
+    assert [say(far, count, 12) for count in (PATIENCE, most - 1)] == [None, None]
+    assert say(far, most, 12) is Status.STALLED
+    assert say(far, 1, 10) is None
+    assert say(far, PATIENCE + 1, 10) is Status.STALLED  # another start
 
 
 def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
@@ -121,13 +94,13 @@ def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     lines = list(initial_guesses(system, 2, np.random.default_rng(0)))
     best = search.rough(lines[0])
     search.rough(lines[1])
-    monkeypatch.setattr(search.judge, "knows", lambda shape: False)
+    monkeypatch.setattr(search, "_knows", lambda shape: False)
 
     def judged(before, now):
         progress.records = [
             record(search, duration=factor * best.duration) for factor in (before, now)
         ]
-        return search.judge.enough(progress.records[-1])
+        return search._let_go(progress.records[-1])
 
     assert judged(1.3, 1.2) is None  # it still falls fast enough to get there
     assert judged(1.21, 1.2) is Status.STALLED
@@ -151,12 +124,12 @@ def test_torques_carry_no_weight_on_fine_grids_where_they_rule():
     for torques, changes, smoothing in (
         (True, {}, 0.0),
         (False, {}, None),
-        (True, {"lp_solver": "highs"}, None),  # knows no proximal steps
         (True, {"smoothing": 0.01}, 0.01),
     ):
         options = resolve_options(problem, tm.Options(**changes))
-        assert Grids.of(system, options, torques).fine.smoothing == smoothing
-        assert Grids.of(system, options, torques).coarse.smoothing == options.smoothing
+        search = CoarseSearch(system, options, Progress(options), torques=torques)
+        assert search.fine.smoothing == smoothing
+        assert search.coarse.smoothing == options.smoothing
 
 
 def test_a_motion_that_was_finished_is_not_finished_again(caplog):
@@ -174,16 +147,17 @@ def test_a_motion_that_was_finished_is_not_finished_again(caplog):
 
 def test_one_that_comes_back_but_is_faster_is_finished(coarse, monkeypatch):
     search, _ = coarse
-    monkeypatch.setattr(search.judge, "ends", [search.judge.known[-1].shape])
-    assert search.judge.comes_back(record(search)) is None  # among obstacles
+    known = search.known[-1]
+    monkeypatch.setattr(search, "ends", [known.shape])
+    assert not search._comes_back(record(search))  # among obstacles
     alone = ProblemFunctions.of(replace(search.system.problem, scene=tm.Scene()))
-    monkeypatch.setattr(search.judge, "system", alone)
+    monkeypatch.setattr(search, "system", alone)
     T = search.progress.kept[-1].iterate.duration
     monkeypatch.setattr(search.progress, "best", T)
-    assert search.judge.comes_back(record(search)) is Status.STALLED
-    assert search.judge.comes_back(record(search, violation=0.01)) is None
+    assert search._comes_back(record(search))
+    assert not search._comes_back(record(search, violation=0.1))
     monkeypatch.setattr(search.progress, "best", 1.01 * T)
-    assert search.judge.comes_back(record(search)) is None
+    assert not search._comes_back(record(search))
     monkeypatch.setattr(search.progress, "best", T)
-    monkeypatch.setattr(search.judge, "ends", [search.judge.known[-1].shape + 0.1])
-    assert search.judge.comes_back(record(search)) is None
+    monkeypatch.setattr(search, "ends", [known.shape + 0.1])
+    assert not search._comes_back(record(search))

@@ -1,0 +1,229 @@
+"""Descents: a guess is improved by linear programs until its replay holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.segments import (
+    SegmentedGuess,
+    at_rest_on_the_way,
+    solved_guess,
+)
+from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.linear_programs import make_solver
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.first_program import Begun, first_program
+from tominpmp.planner.progress import Judge, Progress
+from tominpmp.solvers.exchange import RowExchange, with_missing_rows
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.restoration import LIGHT
+from tominpmp.solvers.rounds import Solve, solve_in_rounds
+from tominpmp.solvers.slp import SlpSolver
+from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.transcription.bspline import DEGREES
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.verification.verification import LONGEST
+
+# Weight of the total variation, as a share of the duration of the guess; chosen on
+# benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
+SMOOTHING_SHARE = 1e-4
+# Gap of programs, as a share of T, where the final configuration is free: looser ones
+# lead to more iterations there.
+FREE_ACCURACY = 1e-6
+# Iterations for a motion whose accelerations jump, from which a smooth one begins.
+FIRST_ITERATIONS = 10
+# Doublings of the grid, or of the steps, of a motion whose replay does not hold; swift
+# motions on grids of constant torques need more of them, which take little time.
+REPAIRS, REPAIRS_OF_COLLOCATION = 2, 4
+# An iteration is hopeless after so many steps if it breaks limits by more than is near
+# to a motion, and that has not fallen to this share of it in the last ones.
+PATIENCE, LATELY, FALLING = 10, 5, 0.9
+# Or once it has become so many times as slow, and breaks limits by more than this.
+EVER_SLOWER, FAR = 10.0, 1e-3
+
+# Makes a motion, replayed, from the functions of the problem, the number of doublings
+# of its grid, and what was made before.
+Make = Callable[[ProblemFunctions, int, Attempt | None], Attempt]
+
+
+def hopeless(duration: float, near: float = FAR) -> Judge:
+    """Ends an iteration that comes no nearer to a motion, or ever slower.
+
+    Args:
+        duration: T of what it began with [s].
+        near: Violations up to this share are near; infinite judges the time alone.
+    """
+    seen: list[float] = []
+
+    def judge(record: IterationRecord) -> Status | None:
+        seen.append(record.violation)
+        late = len(seen) >= PATIENCE and record.violation > near
+        over = late and min(seen[-LATELY:]) > FALLING * min(seen[:-LATELY])
+        slow = record.duration > EVER_SLOWER * duration and record.violation > FAR
+        return Status.STALLED if over or slow else None
+
+    return judge
+
+
+def descended(
+    system: ProblemFunctions, options: Options, guess: Guess, progress: Progress
+) -> Attempt:
+    """Improve a guess, and repair the motion until its replay holds."""
+
+    def make(
+        tried: ProblemFunctions, doublings: int, former: Attempt | None
+    ) -> Attempt:
+        begin, own, judge = guess, options, None
+        if former is not None:
+            begin = guess_of(tried, former)
+            judge = hopeless(former.trajectory.duration, np.inf)
+        elif guess.blocked:
+            # The goal seems to be out of reach: no more is waited for than has to be.
+            judge = hopeless(guess.duration)
+        if doublings:
+            # Nor will the first motion do on the finer grid: it was too rough.
+            intervals = 2**doublings * options.intervals
+            own = replace(options, intervals=intervals, objective="time")
+        with progress.judged(judge):
+            found = descend(tried, own, begin, progress)
+        return found.verified(system.problem, options)
+
+    torques_kept = options.method == "collocation"
+    repairs = REPAIRS_OF_COLLOCATION if torques_kept else REPAIRS
+    return repaired(system, progress, make, repairs)
+
+
+def repaired(
+    system: ProblemFunctions, progress: Progress, make: Make, repairs: int = REPAIRS
+) -> Attempt:
+    """Make a motion, and again with what its replay shows to be missing.
+
+    Where links of an arm alone touch, that is rows for them, without which it is tried
+    first; else a finer grid.
+
+    Args:
+        system: The functions of the problem.
+        progress: Remembers that links touched: rows are taken at once then.
+        make: Makes the motion.
+        repairs: How often the grid is doubled at most.
+    """
+    tried = system if progress.links_touched else system.first_tried
+    attempt, doublings = make(tried, 0, None), 0
+    while attempt.refuted and attempt.status not in STOPPED:
+        if attempt.trajectory.duration > LONGEST:
+            break  # no repair makes it short enough to be replayed
+        if attempt.touches and tried is not system:
+            tried, progress.links_touched = system, True
+        elif doublings == repairs or (attempt.touches and system.clearance is None):
+            break
+        else:
+            doublings += 1
+        again = make(tried, doublings, attempt)
+        if doublings and not again.feasible:
+            break
+        attempt = again.after(attempt)
+    return attempt
+
+
+def guess_of(system: ProblemFunctions, attempt: Attempt) -> Guess:
+    """The motion of an attempt as a guess."""
+    motion = attempt.trajectory
+    if system.parts:
+        return solved_guess(attempt.name, motion, system.problem.segments)
+    return replace(warm_start(system, motion), name=attempt.name)
+
+
+def descend(
+    system: ProblemFunctions,
+    options: Options,
+    guess: Guess,
+    progress: Progress,
+    *,
+    overload: float = OVERLOAD,
+) -> Attempt:
+    """Improve a guess with the transcription that the options ask for.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the plan.
+        guess: The guess.
+        progress: Sees and keeps the motions.
+        overload: Excess of torques between the rows that is let pass.
+    """
+    smoothing = options.smoothing
+    if smoothing is None:
+        smoothing = SMOOTHING_SHARE * guess.duration
+    lp = make_solver(options.lp_solver)
+    # What the last violations cost is less than a finer grid brings.
+    light = LIGHT if options.refine == "auto" else 0.0
+    exchange = RowExchange(
+        longest=LONGEST,
+        light=light,
+        revise=partial(with_missing_rows, overload=overload),
+    )
+    accuracy = FREE_ACCURACY if system.final_configuration is None else None
+
+    def solve(
+        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
+    ) -> SlpResult:
+        return SlpSolver(
+            program,
+            options,
+            smoothing,
+            lp,
+            progress,
+            keep=progress.keep,
+            exchange=exchange,
+            accuracy=accuracy,
+        ).run(z, after=after)
+
+    program, start = first_program(system, options, guess)
+    initial = program.trajectory(start)
+    if isinstance(guess, SegmentedGuess) and not guess.solved:
+        if options.control in DEGREES:
+            program, start = _smooth_start(system, options, guess, solve)
+    program, result = solve_in_rounds(
+        program,
+        start,
+        options,
+        solve,
+        rough=False,
+        light=light,
+        over=lambda: progress.let_go,
+        overload=overload,
+    )
+    return Attempt.of(guess.name, program, initial, result)
+
+
+def _smooth_start(
+    system: ProblemFunctions, options: Options, guess: SegmentedGuess, solve: Solve
+) -> Begun:
+    """Program with continuous accelerations for a guess, and where to begin.
+
+    Where goals are passed, the corners of a guess are far from any such motion: it is
+    begun with a motion that stops there, or with one whose accelerations may jump.
+    """
+    few = replace(options, max_iterations=FIRST_ITERATIONS)
+    if guess.stops:
+        program, start = first_program(at_rest_on_the_way(system), options, guess)
+        stopping = solve(program, start, few, None).best
+        program, start = first_program(system, options, guess)
+        start = start if stopping is None else stopping.z
+        return program.at(start), start
+    jumping = replace(few, control="constant")
+    program, start = first_program(system.without_smooth_limits(), jumping, guess)
+    found = solve(program, start, jumping, None).best
+    if found is not None:
+        motion = program.trajectory(found.z)
+        better = solved_guess(guess.name, motion, system.problem.segments)
+        guess = replace(better, solved=False)
+    return first_program(system, options, guess)

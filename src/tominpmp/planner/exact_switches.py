@@ -1,0 +1,54 @@
+"""Exact switches: torques of the best motion switch where they do, not at nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+
+from tominpmp.options import Options
+from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.progress import Progress
+from tominpmp.planner.rescue import guarded
+from tominpmp.problem import Problem
+from tominpmp.status import STOPPED
+from tominpmp.transcription.bspline import DEGREES
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+SMOOTH = "Its switches were not placed exactly: that is not done for control {!r}."
+
+
+def with_exact_switches(
+    problem: Problem, options: Options, progress: Progress, attempts: Sequence[Attempt]
+) -> Iterator[Attempt]:
+    """Place the switches of the best motion exactly.
+
+    Args:
+        problem: The problem.
+        options: Options of the plan.
+        progress: Time limit and callback.
+        attempts: What was found.
+
+    Yields:
+        The motion, or the one on the grid with a remark.
+    """
+
+    def order(attempt: Attempt) -> tuple[float, bool, float]:
+        return attempt.duration, not attempt.feasible, attempt.trajectory.duration
+
+    best = min(attempts, key=order, default=None)
+    if best is None or best.status in STOPPED:
+        return
+    if options.refine == "switching" and options.control in DEGREES:
+        yield replace(best, history=(), remark=SMOOTH.format(options.control))
+        return
+    # An add-on: loaded by name, so that the core works without it.
+    exact = import_module("tominpmp.exact.switching_refinement")
+    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
+    progress.share(1)
+    progress.begin()
+    solve = partial(exact.exact_switches, system, options, best, progress)
+    found = guarded(problem, options, progress, best.name, solve)
+    if found is not None:
+        yield found
