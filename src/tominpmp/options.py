@@ -108,9 +108,8 @@ class Options(Record):
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
             runs over an interval: "constant", or for "inverse" also "linear"
             (continuous accelerations) and "spline" (smooth ones); "auto" takes
-            "linear" where the problem has motion limits that need it, else "constant",
-            from which, if the method is left to choose too, "linear" goes on where
-            torques rule: it is faster by 3 % there.
+            "linear" for "inverse", unless torques are to switch exactly, else
+            "constant".
         objective: "time" for the fastest motion, or "feasible" for the first one that
             keeps all constraints, in its replay too; its time is not minimised.
         effort: How far the best motion is looked for, rather than the nearest: "quick"
@@ -127,19 +126,16 @@ class Options(Record):
             neither given back nor counted.
         slack: Share of T to give away for quiet torques: the motion that was found is
             handed to :func:`tominpmp.smooth`. None leaves it as it is.
-        refine: What follows the first solve: "auto" (intervals of the best motion are
-            halved where its controls bend, as long as that promises 0.3 % of T; not for
-            "adjoint" and "penalty"); None, for a motion on the grid of the search;
-            "grid" (every motion is refined, until its replay meets the tolerances and
-            next to nothing is gained); "switching"
+        refine: What is made of the best motion: "auto" (intervals are halved where its
+            controls bend, as long as that promises 0.3 % of T; not for "adjoint" and
+            "penalty"); None, for a motion on the grid of the search; "grid" (the same
+            as long as it promises 0.03 %); "switching"
             (the instants at which torques switch are placed exactly, for small arms,
             and other orders of the switches are looked for unless ``starts`` is 1).
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes those controls quiet that the minimum time leaves
             free. None takes 1e-4 T for "inverse" and "collocation", but on fine grids
-            none where torques rule or nothing is in the way, where it costs 0.1 % of T,
-            and else the squares of the differences in place of their sum, which is
-            quicker; and 0 for "adjoint".
+            none where torques rule, where it costs 0.1 % of T; and 0 for "adjoint".
         starts: Number of initial guesses; None lets the planner choose. More make the
             same attempts as fewer would and others after these, and while none has led
             to a motion, more are made in any case.
