@@ -67,7 +67,6 @@ class JointLimit(Constraint):
         return Partials(at, by_a=by)
 
 
-@dataclass(frozen=True, eq=False)
 class PositionLimit(JointLimit):
     """Position limits of a robot description."""
 
@@ -83,7 +82,6 @@ class PositionLimit(JointLimit):
         return cls(joints, lower[joints], upper[joints], scale[joints], lower.size)
 
 
-@dataclass(frozen=True, eq=False)
 class VelocityLimit(JointLimit):
     """Velocity limits."""
 
@@ -93,7 +91,6 @@ class VelocityLimit(JointLimit):
     curable = True
 
 
-@dataclass(frozen=True, eq=False)
 class AccelerationLimit(JointLimit):
     """Acceleration limits."""
 
@@ -103,7 +100,6 @@ class AccelerationLimit(JointLimit):
     curable = True
 
 
-@dataclass(frozen=True, eq=False)
 class JerkLimit(JointLimit):
     """Jerk limits, for motions whose accelerations do not jump."""
 

@@ -66,32 +66,6 @@ class Motors:
         )
         return Partials(at, by_q, by_v, by_a)
 
-    # -- dry friction ------------------------------------------------------------------
-
-    def assumed(self, states: States, beside: Array) -> Motors:
-        """With the way that joints move in a motion, if they have dry friction."""
-        if self.friction is None:
-            return self
-        return replace(self, ways=Ways.of(self.friction, signs(states.v, beside)))
-
-    def corrected(
-        self, states: States, beside: Array, tolerance: float
-    ) -> tuple[Motors, int]:
-        """With the way that they move in another one, and how often that matters."""
-        if self.friction is None:
-            return self, 0
-        known = self if self.ways is not None else self.assumed(states, beside)
-        assert known.ways is not None  # noqa: S101
-        sign = signs(states.v, beside)
-        wrong = known.ways.wrong(sign, self.shares(states), tolerance)
-        return replace(self, ways=known.ways.turned(sign, wrong)), int(wrong.sum())
-
-    def joined(self, other: Motors) -> Motors:
-        """These instants and others."""
-        if self.ways is None or other.ways is None:
-            return replace(self, ways=None)
-        return replace(self, ways=self.ways.joined(other.ways))
-
 
 @dataclass(frozen=True, eq=False)
 class MotorLimit(Constraint):
@@ -121,21 +95,35 @@ class MotorLimit(Constraint):
         """Torques and their rates may not pass their limits between the instants."""
         return np.zeros(self.count)
 
-    def assumed(self, states: States, beside: Array) -> Constraint:
+    def assumed(self, states: States, beside: Array) -> MotorLimit:
         """With the way that joints with dry friction move in a motion."""
-        return replace(self, motors=self.motors.assumed(states, beside))
+        friction = self.motors.friction
+        if friction is None:
+            return self
+        return self._moving(Ways.of(friction, signs(states.v, beside)))
 
     def corrected(
         self, states: States, beside: Array, tolerance: float
-    ) -> tuple[Constraint, int]:
+    ) -> tuple[MotorLimit, int]:
         """With the way that they move in another motion."""
-        motors, count = self.motors.corrected(states, beside, tolerance)
-        return replace(self, motors=motors), count
+        ways = self.assumed(states, beside).motors.ways
+        if ways is None:
+            return self, 0
+        sign, known = ways.sign, self.motors.ways or ways
+        wrong = known.wrong(sign, self.motors.shares(states), tolerance)
+        return self._moving(known.turned(sign, wrong)), int(wrong.sum())
 
-    def joined(self, other: Constraint) -> Constraint:
+    def joined(self, other: Constraint) -> MotorLimit:
         """These instants and those of another."""
         assert isinstance(other, MotorLimit)  # noqa: S101
-        return replace(self, motors=self.motors.joined(other.motors))
+        own, more = self.motors.ways, other.motors.ways
+        if own is None or more is None:
+            return self._moving(None)
+        return self._moving(own.joined(more))
+
+    def _moving(self, ways: Ways | None) -> MotorLimit:
+        """The same with the way that joints with dry friction move."""
+        return replace(self, motors=replace(self.motors, ways=ways))
 
 
 @dataclass(frozen=True, eq=False)

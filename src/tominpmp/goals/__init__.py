@@ -6,11 +6,16 @@ ends at rest unless a final velocity is given.
 """
 
 from tominpmp.goals.base import Goal
-from tominpmp.goals.frames import AxisGoal, FrameGoal, PoseGoal, PositionGoal
+from tominpmp.goals.frames import (
+    AxisGoal,
+    FrameGoal,
+    PoseGoal,
+    PositionGoal,
+    RegionGoal,
+)
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
 from tominpmp.goals.passing import PassedGoal, passed
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, Scales
-from tominpmp.goals.region import RegionGoal
 from tominpmp.goals.sets import AllGoals, AnyGoal
 
 __all__ = [

@@ -5,14 +5,25 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Converted, Record, array_or_nan, default, record
+from tominpmp.arrays import (
+    Array,
+    Converted,
+    Record,
+    array_or_nan,
+    default,
+    frozen_array,
+    is_single,
+    record,
+)
 from tominpmp.checks import (
     POSE,
+    Corner,
     Direction,
     FrameName,
     Point,
@@ -29,7 +40,8 @@ from tominpmp.checks import (
 )
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
-from tominpmp.goals.direction import deviation
+from tominpmp.goals.direction import across, deviation
+from tominpmp.goals.joints import JointGoal
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
@@ -41,6 +53,10 @@ VelocityOrNone: TypeAlias = Annotated[
     Converted[VectorLike | None, Array | None],
     optional(partial(vector, expected="three components [m/s]", size=3)),
 ]
+
+ANGLES = "an angle >= 0 or three of them [rad]"
+# Goals that differ by less are at one place [rad or m].
+SAME_PLACE = 1e-6
 
 
 def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
@@ -292,6 +308,103 @@ class AxisGoal(FrameGoal):
         )
 
 
+def _checked_angles(given: Any, name: str) -> float | Array:
+    one = is_single(given)
+    row, size = ([given], 1) if one else (given, 3)
+    angles = vector(row, name, ANGLES, size, infinite=True)
+    if np.any(angles < 0.0):
+        raise wrong(given, name, ANGLES)
+    angles = np.minimum(angles, np.pi)
+    return float(angles[0]) if one else frozen_array(angles)
+
+
+Angles: TypeAlias = Annotated[Converted[ArrayLike, float | Array], _checked_angles]
+
+
+@record
+class RegionGoal(FrameGoal):
+    """Bring the origin of a frame into a box, in any orientation or in some.
+
+    MoveIt's position constraint with a box, and its orientation constraint with
+    tolerances about three axes, together.
+
+    Attributes:
+        frame: Name of the frame.
+        lower: Lower corner of the box, along the axes of the pose, shape (3,) [m];
+            minus infinity for none.
+        upper: Upper corner, shape (3,) [m]; infinity for none.
+        pose: Placement box_to_world; None for the world itself.
+        angle_tolerance: Largest component of the rotation vector from the axes of the
+            pose to those of the frame, one for all axes or shape (3,) [rad]; pi for
+            any.
+        v: Final linear velocity of the origin, shape (3,) [m/s]; None for rest.
+    """
+
+    frame: FrameName
+    lower: Corner
+    upper: Corner
+    pose: PoseOrNone = default(None)
+    angle_tolerance: Angles = default(np.pi)
+    v: VelocityOrNone = default(None)
+
+    def __post_init__(self) -> None:
+        """Check and copy the values."""
+        super().__post_init__()
+        for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
+            if low > high or low == np.inf or high == -np.inf:
+                raise ProblemError(
+                    f"goal.lower is {low:g} and goal.upper {high:g} along {axis}, "
+                    "expected the lower corner below the upper one",
+                    "goal.lower",
+                )
+        if not (np.any(np.isfinite([self.lower, self.upper])) or self._turns.size):
+            raise ProblemError(
+                "goal: the box is infinite and any orientation will do: nothing is "
+                "asked for",
+                "goal",
+            )
+
+    @property
+    def _turns(self) -> Array:
+        """Tolerances of the axes about which not any angle will do."""
+        angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
+        return angles[angles < np.pi]
+
+    def nearest_point(self) -> Array:
+        """Point of the box that is nearest to the origin of the world."""
+        pose = pin.SE3.Identity() if self.pose is None else self.pose
+        origin = np.asarray(pose.actInv(np.zeros(3)))
+        return np.asarray(pose.act(np.clip(origin, self.lower, self.upper)))
+
+    def distances(self, points: Array) -> Array:
+        """Distances of points from the box, shape (m, 3) to (m,) [m]."""
+        pose = pin.SE3.Identity() if self.pose is None else self.pose
+        points = array(points, "points", (None, 3), "coordinates [m]")
+        local = (points - pose.translation) @ pose.rotation
+        out = local - np.clip(local, self.lower, self.upper)
+        return np.asarray(np.linalg.norm(out, axis=1))
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Position in the axes of the box [m], and rotation vector [rad]."""
+        pose = pin.SE3.Identity() if self.pose is None else self.pose
+        there, jacobian = self._placed(kinematics, q, local=True)
+        place = pose.actInv(there)
+        position = Place(
+            np.asarray(place.translation),
+            place.rotation @ jacobian[:3],
+            self.lower,
+            self.upper,
+            (self.label("m"),) * 3,
+        ).kept(np.isfinite(self.lower) | np.isfinite(self.upper))
+        if not self._turns.size:
+            return position
+        turn, by_turn = rotation_vector(np.asarray(place.rotation))
+        angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
+        by_q, labels = by_turn @ jacobian[3:], (self.label("rad"),) * 3
+        rotation = Place(turn, by_q, -angles, angles, labels)
+        return position.joined(rotation.kept(angles < np.pi))
+
+
 def displacement(by: Array) -> Array:
     """Check a caller's displacement, shape (3,) [m]."""
     return array(by, "by", (3,), "components [m]")
@@ -305,3 +418,61 @@ def turned(rotation: Array) -> Array:
 def rotation_vector(rotation: Array) -> tuple[Array, Array]:
     """Rotation vector [rad] and its derivative by a turn in the axes turned to."""
     return np.asarray(pin.log3(rotation)), np.asarray(pin.Jlog3(rotation))
+
+
+class FrameTarget(NamedTuple):
+    """Where a frame is to be, without tolerances.
+
+    Attributes:
+        place: Position, shape (3,) [m].
+        turn: Orientation, shape (3, 3); of a direction the axis in the frame in its
+            first row, the direction in the second.
+        counts: What counts of a turn above a shift, shape (6, 6).
+        posed: Whether all of the orientation is asked for.
+    """
+
+    place: Array
+    turn: Array
+    counts: Array
+    posed: bool
+
+
+def frame_target(goal: Goal) -> FrameTarget | None:
+    """Where a goal wants its frame; None for goals of other kinds."""
+    counts, turn, place = np.zeros((6, 6)), np.zeros((3, 3)), np.zeros(3)
+    if isinstance(goal, PoseGoal):
+        counts[:] = np.eye(6)
+        place, turn = np.array(goal.pose.translation), np.array(goal.pose.rotation)
+        return FrameTarget(place, turn, counts, True)
+    if isinstance(goal, PositionGoal):
+        counts[3:, 3:] = np.eye(3)
+        return FrameTarget(np.array(goal.position), turn, counts, False)
+    if isinstance(goal, AxisGoal):
+        counts[:2, :3] = across(np.array(goal.direction))
+        turn[0], turn[1] = goal.axis, goal.direction
+        if goal.position is not None:
+            counts[3:, 3:] = np.eye(3)
+            place = np.array(goal.position)
+        return FrameTarget(place, turn, counts, False)
+    return None
+
+
+def place_of(goal: Goal) -> object:
+    """What is equal for goals at one place, but for rounding."""
+
+    def rounded(*values: Array | None) -> tuple[object, ...]:
+        return tuple(
+            None if x is None else tuple(np.round(np.ravel(x) / SAME_PLACE).tolist())
+            for x in values
+        )
+
+    if isinstance(goal, JointGoal):
+        return (JointGoal, *rounded(goal.q))
+    if isinstance(goal, PoseGoal):
+        return (PoseGoal, goal.frame, *rounded(goal.pose.homogeneous))
+    if isinstance(goal, PositionGoal):
+        return (PositionGoal, goal.frame, *rounded(goal.position))
+    if isinstance(goal, AxisGoal):
+        numbers = rounded(goal.axis, goal.direction, goal.position)
+        return (AxisGoal, goal.frame, *numbers)
+    return goal

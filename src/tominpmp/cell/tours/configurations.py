@@ -22,7 +22,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.cell.tours.legs import LegTable
 from tominpmp.collision.placements import Placements
 from tominpmp.goals import Goal, Scales
-from tominpmp.goals.targets import FrameTarget, frame_target
+from tominpmp.goals.frames import FrameTarget, frame_target
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.least_squares import least_squares
 from tominpmp.problem import Problem

@@ -46,7 +46,7 @@ from tominpmp.checks import JointsLike, flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of, warn_caller
 from tominpmp.goals import Goal, JointGoal
-from tominpmp.goals.targets import place_of
+from tominpmp.goals.frames import place_of
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
