@@ -8,7 +8,7 @@ import pytest
 from distance_gradients import gradients
 
 from tominpmp.collision import CollisionChecker
-from tominpmp.collision.bounds import BALLS, Enclosure
+from tominpmp.collision.broad import BALLS, Enclosure
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.shapes import Outline
 from tominpmp.constraints import ClearanceConstraint

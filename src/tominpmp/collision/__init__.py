@@ -8,8 +8,7 @@ a query.
 
 from __future__ import annotations
 
-from tominpmp.collision.checker import CollisionChecker
-from tominpmp.collision.contact import Contact, Derivatives
+from tominpmp.collision.checker import CollisionChecker, Contact, Derivatives
 from tominpmp.collision.enclosure import Enclosure, enclosure
 from tominpmp.collision.shapes import obstacle_shape
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.checks import JOINTS, array
 from tominpmp.collision.bodies import Body, Geometry, scene_bodies
-from tominpmp.collision.contact import Contact, Derivatives
-from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import Guard
+from tominpmp.collision.placements import MovingObstacles
 from tominpmp.collision.query import Count, DistanceQuery
 from tominpmp.collision.selection import links_of, own_pairs, scene_pairs, without
 from tominpmp.exceptions import SceneError
@@ -21,6 +20,48 @@ from tominpmp.scene import Scene
 
 # Configurations whose distances are asked for at once, for the sake of memory.
 CHUNK = 1024
+
+
+class Contact(NamedTuple):
+    """The pair that comes closest in a configuration.
+
+    Attributes:
+        link: Name of the link.
+        obstacle: Name of what it comes close to.
+        distance: Signed distance [m].
+        own: Whether that is another link of the robot, or of one combined with it.
+        margin: Distance to keep [m].
+    """
+
+    link: str
+    obstacle: str
+    distance: float
+    own: bool = False
+    margin: float = 0.0
+
+    @property
+    def lack(self) -> float:
+        """Room that it lacks [m]; negative where there is some."""
+        return self.margin - self.distance
+
+    @property
+    def pair(self) -> str:
+        """Both of them, in words."""
+        if self.own:
+            return f"links {self.link!r} and {self.obstacle!r}"
+        return f"link {self.link!r} and obstacle {self.obstacle!r}"
+
+
+class Derivatives(NamedTuple):
+    """How distances change.
+
+    Attributes:
+        gradients: By configuration, shape (k, n) [m/rad or m/m].
+        rates: By time, where obstacles move, shape (k,) [m/s].
+    """
+
+    gradients: Array
+    rates: Array
 
 
 class CollisionChecker:

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body
-from tominpmp.collision.moving_obstacles import MovingObstacles
+from tominpmp.collision.placements import MovingObstacles
 from tominpmp.stopping import check
 
 # Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (distances) and

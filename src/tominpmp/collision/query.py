@@ -12,9 +12,8 @@ import pinocchio as pin
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.bodies import Body
 from tominpmp.collision.broad import BroadPhase, Joints
-from tominpmp.collision.moving_obstacles import MovingObstacles
 from tominpmp.collision.narrow import NarrowPhase
-from tominpmp.collision.placements import Placements
+from tominpmp.collision.placements import MovingObstacles, Placements
 
 
 @dataclass

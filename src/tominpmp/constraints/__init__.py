@@ -6,7 +6,7 @@ from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.coupling import JointCoupling
 from tominpmp.constraints.final import Arrival, GoalReached, Standstill
-from tominpmp.constraints.firm_grasp import FirmGrasp
+from tominpmp.constraints.held_load import FirmGrasp
 from tominpmp.constraints.joint_limits import (
     AccelerationLimit,
     JerkLimit,

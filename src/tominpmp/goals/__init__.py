@@ -14,9 +14,8 @@ from tominpmp.goals.frames import (
     RegionGoal,
 )
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
-from tominpmp.goals.passing import PassedGoal, passed
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, Scales
-from tominpmp.goals.sets import AllGoals, AnyGoal
+from tominpmp.goals.sets import AllGoals, AnyGoal, PassedGoal, passed
 
 __all__ = [
     "AllGoals",

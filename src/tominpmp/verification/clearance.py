@@ -21,8 +21,7 @@ import numpy as np
 from tominpmp.arrays import Array, array_or_nan
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
-from tominpmp.collision import CollisionChecker
-from tominpmp.collision.contact import Contact
+from tominpmp.collision import CollisionChecker, Contact
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
