@@ -283,7 +283,7 @@ def test_attention(panda: Robot, rng: np.random.Generator) -> None:
         assert np.all(found >= exact - DEPTHS)
         assert np.all(found[~near] <= -attention + DEPTHS)
     np.testing.assert_allclose(constraint.values(q, np.inf), exact, atol=DEPTHS)
-    kept = np.array([constraint.is_kept(row) for row in q])
+    kept = np.array([checker.is_free(row, margin) for row in q])
     np.testing.assert_array_equal(kept, np.all(exact < 0.0, axis=1))
     which = np.array([3, 0])
     instants = np.array([24, 1])

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, Converted, IntArray, default, record
 from tominpmp.collision import CollisionChecker, Derivatives
 from tominpmp.constraints.base import Constraint, Partials, States
 
@@ -22,6 +22,7 @@ LEAST_GRAZE = 1e-5
 REST = 0.5
 
 
+@record
 class ClearanceConstraint(Constraint):
     """Keep every link farther than a margin from all that it is watched against.
 
@@ -33,20 +34,20 @@ class ClearanceConstraint(Constraint):
             length, one for all pairs or by pair.
     """
 
+    checker: CollisionChecker
+    margin: float | Array
+    length: float
+    padding: Converted[float | Array, Array] = default(0.0)
+
     name = "clearance"
     shared = False
     gradual = True
 
-    def __init__(
-        self,
-        checker: CollisionChecker,
-        margin: float | Array,
-        length: float,
-        padding: float | Array = 0.0,
-    ) -> None:
-        self.checker, self.margin, self.length = checker, margin, length
-        self.padding = np.broadcast_to(padding, len(checker.pairs))
-        self.moving = checker.moving
+    def __post_init__(self) -> None:
+        """Give each pair its padding."""
+        padding = np.broadcast_to(self.padding, len(self.checker.pairs))
+        object.__setattr__(self, "padding", padding)
+        object.__setattr__(self, "moving", self.checker.moving)
 
     @property
     def count(self) -> int:
@@ -86,10 +87,6 @@ class ClearanceConstraint(Constraint):
             return (self.margin - found) / self.length
         cutoff = self.margin + attention * self.length
         return (self.margin - self.checker.distances(q, cutoff, times)) / self.length
-
-    def is_kept(self, q: Array) -> bool:
-        """Whether the margin is kept at one configuration; faster than the values."""
-        return self.checker.is_free(q, self.margin)
 
     def derivatives_at(
         self, q: Array, instants: IntArray, which: IntArray, times: Array | None = None

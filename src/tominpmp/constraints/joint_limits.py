@@ -60,11 +60,8 @@ class JointLimit(Constraint):
         """Unit vectors over the scale."""
         by = np.zeros((at.size, self.joint_count))
         by[np.arange(at.size), self.joints[which]] = 1.0 / self.scale[which]
-        if self.order == 0:
-            return Partials(at, by_q=by)
-        if self.order == 1:
-            return Partials(at, by_v=by)
-        return Partials(at, by_a=by)
+        by_q, by_v, by_a = (by if k == self.order else None for k in range(3))
+        return Partials(at, by_q, by_v, by_a)
 
 
 class PositionLimit(JointLimit):

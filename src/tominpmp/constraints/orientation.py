@@ -16,10 +16,6 @@ from tominpmp.goals.direction import deviations
 from tominpmp.scene import rotation_matrix
 
 NONE = np.zeros(0)
-# Narrower cones are measured by this angle, so that rows stay of order one [rad].
-LEAST_SCALE = 0.05
-
-
 Angle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
 
 
@@ -28,18 +24,10 @@ class FrameAngle(FrameRows):
 
     tolerance: Angle
 
+    bound = "tolerance"
+    least_scale = 0.05
     order = 0
     unit = "rad"
-
-    @property
-    def largest(self) -> float:
-        """The tolerance."""
-        return self.tolerance
-
-    @property
-    def scale(self) -> float:
-        """The tolerance, or a small angle if it is less."""
-        return max(self.tolerance, LEAST_SCALE)
 
 
 @record

@@ -316,22 +316,20 @@ class PathConstraint(Record, Constraint):
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Their derivatives."""
-        at, which = _indices(at, "at"), _indices(which, "which")
-        used, place = np.unique(at, return_inverse=True)
+        used, place, parts = self._used(states, at, which)
         if not used.size:
             return Partials(at)
-        found = self.term_rows(*(part[used] for part in self._parts(states)))
         by_q, by_v, by_a = (
-            part[place, which] if part.size else None for part in found[1:]
+            part[place, which] if part.size else None
+            for part in self.term_rows(*parts)[1:]
         )
         by_t = None if self.window is None else np.zeros(at.size)
         return Partials(at, by_q, by_v, by_a, by_t=by_t)
 
     def bend(self, states: States, at: IntArray, which: IntArray) -> Partials | None:
         """Of values that are convex functions of vectors."""
-        at, which = _indices(at, "at"), _indices(which, "which")
-        used, place = np.unique(at, return_inverse=True)
-        found = self.bend_rows(*(part[used] for part in self._parts(states)))
+        used, place, parts = self._used(states, at, which)
+        found = self.bend_rows(*parts)
         if found is None or not used.size:
             return None
         size = next(part.shape[2] for part in found if part.size)
@@ -342,6 +340,14 @@ class PathConstraint(Record, Constraint):
         at, row = np.repeat(at, size), np.repeat(np.arange(at.size), size)
         by_t = None if self.window is None else np.zeros(at.size)
         return Partials(at, by_q, by_v, by_a, by_t=by_t, row=row)
+
+    def _used(
+        self, states: States, at: IntArray, which: IntArray
+    ) -> tuple[IntArray, IntArray, list[Array]]:
+        """Instants that values are asked of, where each is, and the states there."""
+        _indices(which, "which")
+        used, place = np.unique(_indices(at, "at"), return_inverse=True)
+        return used, place, [part[used] for part in self._parts(states)]
 
     def measures(self, states: States) -> Array:
         """The quantity itself at states, shape (m,)."""
@@ -418,6 +424,21 @@ class FrameRows(PathConstraint):
 
     frame: FrameName
     quantity: ClassVar[str]
+    # Name of the field that holds the limit; empty where none does.
+    bound: ClassVar[str] = ""
+    # Excesses are measured by the limit, or by this if it is less, so that rows stay of
+    # order one.
+    least_scale: ClassVar[float] = 0.0
+
+    @property
+    def largest(self) -> float:
+        """The limit."""
+        return float(getattr(self, self.bound))
+
+    @property
+    def scale(self) -> float:
+        """The limit, or a little if it is less."""
+        return max(self.largest, self.least_scale)
 
     @property
     def name(self) -> str:

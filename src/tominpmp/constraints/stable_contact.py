@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cached_property, partial
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -85,12 +85,6 @@ class StableContact(HeldLoad):
     scale = 1.0
     falls = "slips or tips"
 
-    def __post_init__(self) -> None:
-        """Check and copy the values."""
-        super().__post_init__()
-        if isinstance(self.support, np.ndarray):
-            self._keep(_edges=_edges_of(self.support))
-
     @property
     def count(self) -> int:
         """One for slipping, and one for each edge."""
@@ -98,25 +92,55 @@ class StableContact(HeldLoad):
             return 1 if self.support is None else 2
         return 1 + len(self.support)
 
-    @property
-    def _moments(self) -> tuple[Array, Array]:
-        found: tuple[Array, Array] = self.__dict__["_edges"]
-        return found
+    @cached_property
+    def _cones(self) -> list[tuple[Array, float]]:
+        """Cones that wrenches are to be in: of friction, and of a round support.
+
+        Matrices, shape (3, 6), whose first two rows give of a wrench what is to be no
+        longer than the third row gives [N], and what the tips are rounded off by [N].
+        """
+        mu, tip = self.friction, TIP * self.weight
+        cones = [(np.vstack([_ACROSS, mu * _PRESSING]), mu * tip)]
+        if isinstance(self.support, float):
+            # The centre of pressure (-m_y, m_x) / f_z is within a circle.
+            cones.append((np.vstack([_ABOUT / self.support, _PRESSING]), tip))
+        return cones
+
+    @cached_property
+    def _edges(self) -> tuple[Array, Array] | None:
+        """Moments about the edges of the support, see :func:`_edges_of`."""
+        corners = self.support
+        return _edges_of(corners) if isinstance(corners, np.ndarray) else None
+
+    def _within(self, w: Array, rows: Array) -> Array:
+        """What a cone is about of wrenches, with the pull of a cup, shape (m, 3)."""
+        return np.asarray((w + self.adhesion * _PRESSING) @ rows.T)
+
+    def _missing(self, w: Array) -> tuple[Array, Array]:
+        """What is missing to hold a load [N], and its derivatives by wrenches.
+
+        Returns:
+            Shapes (m, count) and (m, count, 6).
+        """
+        found = [_cone(self._within(w, rows), rows, tip) for rows, tip in self._cones]
+        if self._edges is not None:
+            rows, room = self._edges
+            scale = np.maximum(room, 1e-6)
+            slope = np.broadcast_to(rows / scale[:, None], (len(w), *rows.shape))
+            found.append(((w @ rows.T - self.adhesion * room) / scale, slope))
+        values, slopes = zip(*found, strict=True)
+        return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """What is missing to hold the load, in shares of its weight."""
         w, by = self.wrench_slopes(q, v, a)
-        every = [self._slipping(w), *self._tipping(w)]
-        by_wrench = np.concatenate([slope for _, slope in every], axis=1)
-        values = np.concatenate([value for value, _ in every], axis=1)
+        values, by_wrench = self._missing(w)
         by_q, by_v, by_a = (by_wrench @ part / self.weight for part in by)
         return values / self.weight, by_q, by_v, by_a
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
         """The same without derivatives."""
-        w = self.wrenches(q, v, a)
-        every = [self._slipping(w), *self._tipping(w)]
-        return np.concatenate([value for value, _ in every], axis=1) / self.weight
+        return self._missing(self.wrenches(q, v, a))[0] / self.weight
 
     @property
     def bends(self) -> bool:
@@ -129,43 +153,12 @@ class StableContact(HeldLoad):
         """The cones are convex in the wrench."""
         w, by = self.wrench_slopes(q, v, a)
         root = np.zeros((len(w), self.count, 3, 6))
-        pull = np.array([0.0, 0.0, self.adhesion])
-        cones = [np.vstack([_ACROSS, self.friction * _PRESSING])]
-        if isinstance(self.support, float):
-            cones.append(np.vstack([_ABOUT / self.support, _PRESSING]))
-        for k, rows in enumerate(cones):
-            y = w @ rows.T + rows[2, 2] * pull
-            root[:, k] = length_bend(y, self._tips[k] / np.sqrt(2.0)) @ rows
+        for k, (rows, tip) in enumerate(self._cones):
+            y = self._within(w, rows)
+            root[:, k] = length_bend(y, tip / np.sqrt(2.0)) @ rows
         root /= np.sqrt(self.weight)
         by_q, by_v, by_a = (root @ part[:, None] for part in by)
         return by_q, by_v, by_a
-
-    def _slipping(self, w: Array) -> tuple[Array, Array]:
-        """Force across the contact beyond what friction holds, rounded off [N]."""
-        pull, mu = self.adhesion, self.friction
-        most = mu * (w[:, 2] + pull)
-        return _cone(w[:, :2], most, _ACROSS, mu * _PRESSING, self._tips[0])
-
-    @property
-    def _tips(self) -> tuple[float, float]:
-        """What the cones of slipping and tipping are rounded off by [N]."""
-        return TIP * self.friction * self.weight, TIP * self.weight
-
-    def _tipping(self, w: Array) -> list[tuple[Array, Array]]:
-        """How far the contact is from holding the moments about its edges [N]."""
-        if self.support is None:
-            return []
-        if isinstance(self.support, float):
-            # The centre of pressure (-m_y, m_x) / f_z is within a circle.
-            moment = w[:, 3:5] / self.support
-            most = w[:, 2] + self.adhesion
-            by_moment = _ABOUT / self.support
-            return [_cone(moment, most, by_moment, _PRESSING, self._tips[1])]
-        rows, room = self._moments
-        scale = np.maximum(room, 1e-6)
-        value = (w @ rows.T - self.adhesion * room) / scale
-        slope = np.broadcast_to(rows / scale[:, None], (len(w), *rows.shape))
-        return [(value, slope)]
 
     def reason(self, w: Array) -> str:
         """Why it does not hold a wrench, in a clause."""
@@ -188,39 +181,34 @@ class StableContact(HeldLoad):
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """What is missing to hold the load, in shares of its weight, at least zero."""
         w = self.wrenches(q, v, a)
-        slips = np.hypot(w[:, 0], w[:, 1]) - self.friction * (w[:, 2] + self.adhesion)
-        missing = [np.maximum(slips, 0.0)]
-        if isinstance(self.support, float):
-            moment = np.hypot(w[:, 3], w[:, 4]) / self.support
-            missing.append(moment - (w[:, 2] + self.adhesion))
-        else:
-            missing += [value.max(axis=1) for value, _ in self._tipping(w)]
-        return np.asarray(np.max(missing, axis=0) / self.weight)
+        missing = np.zeros((len(w), 1))
+        if self._edges is not None:
+            missing = np.maximum(self._missing(w)[0][:, 1:], 0.0)
+        for rows, _ in self._cones:
+            y = self._within(w, rows)
+            beyond = np.hypot(y[:, 0], y[:, 1]) - y[:, 2]
+            missing = np.column_stack([missing, beyond])
+        return np.asarray(np.max(missing, axis=1) / self.weight)
 
 
-def _cone(
-    part: Array, most: Array, by_part: Array, by_most: Array, tip: float
-) -> tuple[Array, Array]:
-    """How far parts of wrenches are beyond a cone, rounded off about its tip.
+def _cone(y: Array, rows: Array, tip: float) -> tuple[Array, Array]:
+    """How far wrenches are beyond a cone, rounded off about its tip.
 
     sqrt(2 x^2 + 2 L^2 + e^2) - 2 L is positive where x > L, and has the sign of x - L
     but for a little where L is much larger than e.
 
     Args:
-        part: What is to be no longer than a length, shape (m, 2) [N].
-        most: The length L, shape (m,) [N].
-        by_part: Derivative of the part by the wrench, shape (2, 6).
-        by_most: Derivative of the length by it, shape (6,).
+        y: What is to be no longer than a length L, two numbers, and L, shape (m, 3)
+            [N].
+        rows: Derivatives of these by the wrench, shape (3, 6).
         tip: What it is rounded off by, e [N].
 
     Returns:
         Values, shape (m, 1) [N], and their derivatives by wrenches, shape (m, 1, 6).
     """
-    size = np.sqrt(2.0 * (np.sum(part**2, axis=1) + most**2) + tip**2)
-    safe = np.maximum(size, 1e-300)
-    slope = 2.0 * (part / safe[:, None]) @ by_part
-    slope += (2.0 * most / safe - 2.0)[:, None] * by_most
-    return (size - 2.0 * most)[:, None], slope[:, None, :]
+    size = np.sqrt(2.0 * np.sum(y**2, axis=1) + tip**2)[:, None]
+    slope = 2.0 * (y / np.maximum(size, 1e-300)) @ rows - 2.0 * rows[2]
+    return size - 2.0 * y[:, 2:], slope[:, None, :]
 
 
 def _edges_of(corners: Array) -> tuple[Array, Array]:

@@ -19,8 +19,6 @@ from tominpmp.constraints.path import FrameRows, Linear, Way
 from tominpmp.exceptions import brief
 
 NONE = np.zeros(0)
-# Narrower tubes are measured by this, so that rows stay of order one [m].
-LEAST_SCALE = 0.02
 POINT = "coordinates [m]"
 
 Turn: TypeAlias = Annotated[float, partial(positive, unit="rad", most=2.0 * np.pi)]
@@ -32,6 +30,8 @@ class Tube(FrameRows):
     radius: Metres
 
     quantity = "distance from its path"
+    bound = "radius"
+    least_scale = 0.02
     order = 0
     unit = "m"
 
@@ -64,16 +64,6 @@ class Tube(FrameRows):
         ends = self.progress(first), self.progress(last)
         count = whole(count, "count")
         return np.array([self.at(s) for s in np.linspace(*ends, count).tolist()])
-
-    @property
-    def largest(self) -> float:
-        """The radius."""
-        return self.radius
-
-    @property
-    def scale(self) -> float:
-        """The radius, or a small length if it is less."""
-        return max(self.radius, LEAST_SCALE)
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Distances [m]."""

@@ -17,19 +17,8 @@ Speed: TypeAlias = Annotated[float, partial(positive, unit="m/s")]
 Acceleration: TypeAlias = Annotated[float, partial(positive, unit="m/s^2")]
 
 
-class FrameLimit(FrameRows):
-    """A quantity of a frame below its field ``limit``."""
-
-    limit: float
-
-    @property
-    def largest(self) -> float:
-        """The limit."""
-        return self.limit
-
-
 @record
-class ToolSpeed(FrameLimit):
+class ToolSpeed(FrameRows):
     """The origin of a frame moves no faster than a limit, at all times.
 
     Attributes:
@@ -43,6 +32,7 @@ class ToolSpeed(FrameLimit):
     limit: Speed
 
     quantity = "speed"
+    bound = "limit"
     order = 1
     curable = True
     unit = "m/s"
@@ -62,7 +52,7 @@ class ToolSpeed(FrameLimit):
 
 
 @record
-class ToolAcceleration(FrameLimit):
+class ToolAcceleration(FrameRows):
     """The origin of a frame accelerates no more than a limit, at all times.
 
     Attributes:
@@ -76,6 +66,7 @@ class ToolAcceleration(FrameLimit):
     limit: Acceleration
 
     quantity = "acceleration"
+    bound = "limit"
     order = 2
     unit = "m/s^2"
 

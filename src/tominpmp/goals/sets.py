@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -211,19 +211,17 @@ class AnyGoal(GoalSet):
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
         """The goal that a final state misses by least, in the worst of its numbers."""
-        missed = [
-            float(np.max(np.abs(goal.excess(kinematics, q, v)), initial=0.0))
-            for goal in self.goals
-        ]
-        return self.goals[int(np.argmin(missed))]
+        return self._least(goal.excess(kinematics, q, v) for goal in self.goals)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """What the goal that a configuration misses by least asks of it."""
-        missed = [
-            float(np.max(np.abs(goal.place_residual(kinematics, q)[0]), initial=0.0))
-            for goal in self.goals
-        ]
-        return self.goals[int(np.argmin(missed))].place(kinematics, q)
+        apart = (goal.place_residual(kinematics, q)[0] for goal in self.goals)
+        return self._least(apart).place(kinematics, q)
+
+    def _least(self, missed: Iterable[Array]) -> Goal:
+        """The goal that is missed by least, of what each of them is missed by."""
+        worst = [np.max(np.abs(part), initial=0.0) for part in missed]
+        return self.goals[int(np.argmin(worst))]
 
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
         """Excess over the bounds of the nearest goal; its length depends on which."""
