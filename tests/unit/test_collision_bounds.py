@@ -189,7 +189,7 @@ def test_distances_along_a_fine_motion(panda: Robot, rng: np.random.Generator) -
         found = checker.distances(q[order], cutoff, times[order])
         check(found, exact, cutoff)
         assert np.any(exact < cutoff)
-    broad, placed = checker._query.broad, checker._query.place(panda.expand(q), times)
+    broad, placed = checker.broad, checker._place(panda.expand(q), times)
     least = broad._along(broad._centres(placed))
     assert least is not None
     assert np.all(least <= np.min(broad.by_balls(placed), axis=0))

@@ -8,8 +8,9 @@ a query.
 
 from __future__ import annotations
 
-from tominpmp.collision.checker import CollisionChecker, Contact, Derivatives
+from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.collision.enclosure import Enclosure, enclosure
+from tominpmp.collision.query import Derivatives
 from tominpmp.collision.shapes import obstacle_shape
 
 __all__ = [

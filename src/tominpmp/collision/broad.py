@@ -152,6 +152,7 @@ class BroadPhase:
     Attributes:
         first: First body of each pair, shape (pairs,).
         second: Second body of each pair, shape (pairs,).
+        joint: What carries each body, shape (bodies,).
         farthest: How far points of each body may be from the origin of what carries it
             [m], shape (bodies,).
     """
@@ -165,7 +166,7 @@ class BroadPhase:
             body.placement * pin.SE3(item.R, item.t)
             for body, item in zip(bodies, found, strict=True)
         ]
-        self._joint = np.array([body.joint for body in bodies], dtype=np.int64)
+        self.joint = np.array([body.joint for body in bodies], dtype=np.int64)
         self._radius = np.array([item.radius for item in found])
         self._half = np.array([item.half for item in found]).reshape(-1, 3)
         self._swell = np.array([item.swell for item in found])
@@ -180,15 +181,15 @@ class BroadPhase:
         self._origin = np.einsum("bij,bi->bj", self._R, self._t)
         # No point of a body is farther than this from what carries it.
         self.farthest = self._radius + np.linalg.norm(self._centre, axis=1)
-        fixed = self._joint[second] == 0
+        fixed = self.joint[second] == 0
         self._fixed, self._moving = np.flatnonzero(fixed), np.flatnonzero(~fixed)
         # What does not move is looked at from all links at once.
         self._links, row = np.unique(first[fixed], return_inverse=True)
         self._others, column = np.unique(second[fixed], return_inverse=True)
         self._cell: IntArray = (row * self._others.size + column).astype(np.int64)
         self._carried = [
-            (int(joint), np.flatnonzero(self._joint == joint))
-            for joint in np.unique(self._joint[self._joint > 0])
+            (int(joint), np.flatnonzero(self.joint == joint))
+            for joint in np.unique(self.joint[self.joint > 0])
         ]
 
     def by_balls(self, joints: Joints) -> Array:
@@ -238,7 +239,7 @@ class BroadPhase:
     def _centres(self, joints: Joints) -> Array:
         """Centres of the balls around what moves in the world, (bodies, m, 3) [m]."""
         R, t = joints
-        out = np.zeros((self._joint.size, t.shape[0], 3))
+        out = np.zeros((self.joint.size, t.shape[0], 3))
         for joint, bodies in self._carried:
             turned = R[:, joint] @ self._centre[bodies].T
             turned += t[:, joint, :, None]
@@ -299,7 +300,7 @@ class BroadPhase:
         a, b = self.first[pair], self.second[pair]
         R, t = joints
         away = centre[a]
-        carrier = self._joint[b]
+        carrier = self.joint[b]
         for joint in np.unique(carrier[carrier > 0]).tolist():
             mine = np.flatnonzero(carrier == joint)
             beside = away[mine] - t[:, joint]
@@ -322,12 +323,12 @@ class BroadPhase:
         """
         a, b = self.first[pair], self.second[pair]
         R, t = joints
-        carrier = self._joint[a]
+        carrier = self.joint[a]
         centres = self._cover[a] @ np.swapaxes(R[instant, carrier], 1, 2)
         centres += t[instant, carrier][:, None]
-        moves = np.flatnonzero(self._joint[b])
+        moves = np.flatnonzero(self.joint[b])
         if moves.size:
-            at, carrier = instant[moves], self._joint[b[moves]]
+            at, carrier = instant[moves], self.joint[b[moves]]
             away = centres[moves] - t[at, carrier][:, None]
             centres[moves] = away @ R[at, carrier]
         centres = centres @ self._R[b]

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.checks import JOINTS, array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body, Geometry, scene_bodies
 from tominpmp.collision.narrow import Guard
 from tominpmp.collision.placements import MovingObstacles
-from tominpmp.collision.query import Count, DistanceQuery
+from tominpmp.collision.query import PairDistances, Pairs
 from tominpmp.collision.selection import links_of, own_pairs, scene_pairs, without
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
-
-# Configurations whose distances are asked for at once, for the sake of memory.
-CHUNK = 1024
 
 
 class Contact(NamedTuple):
@@ -52,19 +49,7 @@ class Contact(NamedTuple):
         return f"link {self.link!r} and obstacle {self.obstacle!r}"
 
 
-class Derivatives(NamedTuple):
-    """How distances change.
-
-    Attributes:
-        gradients: By configuration, shape (k, n) [m/rad or m/m].
-        rates: By time, where obstacles move, shape (k,) [m/s].
-    """
-
-    gradients: Array
-    rates: Array
-
-
-class CollisionChecker:
+class CollisionChecker(PairDistances):
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
     Pairs are put together when they are first asked for, as cutting meshes may take
@@ -107,7 +92,8 @@ class CollisionChecker:
         Raises:
             SceneError: If there are obstacles, but no geometry on moving links.
         """
-        self.robot, self.scene, self.geometry = robot, scene, geometry
+        super().__init__(robot, MovingObstacles(scene.moving, robot.model.njoints))
+        self.scene, self.geometry = scene, geometry
         self.self_collision, self.cut, self.may_touch = self_collision, cut, may_touch
         shapes = robot.collision_model.geometryObjects
         if len(scene) and not any(item.parentJoint for item in shapes):
@@ -115,11 +101,10 @@ class CollisionChecker:
                 f"the robot {robot.name!r} has no collision geometry on its moving "
                 "links, so that its clearance from the scene cannot be told"
             )
-        self._obstacles = MovingObstacles(scene.moving, robot.model.njoints)
         self._guard: tuple[float | Array, Guard] | None = None
         self._variants: dict[frozenset[str], CollisionChecker] = {}
         if len(scene):
-            _ = self._query  # its pairs are all asked for, by whatever is planned
+            _ = self.broad, self.narrow  # asked for by whatever is planned
 
     @cached_property
     def links(self) -> tuple[Body, ...]:
@@ -129,9 +114,9 @@ class CollisionChecker:
         return links_of(self.robot, self.geometry, self.cut)
 
     @cached_property
-    def _query(self) -> DistanceQuery:
-        model = self.robot.model
-        bodies = [*self.links, *scene_bodies(self.scene, model.njoints)]
+    def watched(self) -> tuple[Sequence[Body], Pairs]:
+        """Links and obstacles, and the pairs of them that are watched."""
+        bodies = [*self.links, *scene_bodies(self.scene, self.robot.model.njoints)]
         pairs = scene_pairs(bodies, len(self.links))
         if self.self_collision:
             own = own_pairs(self.robot, self.geometry, self.cut)
@@ -139,8 +124,7 @@ class CollisionChecker:
                 np.concatenate([pairs[0], own[0]]),
                 np.concatenate([pairs[1], own[1]]),
             )
-        pairs = without(self.may_touch, bodies, pairs)
-        return DistanceQuery(model, bodies, pairs, self._obstacles)
+        return bodies, without(self.may_touch, bodies, pairs)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         """Pickle without the geometry, which is built again."""
@@ -178,38 +162,20 @@ class CollisionChecker:
         """
         return self.lone and self.with_cut(frozenset()).is_free(q, margin)
 
-    @property
-    def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Names (link, other) of the pairs, first those with obstacles.
-
-        A link has a pair for each of its convex pieces.
-        """
-        return self._query.pairs
-
     @cached_property
     def obstacle_pairs(self) -> int:
         """How many of the pairs are with obstacles."""
-        return int(np.count_nonzero(self._query.second >= len(self.links)))
-
-    @property
-    def count(self) -> Count:
-        """How many pairs were asked for with a cutoff, and how many were measured."""
-        return self._query.count
+        return int(np.count_nonzero(self.broad.second >= len(self.links)))
 
     @property
     def moving(self) -> bool:
         """Whether distances depend on time, for an obstacle moves."""
-        return self._obstacles.count > 0
+        return self.obstacles.count > 0
 
     @property
     def kinks(self) -> Array:
         """Times at which an obstacle changes its velocity at once [s], ascending."""
-        return self._obstacles.kinks
-
-    @property
-    def moving_pairs(self) -> BoolArray:
-        """Which pairs are with an obstacle that moves, shape (pairs,)."""
-        return self._query.moving_pairs
+        return self.obstacles.kinks
 
     @cached_property
     def lone_joints(self) -> IntArray:
@@ -218,78 +184,11 @@ class CollisionChecker:
         That of the first link of an arm to an obstacle at rest, for one; -1 where none
         or several do, or the time.
         """
-        moves = self._query.moves
+        moves = self._moves
         if self.robot.expansion_matrix is not None:
             moves = moves @ (self.robot.expansion_matrix != 0.0)
         alone = (moves.sum(axis=1) == 1) & ~self.moving_pairs
         return np.where(alone, np.argmax(moves, axis=1), -1)
-
-    def distances(
-        self,
-        q: Array,
-        cutoff: float | Array | None = None,
-        times: Array | None = None,
-    ) -> Array:
-        """Signed distances at configurations.
-
-        Args:
-            q: Configurations, shape (m, n) [rad or m].
-            cutoff: Distance beyond which a lower bound is enough [m], one for all pairs
-                or by pair, shape (pairs,); None for exact distances throughout.
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
-
-        Returns:
-            Distances [m], shape (m, number of pairs). Those below the cutoff are exact;
-            the others may be lower bounds, which are not below the cutoff either.
-        """
-        q = array(q, "q", (None, self.robot.n), JOINTS)
-        out = np.empty((q.shape[0], len(self.pairs)))
-        if cutoff is not None:
-            for begin in range(0, len(q), CHUNK):
-                part = slice(begin, begin + CHUNK)
-                when = None if times is None else times[part]
-                out[part] = self._query.distances(
-                    self.robot.expand(q[part]), cutoff, when
-                )
-            return out
-        if not self.pairs:
-            return out
-        for i, row in enumerate(self.robot.expand(q)):
-            out[i] = self._query.narrow.all(
-                row, 0.0 if times is None else float(times[i])
-            )
-        return out
-
-    def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
-        """Lower bounds of all distances, without measuring any; see ``distances``."""
-        placed = self._query.place(self.robot.expand(q), times)
-        return self._query.broad.by_balls(placed)
-
-    def measured(
-        self,
-        q: Array,
-        instants: IntArray,
-        pairs: IntArray,
-        enough: Array,
-        times: Array | None = None,
-    ) -> Array:
-        """Signed distances of single pairs at single configurations.
-
-        Args:
-            q: Configurations, shape (m, n) [rad or m].
-            instants: Index of the configuration of each distance, shape (k,).
-            pairs: Index of its pair, shape (k,).
-            enough: Distances from which on a lower bound will do, shape (k,) [m].
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
-
-        Returns:
-            Shape (k,) [m]; exact where below ``enough``.
-        """
-        used, instants = np.unique(instants, return_inverse=True)
-        rows, query = self.robot.expand(q[used]), self._query
-        times = None if times is None else times[used]
-        placed = query.place(rows, times)
-        return query.measured(rows, placed, instants, pairs, enough, times)
 
     def is_free(self, q: Array, margin: float | Array = 0.0, time: float = 0.0) -> bool:
         """Whether all pairs are farther apart than a margin at one configuration.
@@ -307,69 +206,8 @@ class CollisionChecker:
         # A sampler asks ten thousands of times with the very same margin.
         if self._guard is None or self._guard[0] is not margin:
             limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
-            self._guard = margin, Guard(self._query.narrow, limit)
+            self._guard = margin, Guard(self.narrow, limit)
         return self._guard[1].is_free(self.robot.expand(q), time)
-
-    def derivatives_at(
-        self,
-        q: Array,
-        instants: IntArray,
-        pairs: IntArray,
-        times: Array | None = None,
-    ) -> Derivatives:
-        r"""Derivatives of some distances by configuration and by time.
-
-        With the witness points p1, p2 and the unit normal n from the first body to the
-        second, :math:`d_q = n^T (J_2(p_2) - J_1(p_1))`. In penetration and at contact
-        the normal stays defined, so that the gradient is finite there too. It is zero
-        where no joint changes the distance: a planar arm over a box that is flatter
-        than the arm is thick can only leave it across its plane, which it cannot do.
-        Where the obstacle moves, its point p2 has a velocity v of its own, and
-        :math:`d_t = n^T v`.
-
-        Args:
-            q: Configurations, shape (m, n) [rad or m].
-            instants: Index of the configuration of each gradient, shape (k,).
-            pairs: Index of its pair, shape (k,).
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
-
-        Returns:
-            The derivatives.
-        """
-        if times is None:
-            times = np.zeros(q.shape[0])
-        rows = self.robot.expand(q)
-        gradients, rates = self._query.derivatives(rows, instants, pairs, times)
-        return Derivatives(self.robot.reduce_tangent(gradients), rates)
-
-    def witnesses(self, q: Array, pairs: IntArray, times: Array) -> tuple[Array, Array]:
-        """Where pairs are nearest, at a configuration each.
-
-        Args:
-            q: Configurations, shape (k, n) [rad or m].
-            pairs: Index of the pair at each, shape (k,).
-            times: Times [s], shape (k,), for obstacles that move.
-
-        Returns:
-            Unit normals in the world from the link to the other body, along which the
-            distance grows, shape (k, 3), and the points of the other bodies [m],
-            shape (k, 3).
-        """
-        rows, instants = self.robot.expand(q), np.arange(len(pairs))
-        normal, points = self._query.witnesses(rows, instants, pairs, times)
-        return normal, points[1]
-
-    def obstacle_speeds(self, begin: Array, end: Array) -> Array:
-        """Bounds on the speed of all points of the other body of each pair.
-
-        Args:
-            begin: Beginnings of stretches of time [s], shape (m,).
-            end: Their ends, shape (m,).
-
-        Returns:
-            Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
-        """
-        return self._query.obstacle_speeds(begin, end)
 
     def margins(self, margin: float) -> Array:
         """A margin by pair, shape (pairs,) [m].

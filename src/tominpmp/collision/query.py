@@ -5,15 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.checks import JOINTS, array
 from tominpmp.collision.bodies import Body
 from tominpmp.collision.broad import BroadPhase, Joints
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import MovingObstacles, Placements
+from tominpmp.robot import Robot
+
+# Configurations whose distances are asked for at once, for the sake of memory.
+CHUNK = 1024
+
+# First and second bodies of pairs, shape (pairs,) each.
+Pairs = tuple[IntArray, IntArray]
 
 
 @dataclass
@@ -29,113 +37,201 @@ class Count:
     queries: int = 0
 
 
-class DistanceQuery:
+class Derivatives(NamedTuple):
+    """How distances change.
+
+    Attributes:
+        gradients: By configuration, shape (k, n) [m/rad or m/m].
+        rates: By time, where obstacles move, shape (k,) [m/s].
+    """
+
+    gradients: Array
+    rates: Array
+
+
+class PairDistances:
     """Pairs of bodies, and the steps from coarse bounds to their exact distances.
 
     Attributes:
-        bodies: The bodies.
-        first: First body of each pair, shape (pairs,).
-        second: Second body of each pair, shape (pairs,).
-        pairs: Names of both bodies of each pair.
+        robot: The robot.
         obstacles: Obstacles that move.
-        placements: Forward kinematics.
-        broad: Bounds from balls and boxes.
-        narrow: Exact distances.
-        count: How many queries there were.
+        count: How many pairs were asked for with a cutoff, and how many were measured.
     """
 
     def __init__(
         self,
-        model: pin.Model,
-        bodies: Sequence[Body],
-        pairs: tuple[IntArray, IntArray],
+        robot: Robot,
         obstacles: MovingObstacles | None = None,
+        watched: tuple[Sequence[Body], Pairs] | None = None,
     ) -> None:
-        """Make the queries for pairs (first bodies, second bodies)."""
-        self.bodies, (self.first, self.second) = bodies, pairs
-        self.pairs = tuple(
-            (bodies[i].name, bodies[k].name)
-            for i, k in zip(self.first.tolist(), self.second.tolist(), strict=True)
-        )
-        self.obstacles = obstacles or MovingObstacles((), model.njoints)
-        self.placements = Placements(model)
-        self.broad = BroadPhase(bodies, *pairs)
-        self.narrow = NarrowPhase(model, bodies, *pairs, self.obstacles)
+        """Make it for bodies and pairs of them, unless a subclass finds these."""
+        self.robot = robot
+        self.obstacles = obstacles or MovingObstacles((), robot.model.njoints)
         self.count = Count()
-        self._joint = np.array([body.joint for body in bodies], dtype=np.int64)
+        if watched is not None:
+            self.watched = watched
+
+    @cached_property
+    def watched(self) -> tuple[Sequence[Body], Pairs]:
+        """The bodies, and the first and the second of each pair."""
+        raise NotImplementedError
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Names (link, other) of the pairs, first those with obstacles.
+
+        A link has a pair for each of its convex pieces.
+        """
+        bodies, ends = self.watched
+        both = zip(*(part.tolist() for part in ends), strict=True)
+        return tuple((bodies[i].name, bodies[k].name) for i, k in both)
+
+    @cached_property
+    def placements(self) -> Placements:
+        """Forward kinematics."""
+        return Placements(self.robot.model)
+
+    @cached_property
+    def broad(self) -> BroadPhase:
+        """Bounds from balls and boxes."""
+        bodies, pairs = self.watched
+        return BroadPhase(bodies, *pairs)
+
+    @cached_property
+    def narrow(self) -> NarrowPhase:
+        """Exact distances."""
+        bodies, pairs = self.watched
+        return NarrowPhase(self.robot.model, bodies, *pairs, self.obstacles)
 
     @cached_property
     def moving_pairs(self) -> BoolArray:
         """Which pairs are with an obstacle that moves, shape (pairs,)."""
-        return np.asarray(self._joint[self.second] >= self.obstacles.first)
+        return np.asarray(self.broad.joint[self.broad.second] >= self.obstacles.first)
 
     @property
-    def moves(self) -> BoolArray:
+    def _moves(self) -> BoolArray:
         """Which coordinates of the model change the distance of each pair.
 
         Those that move one of its bodies and not the other, shape (pairs, nv).
         """
         one, other = (
             self.placements.moves[self._model_joint(bodies)]
-            for bodies in (self.first, self.second)
+            for bodies in (self.broad.first, self.broad.second)
         )
         return np.asarray(one != other)
 
     def _model_joint(self, bodies: IntArray) -> IntArray:
         """Joints of the model that carry bodies; 0, the world, for obstacles."""
-        joint = self._joint[bodies]
+        joint = self.broad.joint[bodies]
         return np.where(joint < self.obstacles.first, joint, 0)
 
-    def place(self, q_model: Array, times: Array | None = None) -> Joints:
+    def _place(self, rows: Array, times: Array | None = None) -> Joints:
         """Placements joint_to_world at configurations of the model, and times [s].
 
         Those of obstacles that move are beside them.
         """
-        return self.obstacles.beside(self.placements.joints(q_model), times)
+        return self.obstacles.beside(self.placements.joints(rows), times)
 
     def distances(
-        self, q_model: Array, cutoff: float | Array, times: Array | None = None
+        self,
+        q: Array,
+        cutoff: float | Array | None = None,
+        times: Array | None = None,
     ) -> Array:
-        """As the checker's, at configurations of the model, shape (m, nv)."""
-        placed = self.place(q_model, times)
-        limit = np.broadcast_to(np.asarray(cutoff, np.float64), self.first.shape)
+        """Signed distances at configurations.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            cutoff: Distance beyond which a lower bound is enough [m], one for all pairs
+                or by pair, shape (pairs,); None for exact distances throughout.
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
+
+        Returns:
+            Distances [m], shape (m, number of pairs). Those below the cutoff are exact;
+            the others may be lower bounds, which are not below the cutoff either.
+        """
+        q = array(q, "q", (None, self.robot.n), JOINTS)
+        rows, out = self.robot.expand(q), np.empty((q.shape[0], len(self.pairs)))
+        if cutoff is not None:
+            for begin in range(0, len(q), CHUNK):
+                part = slice(begin, begin + CHUNK)
+                when = None if times is None else times[part]
+                out[part] = self._cut_off(rows[part], cutoff, when)
+        elif self.pairs:
+            when = np.zeros(len(q)) if times is None else times
+            for i, row in enumerate(rows):
+                out[i] = self.narrow.all(row, float(when[i]))
+        return out
+
+    def _cut_off(
+        self, rows: Array, cutoff: float | Array, times: Array | None
+    ) -> Array:
+        """The same at configurations of the model, as far as a cutoff."""
+        placed = self._place(rows, times)
+        limit = np.broadcast_to(np.asarray(cutoff, np.float64), self.broad.first.shape)
         limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
         lower, instant, pair = self.broad.near(placed, limit)
         self.count.pairs += lower.size - instant.size
         if not instant.size:
             return lower
         bound = lower[instant, pair]
-        found = self.measured(q_model, placed, instant, pair, limit[pair], times)
+        found = self._measured(rows, placed, instant, pair, limit[pair], times)
         near = found < limit[pair]
         lower[instant, pair] = np.where(near, found, np.maximum(found, bound))
         return lower
 
+    def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
+        """Lower bounds of all distances, without measuring any; see ``distances``."""
+        return self.broad.by_balls(self._place(self.robot.expand(q), times))
+
     def measured(
         self,
-        q_model: Array,
+        q: Array,
+        instants: IntArray,
+        pairs: IntArray,
+        enough: Array,
+        times: Array | None = None,
+    ) -> Array:
+        """Signed distances of single pairs at single configurations.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each distance, shape (k,).
+            pairs: Index of its pair, shape (k,).
+            enough: Distances from which on a lower bound will do, shape (k,) [m].
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
+
+        Returns:
+            Shape (k,) [m]; exact where below ``enough``.
+        """
+        used, instants = np.unique(instants, return_inverse=True)
+        rows, times = self.robot.expand(q[used]), None if times is None else times[used]
+        placed = self._place(rows, times)
+        return self._measured(rows, placed, instants, pairs, enough, times)
+
+    def _measured(
+        self,
+        rows: Array,
         placed: Joints,
         instant: IntArray,
         pair: IntArray,
         enough: Array,
         times: Array | None = None,
     ) -> Array:
-        """As the checker's, at configurations of the model, shape (m, nv).
-
-        With the placements there.
-        """
+        """The same at configurations of the model, with the placements there."""
         self.count.pairs += instant.size
         out = self.broad.by_covers(placed, instant, pair)
         # Bounds say nothing about depths.
         near = np.flatnonzero(out < np.maximum(enough, 0.0))
         self.count.queries += near.size
         exact = np.empty(near.size)
-        for chosen, pairs in self._placed(q_model, instant[near], pair[near], times):
+        for chosen, pairs in self._placed(rows, instant[near], pair[near], times):
             exact[chosen] = self.narrow.distances(pairs)
         out[near] = exact
         return out
 
     def _placed(
-        self, q_model: Array, instant: IntArray, pair: IntArray, times: Array | None
+        self, rows: Array, instant: IntArray, pair: IntArray, times: Array | None
     ) -> Iterator[tuple[IntArray, list[int]]]:
         """Place the bodies at one configuration after the other.
 
@@ -149,12 +245,72 @@ class DistanceQuery:
         R, p = self.obstacles.placements(when)
         ends = [*starts[1:].tolist(), order.size]
         for k, (begin, end) in enumerate(zip(starts.tolist(), ends, strict=False)):
-            self.narrow.place(q_model[groups[k]], float(when[k]), (R[k], p[k]))
+            self.narrow.place(rows[groups[k]], float(when[k]), (R[k], p[k]))
             chosen = order[begin:end]
             yield chosen, pair[chosen].tolist()
 
-    def witnesses(
-        self, q_model: Array, instants: IntArray, pairs: IntArray, times: Array
+    def derivatives_at(
+        self,
+        q: Array,
+        instants: IntArray,
+        pairs: IntArray,
+        times: Array | None = None,
+    ) -> Derivatives:
+        r"""Derivatives of some distances by configuration and by time.
+
+        With the witness points p1, p2 and the unit normal n from the first body to the
+        second, :math:`d_q = n^T (J_2(p_2) - J_1(p_1))`. In penetration and at contact
+        the normal stays defined, so that the gradient is finite there too. It is zero
+        where no joint changes the distance: a planar arm over a box that is flatter
+        than the arm is thick can only leave it across its plane, which it cannot do.
+        Where the obstacle moves, its point p2 has a velocity v of its own, and
+        :math:`d_t = n^T v`.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each gradient, shape (k,).
+            pairs: Index of its pair, shape (k,).
+            times: Times [s], shape (m,), for obstacles that move; None for the start.
+
+        Returns:
+            The derivatives.
+        """
+        if times is None:
+            times = np.zeros(q.shape[0])
+        rows = self.robot.expand(q)
+        normal, points = self._nearest(rows, instants, pairs, times)
+        R, t = self.placements.joints(rows)
+        placed = R[instants], t[instants]
+        out = np.zeros((len(pairs), rows.shape[1]))
+        for bodies, point, sign in (
+            (self.broad.first, points[0], -1.0),
+            (self.broad.second, points[1], 1.0),
+        ):
+            joint = self._model_joint(bodies[pairs])
+            out += sign * self.placements.jacobian_rows(placed, joint, point, normal)
+        other = self.broad.joint[self.broad.second[pairs]]
+        rates = self.obstacles.approach(other, times[instants], points[1], normal)
+        return Derivatives(self.robot.reduce_tangent(out), rates)
+
+    def witnesses(self, q: Array, pairs: IntArray, times: Array) -> tuple[Array, Array]:
+        """Where pairs are nearest, at a configuration each.
+
+        Args:
+            q: Configurations, shape (k, n) [rad or m].
+            pairs: Index of the pair at each, shape (k,).
+            times: Times [s], shape (k,), for obstacles that move.
+
+        Returns:
+            Unit normals in the world from the link to the other body, along which the
+            distance grows, shape (k, 3), and the points of the other bodies [m],
+            shape (k, 3).
+        """
+        rows, instants = self.robot.expand(q), np.arange(len(pairs))
+        normal, points = self._nearest(rows, instants, pairs, times)
+        return normal, points[1]
+
+    def _nearest(
+        self, rows: Array, instants: IntArray, pairs: IntArray, times: Array
     ) -> tuple[Array, Array]:
         """Normals and witness points of pairs at instants of configurations.
 
@@ -163,38 +319,28 @@ class DistanceQuery:
             points on both [m], shape (2, k, 3), in the world.
         """
         normal, points = np.empty((len(pairs), 3)), np.empty((2, len(pairs), 3))
-        for chosen, some in self._placed(q_model, instants, pairs, times):
+        for chosen, some in self._placed(rows, instants, pairs, times):
             found = self.narrow.witnesses(some)
             normal[chosen] = found.normal
             points[0, chosen], points[1, chosen] = found.first, found.second
         return normal, points
 
-    def derivatives(
-        self, q_model: Array, instants: IntArray, pairs: IntArray, times: Array
-    ) -> tuple[Array, Array]:
-        """As the checker's, by the coordinates of the model, shape (k, nv)."""
-        normal, points = self.witnesses(q_model, instants, pairs, times)
-        R, t = self.placements.joints(q_model)
-        placed = R[instants], t[instants]
-        out = np.zeros((len(pairs), q_model.shape[1]))
-        for bodies, point, sign in (
-            (self.first, points[0], -1.0),
-            (self.second, points[1], 1.0),
-        ):
-            joint = self._model_joint(bodies[pairs])
-            out += sign * self.placements.jacobian_rows(placed, joint, point, normal)
-        other = self._joint[self.second[pairs]]
-        rates = self.obstacles.approach(other, times[instants], points[1], normal)
-        return out, rates
-
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
-        """As the checker's."""
-        out = np.zeros((begin.size, self.first.size))
+        """Bounds on the speed of all points of the other body of each pair.
+
+        Args:
+            begin: Beginnings of stretches of time [s], shape (m,).
+            end: Their ends, shape (m,).
+
+        Returns:
+            Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
+        """
+        out = np.zeros((begin.size, self.broad.first.size))
         moving = np.flatnonzero(self.moving_pairs)
         if moving.size:
             linear, angular = self.obstacles.speeds(begin, end)
-            body = self.second[moving]
-            number = self._joint[body] - self.obstacles.first
+            body = self.broad.second[moving]
+            number = self.broad.joint[body] - self.obstacles.first
             farthest = self.broad.farthest[body]
             out[:, moving] = linear[:, number] + angular[:, number] * farthest
         return out

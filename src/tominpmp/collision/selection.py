@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 from tominpmp.collision.bodies import (
     Body,
     Geometry,
@@ -17,7 +17,7 @@ from tominpmp.collision.bodies import (
     robot_bodies,
 )
 from tominpmp.collision.narrow import NarrowPhase
-from tominpmp.collision.query import DistanceQuery
+from tominpmp.collision.query import PairDistances, Pairs
 from tominpmp.robot import Robot
 
 # Links that overlap at this share of random configurations are made to overlap.
@@ -33,10 +33,6 @@ FLUSH = 1e-5
 TRIES = 50
 # Where a joint has no limits: what is sampled of it [rad or m].
 UNLIMITED = np.pi
-
-
-# First and second bodies of pairs, shape (pairs,) each.
-Pairs = tuple[IntArray, IntArray]
 
 
 def scene_pairs(bodies: Sequence[Body], links: int) -> Pairs:
@@ -105,10 +101,10 @@ def links_touching(
         by names.
     """
     rows, bodies = robot.expand(q), links_of(robot, "hull")
-    query = DistanceQuery(robot.model, bodies, _named(bodies, wanted))
-    overlap = query.distances(rows, 0.0) < 0.0
+    pairs = _named(bodies, wanted)
+    overlap = PairDistances(robot, watched=(bodies, pairs)).distances(q, 0.0) < 0.0
     meshes, found = robot_bodies(robot, "mesh"), {}
-    for names, columns in _columns(bodies, (query.first, query.second)).items():
+    for names, columns in _columns(bodies, pairs).items():
         instants = np.flatnonzero(np.any(overlap[:, columns], axis=1))
         if not instants.size:
             continue
