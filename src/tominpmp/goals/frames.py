@@ -365,6 +365,11 @@ class RegionGoal(FrameGoal):
             )
 
     @property
+    def _box(self) -> pin.SE3:
+        """Placement of the box in the world."""
+        return pin.SE3.Identity() if self.pose is None else self.pose
+
+    @property
     def _turns(self) -> Array:
         """Tolerances of the axes about which not any angle will do."""
         angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
@@ -372,13 +377,12 @@ class RegionGoal(FrameGoal):
 
     def nearest_point(self) -> Array:
         """Point of the box that is nearest to the origin of the world."""
-        pose = pin.SE3.Identity() if self.pose is None else self.pose
-        origin = np.asarray(pose.actInv(np.zeros(3)))
-        return np.asarray(pose.act(np.clip(origin, self.lower, self.upper)))
+        origin = np.asarray(self._box.actInv(np.zeros(3)))
+        return np.asarray(self._box.act(np.clip(origin, self.lower, self.upper)))
 
     def distances(self, points: Array) -> Array:
         """Distances of points from the box, shape (m, 3) to (m,) [m]."""
-        pose = pin.SE3.Identity() if self.pose is None else self.pose
+        pose = self._box
         points = array(points, "points", (None, 3), "coordinates [m]")
         local = (points - pose.translation) @ pose.rotation
         out = local - np.clip(local, self.lower, self.upper)
@@ -386,7 +390,7 @@ class RegionGoal(FrameGoal):
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Position in the axes of the box [m], and rotation vector [rad]."""
-        pose = pin.SE3.Identity() if self.pose is None else self.pose
+        pose = self._box
         there, jacobian = self._placed(kinematics, q, local=True)
         place = pose.actInv(there)
         position = Place(

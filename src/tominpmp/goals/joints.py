@@ -37,8 +37,25 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
 
+class GoalOnJoints(Record, Goal):
+    """A goal that has numbers for all joints, or for those that are named."""
+
+    q: Converted[JointsLike, Array]
+    joints: Sequence[str] | None
+
+    def __post_init__(self) -> None:
+        """Check and copy the positions, and the names that belong to them."""
+        joints, q = named_row(self.q, "goal.q")
+        if joints is not None:
+            self._keep(joints=joints)
+        expected = "one number for each joint [rad or m]"
+        self._keep(q=vector(q, "goal.q", expected))
+        if self.joints is not None:
+            self._keep(joints=_checked_names(self.joints, self.q))
+
+
 @record
-class JointGoal(Record, Goal):
+class JointGoal(GoalOnJoints):
     """Reach a configuration.
 
     Attributes:
@@ -57,13 +74,7 @@ class JointGoal(Record, Goal):
 
     def __post_init__(self) -> None:
         """Copy the arrays; their lengths are checked against the robot."""
-        joints, q = named_row(self.q, "goal.q")
-        if joints is not None:
-            self._keep(joints=joints)
-        expected = "one number for each joint [rad or m]"
-        self._keep(q=vector(q, "goal.q", expected))
-        if self.joints is not None:
-            self._keep(joints=_checked_names(self.joints, self.q))
+        super().__post_init__()
         if self.v is not None:
             self._keep(v=self._checked_velocity())
 
@@ -140,7 +151,7 @@ class JointGoal(Record, Goal):
 
 
 @record
-class JointRegionGoal(Record, Goal):
+class JointRegionGoal(GoalOnJoints):
     """Bring some joints, or all, into ranges; the others end wherever is fastest.
 
     MoveIt's joint constraints say this: a position and a tolerance for each of some
@@ -159,14 +170,8 @@ class JointRegionGoal(Record, Goal):
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
-        joints, q = named_row(self.q, "goal.q")
-        if joints is not None:
-            self._keep(joints=joints)
-        expected = "one number for each joint [rad or m]"
-        self._keep(q=vector(q, "goal.q", expected))
+        super().__post_init__()
         self._keep(tolerance=self._checked_tolerance())
-        if self.joints is not None:
-            self._keep(joints=_checked_names(self.joints, self.q))
 
     def _checked_tolerance(self) -> float | Array:
         if is_single(self.tolerance):

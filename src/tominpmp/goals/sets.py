@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array, Record
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
-from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place
+from tominpmp.goals.place import GoalResidual, Label, Miss, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
+
+
+def _of_goal(name: str) -> Any:
+    """A property, or a method, that is the one of the goal within."""
+    return property(attrgetter(f"goal.{name}"), doc=getattr(Goal, name).__doc__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,49 +73,20 @@ class PassedGoal(Record, Goal):
 
     # -- the rest is that of the goal --------------------------------------------------
 
-    @property
-    def configuration(self) -> Array | None:
-        """Configuration of the goal."""
-        return self.goal.configuration
+    configuration = _of_goal("configuration")
+    positions = _of_goal("positions")
+    joint_ranges = _of_goal("joint_ranges")
+    frame_name = _of_goal("frame_name")
+    ball = _of_goal("ball")
+    nearest_point = _of_goal("nearest_point")
+    distances = _of_goal("distances")
+    angle_to_go = _of_goal("angle_to_go")
+    target = _of_goal("target")
+    members = _of_goal("members")
 
     def with_state(self, q: Array, v: Array) -> Goal:
         """The same with another configuration."""
         return replace(self, goal=self.goal.with_state(q, v))
-
-    def positions(self, robot: Robot) -> Array:
-        """Positions of the goal."""
-        return self.goal.positions(robot)
-
-    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """Ranges of the goal."""
-        return self.goal.joint_ranges(robot)
-
-    @property
-    def frame_name(self) -> str | None:
-        """Frame of the goal."""
-        return self.goal.frame_name
-
-    @property
-    def ball(self) -> Ball | None:
-        """Ball of the goal."""
-        return self.goal.ball
-
-    def nearest_point(self) -> Array | None:
-        """Nearest point of the goal."""
-        return self.goal.nearest_point()
-
-    def distances(self, points: Array) -> Array | None:
-        """Distances from the goal."""
-        return self.goal.distances(points)
-
-    def angle_to_go(self, rotation: Array) -> float:
-        """Least angle to the goal [rad]."""
-        return self.goal.angle_to_go(rotation)
-
-    @property
-    def target(self) -> pin.SE3 | Array | None:
-        """What is to be drawn of the goal."""
-        return self.goal.target
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
         """The same of that one of several goals which is missed by least."""
@@ -121,11 +98,6 @@ class PassedGoal(Record, Goal):
         if len(self.goal.alternatives) == 1:
             return (self,)
         return tuple(PassedGoal(goal) for goal in self.goal.alternatives)
-
-    @property
-    def members(self) -> tuple[Goal, ...]:
-        """Goals that are all to be met."""
-        return self.goal.members
 
     def prefixed(self, prefix: str, robot: Robot) -> Goal:
         """The same beside other robots."""

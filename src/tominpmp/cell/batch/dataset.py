@@ -15,11 +15,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record
+from tominpmp.arrays import Array, Converted, Record, record
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import whole
 from tominpmp.description.paths import checked_path
@@ -325,7 +325,7 @@ class Entry(Record):
         )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Dataset(Record):
     """The results of a batch in a folder, read one by one.
 
@@ -333,11 +333,7 @@ class Dataset(Record):
         folder: The folder.
     """
 
-    folder: Path
-
-    if TYPE_CHECKING:
-
-        def __init__(self, folder: str | Path) -> None: ...
+    folder: Converted[str | Path, Path]
 
     def __post_init__(self) -> None:
         """Check that there is such a folder."""
