@@ -25,37 +25,30 @@ class TimedRows(Record):
     t: Array
     segment_ends: Array | None
 
-    def _take(self, name: str, called: str) -> Array:
-        """Take a field as an array of numbers."""
-        value = getattr(self, name)
+    def _take(
+        self, name: str, called: str, shape: tuple[int, ...] | None = None, of: str = ""
+    ) -> Array:
+        """Take a field as an array of numbers, of a shape that is told in words."""
+        value, told = getattr(self, name), called.format(name)
         try:
             found = real_array(value)
         except ValueError as error:
-            raise ProblemError(
-                f"{called.format(name)} is {brief(value)}, expected numbers", name
-            ) from error
+            message = f"{told} is {brief(value)}, expected numbers"
+            raise ProblemError(message, name) from error
+        if shape is not None and found.shape != shape:
+            message = f"{told} has shape {found.shape}, expected {shape}: {of}"
+            raise ProblemError(message, name)
         self._keep(**{name: found})
         return found
 
     def _take_rows(self, called: str, row: str, columns: str) -> None:
         """Take names of joints, times, and fields that have a column for each joint."""
         self._keep(joint_names=names(self.joint_names))
-        m, n = self._take("t", called).size, len(self.joint_names)
-        self._check_shape("t", called, (m,), f"one time for each {row}")
+        times = self._take("t", called).ravel().size
+        self._take("t", called, (times,), f"one time for each {row}")
+        layout = f"one row a {row}, one column a joint"
         for name in columns:
-            self._take(name, called)
-            layout = f"one row a {row}, one column a joint"
-            self._check_shape(name, called, (m, n), layout)
-
-    def _check_shape(
-        self, name: str, called: str, shape: tuple[int, ...], layout: str
-    ) -> None:
-        found = getattr(self, name).shape
-        if found != shape:
-            raise ProblemError(
-                f"{called.format(name)} has shape {found}, expected {shape}: {layout}",
-                name,
-            )
+            self._take(name, called, (times, len(self.joint_names)), layout)
 
     def _segments_at(self, times: Array) -> IntArray:
         """Index of the segment at times, the later one where one ends."""

@@ -134,10 +134,9 @@ class Trajectory(TimedRows):
                 "trajectory times must be finite and increase from 0 [s]", field="t"
             )
         if self.a is not None:
-            steps, nodes = self._take("a", called), self.t.size
-            if steps.shape != (nodes, self.n):
+            if self._take("a", called).shape != (self.t.size, self.n):
                 layout = "one row an interval or node, one column a joint"
-                self._check_shape("a", called, (nodes - 1, self.n), layout)
+                self._take("a", called, (self.t.size - 1, self.n), layout)
         if self.segment_ends is not None:
             self._check_segments()
 

@@ -58,25 +58,24 @@ class HeightField(Obstacle):
     size: Numbers
     base: float | None = None
 
-    def __post_init__(self) -> None:
+    def _check_shape(self) -> None:
         """Check grid and extent."""
-        super().__post_init__()
         heights, size = self.heights, self.size
         if heights.ndim != 2 or min(heights.shape) < 2:
-            raise self._error(
+            raise ProblemError(
                 f"heights has shape {heights.shape}, expected (ny, nx) with two rows "
                 "and columns at least"
             )
         if (heights.shape[0] - 1) * (heights.shape[1] - 1) > MAX_CELLS:
-            raise self._error(f"heights has more than {MAX_CELLS} cells")
+            raise ProblemError(f"heights has more than {MAX_CELLS} cells")
         if size.shape != (2,) or not np.all(size > 0.0):
             expected = "two positive extents, along x and y [m]"
-            raise wrong(size.tolist(), "size", expected, self._error)
+            raise wrong(size.tolist(), "size", expected)
         lowest = float(heights.min())
         base = lowest - 0.01 * float(size.max()) if self.base is None else self.base
         most = float(np.nextafter(lowest, -np.inf))
         expected = f"a height below all others, of which the lowest is {lowest:g} m"
-        base = number(base, "base", expected, most=most, error=self._error)
+        base = number(base, "base", expected, most=most)
         self._keep(base=base)
 
     @property
@@ -113,12 +112,11 @@ class OcTree(Obstacle):
     points: Points
     resolution: Length
 
-    def __post_init__(self) -> None:
+    def _check_shape(self) -> None:
         """Check that the cubes are not too many."""
-        super().__post_init__()
         cells = np.prod(np.ptp(self.points, axis=0) / self.resolution + 2.0)
         if cells > 50.0 * MAX_POINTS:
-            raise self._error(
+            raise ProblemError(
                 f"a resolution of {self.resolution:g} m is too fine for the extent of "
                 "the points"
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from tominpmp.arrays import (
 )
 from tominpmp.checks import choice, optional, wrong
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import SceneError, brief
+from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.mesh_files import MeshFileError, read_mesh
 from tominpmp.scene.obstacles import Obstacle, obstacle
 
@@ -71,34 +71,31 @@ class Mesh(Obstacle):
     scale: Scale = default(1.0)
     convex: Literal["auto", "hull", "none"] = "auto"
 
-    def __post_init__(self) -> None:
+    def _check_shape(self) -> None:
         """Read the file, check what was read."""
-        super().__post_init__()
         ways, expected = ("auto", "hull", "none"), "'auto', 'hull' or 'none'"
-        choice(self.convex, ways, "convex", expected, self._error)
+        choice(self.convex, ways, "convex", expected)
         given = self.vertices is not None, self.triangles is not None
         if given[0] != given[1] or (self.path is None and not given[0]):
-            self._fail("it needs a path, or vertices and triangles")
+            raise ProblemError("it needs a path, or vertices and triangles")
         if not given[0]:
             self._read()
         self._check_triangles()
-
-    def _fail(self, message: str) -> NoReturn:
-        raise self._error(message)
 
     def _read(self) -> None:
         assert self.path is not None  # noqa: S101
         path = self.path.absolute()
         if not path.is_file():
             why = "has no such file" if path.parent.is_dir() else "does not exist"
-            self._fail(
+            raise ProblemError(
                 f"the mesh {brief(str(self.path))} is not there: the folder "
                 f"{path.parent} {why}"
             )
         try:
             vertices, triangles = read_mesh(path)
         except MeshFileError as error:
-            self._fail(f"the mesh {path} cannot be read: {error}")
+            told = f"the mesh {path} cannot be read: {error}"
+            raise ProblemError(told) from error
         self._keep(vertices=vertices, triangles=triangles)
 
     def _check_triangles(self) -> None:
@@ -108,21 +105,24 @@ class Mesh(Obstacle):
             corners = np.array(self.triangles)
         except ValueError as error:
             parts = f"vertices or triangles of {what}"
-            self._fail(f"{parts} are not made of numbers: {error}")
+            told = f"{parts} are not made of numbers: {error}"
+            raise ProblemError(told) from error
         if vertices.ndim != 2 or vertices.shape[1] != 3:
-            self._fail(f"{what} has vertices of shape {vertices.shape}, not (k, 3)")
+            raise ProblemError(
+                f"{what} has vertices of shape {vertices.shape}, not (k, 3)"
+            )
         if not np.all(np.abs(vertices) < FARTHEST):
-            self._fail(
+            raise ProblemError(
                 f"{what} has vertices that are not finite, or {FARTHEST:g} m off"
             )
         if corners.dtype.kind not in "iu" or corners.ndim != 2 or corners.shape[1] != 3:
-            self._fail(
+            raise ProblemError(
                 f"{what} has triangles that are not of shape (l, 3), of integers"
             )
         if not len(corners):
-            self._fail(f"{what} has no triangles")
+            raise ProblemError(f"{what} has no triangles")
         if corners.min() < 0 or corners.max() >= len(vertices):
-            self._fail(
+            raise ProblemError(
                 f"{what} has triangles with corners that are not among its "
                 f"{len(vertices)} vertices"
             )

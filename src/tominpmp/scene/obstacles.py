@@ -132,6 +132,10 @@ class Obstacle(Record):
             if self.motion is not None:
                 R, p = self.motion.start(self._start)
                 self._keep(rotation=frozen_array(R), position=frozen_array(p))
+            self._check_shape()
+
+    def _check_shape(self) -> None:
+        """Check what is not told by single fields; errors get the obstacle's name."""
 
     def _take_pose(self) -> None:
         """Take the position from what has x, y and z, or both from a pose."""
@@ -155,10 +159,8 @@ class Obstacle(Record):
         try:
             yield
         except (ProblemError, SceneError) as error:
-            raise self._error(str(error)) from error
-
-    def _error(self, message: str, _: str = "") -> SceneError:
-        return SceneError(f"obstacle {self.name!r}: {message}", self.name)
+            told = f"obstacle {self.name!r}: {error}"
+            raise SceneError(told, self.name) from error
 
     @property
     def _start(self) -> Placement:
