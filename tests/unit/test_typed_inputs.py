@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import inspect
 import re
-from dataclasses import is_dataclass
+from dataclasses import FrozenInstanceError, is_dataclass
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import pytest
 
 import tominpmp as tm
+from tominpmp.arrays import Converted, Record, default, record
+from tominpmp.checks import positive
 from tools.type_check_documents import readme_module
 
 RECORDS = [
@@ -22,6 +26,38 @@ KEPT = {
     *("MotionLimits", "Options", "Robot", "Samples", "Trajectory", "Verification"),
     *("ImprovedPlacement", "Visit"),
 }
+
+
+Length: TypeAlias = Annotated[
+    Converted[float | str, float], partial(positive, unit="m")
+]
+
+
+@record
+class Rod(Record):
+    length: Length
+    width: Length = default(1)
+
+
+@record
+class Beam(Rod):
+    width: float = 2.0
+
+
+def test_fields_are_checked_and_converted_as_their_types_say() -> None:
+    rod = Rod(2)
+    assert (rod.length, rod.width) == (2.0, 1.0)
+    assert type(rod.length) is type(rod.width) is float
+    with pytest.raises(tm.ProblemError, match=r"length is -1, .* number \[m\]"):
+        Rod(-1)
+    with pytest.raises(FrozenInstanceError):
+        rod.length = 3.0  # type: ignore[misc]
+
+
+def test_fields_that_are_declared_again_are_checked_as_in_the_base_class() -> None:
+    assert Beam(1).width == 2.0
+    with pytest.raises(tm.ProblemError, match="width is 0"):
+        Beam(1, 0)
 
 
 @pytest.mark.parametrize("name", sorted({*RECORDS} - KEPT))
