@@ -37,7 +37,11 @@ from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.verification import replay
-from tominpmp.verification.link_displacement import Ball, LinkDisplacement
+from tominpmp.verification.link_displacement import (
+    Ball,
+    LinkDisplacement,
+    RelativeMotion,
+)
 
 # All but most of the arms that lift payloads, whose optima take long to compute.
 CASES = {
@@ -237,7 +241,7 @@ def test_bounds_of_some_balls_and_pairs_are_those_of_all(
     whole, some = reach.shifts(*boxes), np.array([2, 0])
     np.testing.assert_array_equal(reach.shifts(*boxes, some), whole[:, some])
     pairs = [(names[0], "wall"), (names[2], "wall"), (names[2], names[0])]
-    relative = reach.relative(pairs, np.array([False, False, True]))
+    relative = RelativeMotion(reach, pairs, np.array([False, False, True]))
     every = relative.bound(*boxes)
     # From the wall all joints move a link; seen from the first one its own does not.
     np.testing.assert_allclose(every[:, 1], np.sum(whole[:, 2], axis=1))

@@ -26,7 +26,6 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.verification.closest_approach import Approach, HermitePath
-from tominpmp.verification.nearest import held
 from tominpmp.verification.replay import Replay, planned
 from tominpmp.verification.stages import stages_of
 
@@ -156,6 +155,10 @@ class ClearanceProof:
         return f"{', '.join(told)} at all times"
 
 
+# Of what can touch nothing.
+NOTHING_NEAR = ClearanceProof(True, (), None, 0.0, False, 0)
+
+
 def _kept(found: Iterable[Kept]) -> tuple[Kept, ...]:
     """What pairs keep, those of one kind and margin together."""
     least: dict[tuple[str, float], float] = {}
@@ -209,7 +212,7 @@ def prove_clearance(
         deviation = _lengths(deviation, "deviation", n)
     max_stretches = whole(max_stretches, "max_stretches")
     if not checker.pairs:
-        return ClearanceProof(True, (), None, 0.0, False, 0)
+        return NOTHING_NEAR
     margins = np.broadcast_to(margin, (len(checker.pairs),))
     motion, stray = _rows(trajectory, deviation)
     return _proof(checker, motion, margins, stray, slack, int(max_stretches))
@@ -233,7 +236,7 @@ def clearance_of(
             part = motion.between(stage.begin, stage.end)
             proofs.append(_proof(checker, part, stage.problem.margins, stray))
     if not proofs:
-        return ClearanceProof(True, (), None, 0.0, False, 0)
+        return NOTHING_NEAR
     worst = min(proofs, key=lambda item: (item.proved, item.room))
     return replace(
         worst,
@@ -270,8 +273,7 @@ def _proof(
         max_stretches: Number of stretches after which the proof is given up.
     """
     least, most = margins - slack, max_stretches * margins.size
-    allowed = np.zeros((2, margins.size))
-    search = Approach(checker, motion, least, allowed, 0.0, stray, most)
+    search = Approach(checker, motion, least, stray=stray, most=most)
     found = search.run()
     own = np.arange(margins.size) >= checker.obstacle_pairs
     pair = found.pair
@@ -304,7 +306,7 @@ def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Arra
     path = replace(trajectory, inverse_dynamics=None)  # its torques take time
     rows = planned(path)
     if rows.t.size < 2:
-        return held(rows), stray
+        return rows, stray
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
     gaps = np.abs(HermitePath(rows).positions(probes) - path(probes).q)
     return rows, stray + OFF * np.max(gaps, axis=0)

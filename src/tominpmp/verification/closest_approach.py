@@ -20,12 +20,14 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision import CollisionChecker
-from tominpmp.verification.link_displacement import LinkDisplacement
+from tominpmp.verification.link_displacement import LinkDisplacement, RelativeMotion
 from tominpmp.verification.replay import Replay
 
 # Rows of the replay in the stretches that are looked at first, which are cut into so
 # many parts, so often.
 ROWS, PARTS, CUTS = 32, 4, 12
+# A motion that takes no time, or is lost at once, is looked at for so long [s].
+INSTANT = 1e-9
 # A pair is not looked for that is closer than the closest by this share of its room
 # and this much [m].
 RESOLUTION, LEAST_RESOLUTION = 0.1, 1e-6
@@ -68,6 +70,9 @@ class HermitePath:
 
     def __init__(self, replay: Replay, stray: Array | float = 0.0) -> None:
         self.t, self.q, self.v = replay.t, replay.q, replay.v
+        if self.t.size == 1:
+            self.t = self.t + np.array([0.0, INSTANT])
+            self.q, self.v = (np.vstack([x, x]) for x in (self.q, 0.0 * self.v))
         self._stray = stray
 
     def stretches(self, begin: Array, end: Array) -> Stretches:
@@ -136,10 +141,10 @@ class Approach:
 
     Args:
         checker: Distances of the pairs.
-        replay: The motion, of two rows at least.
+        replay: The motion.
         margins: Distances to keep by pair, shape (pairs,) [m].
         allowed: What pairs may lack near the start and near the end, shape (2, pairs)
-            [m].
+            [m]; None for nothing.
         near: How far from there that is, by joint [rad or m].
         stray: How far joints may be from the motion, shape (n,) [rad or m].
         most: Pairs in stretches that are looked at before the rest is left in doubt.
@@ -154,18 +159,19 @@ class Approach:
         checker: CollisionChecker,
         replay: Replay,
         margins: Array,
-        allowed: Array,
-        near: float,
+        allowed: Array | None = None,
+        near: float = 0.0,
         stray: Array | float = 0.0,
         most: int = MOST,
     ) -> None:
         self._checker, self._margins = checker, margins
         self._path = HermitePath(replay, stray)
-        self._allowed, self._near = allowed, near
+        self._near = near
+        self._allowed = np.zeros((2, margins.size)) if allowed is None else allowed
         self._ends = replay.q[0], replay.q[-1]
         own = np.arange(margins.size) >= checker.obstacle_pairs
         reach = LinkDisplacement.of_links(checker)
-        self._motion = reach.relative(checker.pairs, own)
+        self._motion = RelativeMotion(reach, checker.pairs, own)
         self._found = Closest(0, float(replay.t[0]), np.inf, False, 0.0)
         self._most, self.stretches, self.given_up = most, 0, np.inf
 

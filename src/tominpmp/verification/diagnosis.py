@@ -179,12 +179,14 @@ def _of_effort(
 
     The motion leads from the first to the last configuration, each of shape (n,).
     """
-    robot, known = problem.robot, problem.goal.configuration
+    robot, goal = problem.robot, problem.goal
     i = robot.joint_names.index(item.name)
-    q, rest = (last if known is None else known)[None], np.zeros((1, robot.n))
-    holding = float(RobotDynamics(robot).inverse(q, rest, rest)[0, i])
+    end = last if goal.configuration is None else goal.configuration
+    rest = np.zeros((2, robot.n))
+    torques = RobotDynamics(robot).inverse(np.stack([first, end]), rest, rest)
+    leaving, holding = torques[:, i].tolist()
     low, high = (float(most[i]) for most in effort_range(problem))
-    if problem.goal.fixes_velocity and not np.any(problem.goal.final_velocity(robot.n)):
+    if goal.fixes_velocity and not np.any(goal.final_velocity(robot.n)):
         much = max(holding - high, low - holding)
         if much > STRICT.limits * max(high - low, 1e-12):
             bound = high if holding > high else low
@@ -192,11 +194,13 @@ def _of_effort(
                 f"joint {item.name} cannot hold its weight at the goal: "
                 f"{abs(holding):.3g} {item.unit} needed, {abs(bound):.3g} allowed"
             )
-    stuck = _stuck(problem, first, last, i)
-    if stuck is not None:
+    way, friction = float(last[i] - first[i]), float(robot.friction[i])
+    # The torque that sets the joint moving.
+    needed = leaving + float(np.sign(way)) * friction
+    if way != 0.0 and friction != 0.0 and not low < needed < high:
         return (
             f"joint {item.name} cannot overcome its dry friction of "
-            f"{robot.friction[i]:.3g} {item.unit}: {stuck:.3g} {item.unit} needed to "
+            f"{friction:.3g} {item.unit}: {needed:.3g} {item.unit} needed to "
             f"move, [{low:.3g}, {high:.3g}] allowed"
         )
     bound = max(abs(low), abs(high))
@@ -204,17 +208,6 @@ def _of_effort(
         f"joint {item.name} would need {bound + item.amount:.3g} {item.unit} at "
         f"{item.time:.2f} s, {bound:.3g} allowed"
     )
-
-
-def _stuck(problem: Problem, first: Array, last: Array, i: int) -> float | None:
-    """Torque that sets a joint moving from the start on, if the motor lacks it."""
-    robot, way = problem.robot, float(last[i] - first[i])
-    rest = np.zeros((1, robot.n))
-    holding = RobotDynamics(robot).inverse(first[None], rest, rest)[0, i]
-    needed = float(holding + np.sign(way) * robot.friction[i])
-    low, high = (float(most[i]) for most in effort_range(problem))
-    moves = low < needed < high or robot.friction[i] == 0.0 or way == 0.0
-    return None if moves else needed
 
 
 def _of_clearance(problem: Problem, item: LimitViolation) -> str:

@@ -220,13 +220,9 @@ def settled(one: Replay, finer: Replay, tolerances: Tolerances) -> bool:
         finer: The other one.
         tolerances: What is tolerated at the goal.
     """
-    if not (one.complete and finer.complete):
-        return False
-    apart = float(np.max(np.abs(one.q[-1] - finer.q[-1])))
-    faster = float(np.max(np.abs(one.v[-1] - finer.v[-1])))
-    return apart <= NEGLIGIBLE * tolerances.goal and (
-        faster <= NEGLIGIBLE * tolerances.speed
-    )
+    apart = np.abs([one.q[-1] - finer.q[-1], one.v[-1] - finer.v[-1]])
+    allowed = NEGLIGIBLE * np.array([[tolerances.goal], [tolerances.speed]])
+    return one.complete and finer.complete and bool(np.all(apart <= allowed))
 
 
 def feedback_rate(growth: float, duration: float, tolerance: float) -> float | None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -115,9 +114,47 @@ def on_segment(number: int | None, span: tuple[float, float] | None) -> str:
 def limit_violations(
     problem: Problem, replay: Replay, torque: Pieces, tolerance: float
 ) -> list[LimitViolation]:
-    """The worst of each kind of limit on joints; the tolerance is relative."""
+    """The worst of each kind of limit; the tolerance is relative.
+
+    Torques are held against limits on both sides of every jump: there are rows for the
+    times of the replay, just after a jump, and then for those just before one.
+    """
     check()
-    return _Limits(problem, replay, torque, tolerance).all()
+    robot, extra = problem.robot, _extra(problem)
+    known = torque.t[1:] <= replay.t[-1]
+    # Rows of the replay at which pieces of torque end.
+    ends: IntArray = np.searchsorted(replay.t, torque.t[1:][known])
+    rows: IntArray = np.concatenate([np.arange(replay.t.size), ends])
+    t, q, v = replay.t[rows], replay.q[rows], replay.v[rows]
+    u = np.concatenate([replay.u, torque.ends()[known, 1]])
+    found: list[LimitViolation | None] = []
+    found += state_violations(problem, t, q, v, u, tolerance)
+    kinds = "effort_rate", "acceleration", "jerk"
+    rate, highest, steepest = (extra.by_joint(k, robot.joint_names) for k in kinds)
+    ways = _ways(robot, replay, v, ends)
+    if np.any(np.isfinite(rate)):
+        jumps = _rates(replay.t, ends, u, rate, robot.friction * ways)
+        found.append(worst_of_joints(robot, "effort rate", *jumps, rate, tolerance))
+    limited = bool(np.any(np.isfinite([highest, steepest])))
+    a = np.zeros((1, 0, 0))
+    if limited or any(item.order > 1 for item in problem.ready_constraints):
+        dynamics = RobotDynamics(robot)
+        a = np.array([dynamics.forward_along(q, v, u, way) for way in ways])
+    if limited:
+        beyond, jumps = (
+            np.min(np.abs(a), axis=0) - highest,
+            _rates(replay.t, ends, a[0], steepest),
+        )
+        found.append(
+            worst_of_joints(robot, "acceleration", t, beyond, highest, tolerance)
+        )
+        found.append(worst_of_joints(robot, "jerk", *jumps, steepest, tolerance))
+    for item in problem.ready_constraints:
+        sizes = np.min([item.sizes(t, q, v, one) for one in a], axis=0)
+        beyond = np.where(np.isfinite(sizes), sizes, np.inf) - item.largest
+        about, scale = [(item.subject, item.unit)], np.array([item.scale])
+        found.append(_worst(item.name, about, t, beyond[:, None], scale, tolerance))
+    return [item for item in found if item is not None]
 
 
 def state_violations(
@@ -210,117 +247,54 @@ def _extra(problem: Problem) -> MotionLimits:
     return problem.motion_limits or MotionLimits()
 
 
-class _Limits:
-    """A replay with torques on both sides of every jump, held against limits."""
+def _ways(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:
+    """Which way joints go at the rows, as far as can be told.
 
-    def __init__(
-        self, problem: Problem, replay: Replay, torque: Pieces, tolerance: float
-    ) -> None:
-        self.problem, self.replay, self.tolerance = problem, replay, tolerance
-        known = torque.t[1:] <= replay.t[-1]
-        # Rows of the replay at which pieces of torque end.
-        self.ends: IntArray = np.searchsorted(replay.t, torque.t[1:][known])
-        rows: IntArray = np.concatenate([np.arange(replay.t.size), self.ends])
-        self.t, self.q, self.v = replay.t[rows], replay.q[rows], replay.v[rows]
-        self.u = np.concatenate([replay.u, torque.ends()[known, 1]])
+    A replay that is off by a trace stops, turns and sets out a trace early or late.
+    Slow joints may go as they do in the time to the next row, or from the last one
+    where a torque ends, or as in those beside it.
 
-    def all(self) -> list[LimitViolation]:
-        """The worst of each kind."""
-        problem, states = self.problem, (self.t, self.q, self.v, self.u)
-        found = state_violations(problem, *states, self.tolerance)
-        for kind, t, beyond, scale in self._of_joints():
-            worst = worst_of_joints(
-                problem.robot, kind, t, beyond, scale, self.tolerance
-            )
-            found += [] if worst is None else [worst]
-        return found + self._of_constraints()
+    Returns:
+        These three, shape (3, m + P, n); one of them where nothing rubs.
+    """
+    count = len(replay.way)
+    if not (count and np.any(robot.friction)):
+        return np.zeros((1, *v.shape))
+    own = np.concatenate([np.arange(count + 1), ends - 1])
+    beside = np.clip(own + np.array([[0], [-1], [1]]), 0, count - 1)
+    return np.where(np.abs(v) > SLOW, np.sign(v), replay.way[beside])
 
-    def _of_joints(self) -> Iterator[tuple[str, Array, Array, Array]]:
-        """Further limits on joints.
 
-        Yields:
-            Name, times of shape (m,), amounts beyond the limits of shape (m, n), and
-            measures of the limits of shape (n,).
-        """
-        robot, extra = self.problem.robot, _extra(self.problem)
-        kinds = "effort_rate", "acceleration", "jerk"
-        each = (extra.by_joint(kind, robot.joint_names) for kind in kinds)
-        rate, highest, steepest = each
-        if np.any(np.isfinite(rate)):
-            dry = robot.friction * self.ways
-            yield "effort rate", *self._rates(self.u, rate, dry), rate
-        if np.any(np.isfinite([highest, steepest])):
-            a = self.accelerations
-            yield "acceleration", self.t, np.min(np.abs(a), axis=0) - highest, highest
-            yield "jerk", *self._rates(a[0], steepest), steepest
+def _rates(
+    t: Array, ends: IntArray, values: Array, limit: Array, own: Array | None = None
+) -> tuple[Array, Array]:
+    """Jerks or effort rates; a jump counts as if it took a millisecond.
 
-    def _of_constraints(self) -> list[LimitViolation]:
-        """What the problem asks for beyond the limits of the robot."""
-        found = []
-        for item in self.problem.ready_constraints:
-            every = self.accelerations if item.order > 1 else np.zeros((1, 0, 0))
-            each = [item.sizes(self.t, self.q, self.v, a) for a in every]
-            sizes = np.min(each, axis=0)
-            beyond = np.where(np.isfinite(sizes), sizes, np.inf) - item.largest
-            about, scale = [(item.subject, item.unit)], np.array([item.scale])
-            found.append(
-                _worst(item.name, about, self.t, beyond[:, None], scale, self.tolerance)
-            )
-        return [item for item in found if item is not None]
+    Args:
+        t: Times of the replay [s], shape (m,).
+        ends: Numbers of those at which there may be jumps, shape (P,).
+        values: At the rows, shape (m + P, n).
+        limit: The largest rates, shape (n,).
+        own: Values whose jumps are no fault: of dry friction where a joint turns,
+            which no rate of a motor can follow. Shape (k, m + P, n).
 
-    @cached_property
-    def ways(self) -> Array:
-        """Which way joints go at the rows, as far as can be told.
+    Returns:
+        Times, and amounts beyond the limit.
+    """
 
-        A replay that is off by a trace stops, turns and sets out a trace early or late.
-        Slow joints may go as they do in the time to the next row, or from the last one
-        where a torque ends, or as in those beside it.
-
-        Returns:
-            These three, shape (3, m + P, n).
-        """
-        count, v = len(self.replay.way), self.v
-        if not (count and np.any(self.problem.robot.friction)):
-            return np.zeros((1, *v.shape))
-        own = np.concatenate([np.arange(count + 1), self.ends - 1])
-        beside = np.clip(own + np.array([[0], [-1], [1]]), 0, count - 1)
-        return np.where(np.abs(v) > SLOW, np.sign(v), self.replay.way[beside])
-
-    @cached_property
-    def accelerations(self) -> Array:
-        """Accelerations at the rows if joints go these ways, shape (3, m + P, n)."""
-        dynamics, state = RobotDynamics(self.problem.robot), (self.q, self.v, self.u)
-        return np.array([dynamics.forward_along(*state, way) for way in self.ways])
-
-    def _rates(
-        self, values: Array, limit: Array, own: Array | None = None
-    ) -> tuple[Array, Array]:
-        """Jerks or effort rates; a jump counts as if it took a millisecond.
-
-        Args:
-            values: At the rows, shape (m + P, n).
-            limit: The largest rates, shape (n,).
-            own: Values whose jumps are no fault: of dry friction where a joint turns,
-                which no rate of a motor can follow. Shape (k, m + P, n).
-
-        Returns:
-            Times, and amounts beyond the limit.
-        """
-        t = self.replay.t
-        before, after = self._sides(values)
-        steps = np.abs(before[1:] - after[:-1]) / np.diff(t)[:, None]
-        jumps = after - before
-        if own is not None:
-            (low, later), (high, latest) = map(self._sides, (own.min(0), own.max(0)))
-            jumps -= np.clip(
-                jumps, np.minimum(later - high, 0.0), np.maximum(latest - low, 0.0)
-            )
-        beyond = np.concatenate([steps, np.abs(jumps) / TIME_STEP]) - limit
-        return np.concatenate([t[:-1], t]), beyond
-
-    def _sides(self, values: Array) -> tuple[Array, Array]:
-        """Values just before and just after the times of the replay, (m, n) each."""
-        after = values[: self.replay.t.size]
+    def sides(values: Array) -> tuple[Array, Array]:
+        after = values[: t.size]
         before = after.copy()
-        before[self.ends] = values[after.shape[0] :]
+        before[ends] = values[t.size :]
         return before, after
+
+    before, after = sides(values)
+    steps = np.abs(before[1:] - after[:-1]) / np.diff(t)[:, None]
+    jumps = after - before
+    if own is not None:
+        (low, later), (high, latest) = map(sides, (own.min(0), own.max(0)))
+        jumps -= np.clip(
+            jumps, np.minimum(later - high, 0.0), np.maximum(latest - low, 0.0)
+        )
+    beyond = np.concatenate([steps, np.abs(jumps) / TIME_STEP]) - limit
+    return np.concatenate([t[:-1], t]), beyond

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -51,6 +50,8 @@ class LinkDisplacement:
         self._index = {k: np.array(v, dtype=np.int64) for k, v in index.items()}
         model = robot.model
         self._placements = Placements(model)
+        # Which coordinates of the model move a joint, shape (joints, nv).
+        self.moves: BoolArray = self._placements.moves
         self._joint = np.array([ball.joint for ball in balls], dtype=np.int64)
         self._centre = np.array([ball.centre for ball in balls]).reshape(-1, 3)
         self._radius = np.array([ball.radius for ball in balls])
@@ -70,19 +71,14 @@ class LinkDisplacement:
         """Of balls around the links of a checker, about the middles of their bodies."""
         return cls(checker.robot, [_ball(body) for body in checker.links])
 
-    @property
-    def moves(self) -> BoolArray:
-        """Which coordinates of the model move a joint, shape (joints, nv)."""
-        return self._placements.moves
+    def balls_of(self, link: str) -> IntArray:
+        """Indices of the balls around a link."""
+        return self._index.get(link, _NONE)
 
     def joint_of(self, link: str) -> int:
         """Joint that carries a link, 0 for none."""
         balls = self.balls_of(link)
         return int(self._joint[balls[0]]) if balls.size else 0
-
-    def balls_of(self, link: str) -> IntArray:
-        """Indices of the balls around a link."""
-        return self._index.get(link, np.zeros(0, dtype=np.int64))
 
     def centres(self, q: Array) -> Array:
         """Centres of the balls in the world [m], shape (m, n) to (m, balls, 3)."""
@@ -128,47 +124,37 @@ class LinkDisplacement:
             drift[:, hang] += shift
         return out
 
-    def relative(
-        self, pairs: Sequence[tuple[str, str]], own: BoolArray
-    ) -> RelativeMotion:
-        """Bounds on how far pairs can come closer.
 
-        Args:
-            pairs: Names (link, other).
-            own: Whether the other is a link too, else it does not move.
-        """
-        parts: list[tuple[IntArray, BoolArray]] = []
+class RelativeMotion:
+    """Bounds on how far pairs can come closer.
+
+    Args:
+        reach: The bounds on single links.
+        pairs: Names (link, other).
+        own: Whether the other is a link too, else it does not move.
+    """
+
+    def __init__(
+        self, reach: LinkDisplacement, pairs: Sequence[tuple[str, str]], own: BoolArray
+    ) -> None:
+        self._reach = reach
+        # For each link by the joint it is seen from: its balls, and the coordinates
+        # that move the one and not the other.
+        self._parts: list[tuple[IntArray, BoolArray]] = []
+        # Indices of the two parts of each pair, -1 for what does not move.
+        self._sides = np.full((len(pairs), 2), -1, dtype=np.int64)
         index: dict[tuple[str, int], int] = {}
-        sides = np.full((len(pairs), 2), -1, dtype=np.int64)
         for k, names in enumerate(pairs):
             moving = names if own[k] else names[:1]
-            joints = [*map(self.joint_of, moving), 0]
+            joints = [*map(reach.joint_of, moving), 0]
             for side, name in enumerate(moving):
                 mine, against = joints[side], joints[1 - side]
                 if (name, against) not in index:
-                    index[name, against] = len(parts)
+                    index[name, against] = len(self._parts)
                     # What moves both alike does not bring them closer.
-                    alone = self.moves[mine] & ~self.moves[against]
-                    parts.append((self.balls_of(name), alone))
-                sides[k, side] = index[name, against]
-        return RelativeMotion(self, parts, sides)
-
-
-@dataclass(frozen=True, eq=False)
-class RelativeMotion:
-    """Bounds on how far pairs can come closer; see :meth:`LinkDisplacement.relative`.
-
-    Attributes:
-        reach: The bounds on single links.
-        parts: For each of the links by what it is seen from: its balls, and the
-            coordinates that move the one and not the other.
-        sides: Indices of the two parts of each pair, -1 for what does not move, shape
-            (pairs, 2).
-    """
-
-    reach: LinkDisplacement
-    parts: list[tuple[IntArray, BoolArray]]
-    sides: IntArray
+                    alone = reach.moves[mine] & ~reach.moves[against]
+                    self._parts.append((reach.balls_of(name), alone))
+                self._sides[k, side] = index[name, against]
 
     def bound(self, q: Array, swing: Array, pairs: IntArray | None = None) -> Array:
         """How far pairs can come closer within boxes of configurations.
@@ -181,13 +167,13 @@ class RelativeMotion:
         Returns:
             Shape (m, k) [m].
         """
-        sides = self.sides if pairs is None else self.sides[pairs]
+        sides = self._sides if pairs is None else self._sides[pairs]
         used = np.unique(sides[sides >= 0])
-        parts = [self.parts[k] for k in used]
+        parts = [self._parts[k] for k in used]
         balls = np.unique(np.concatenate([part[0] for part in parts] or [_NONE]))
-        shifts = self.reach.shifts(q, swing, balls)
+        shifts = self._reach.shifts(q, swing, balls)
         # The last column is for what does not move.
-        moved = np.zeros((q.shape[0], len(self.parts) + 1))
+        moved = np.zeros((q.shape[0], len(self._parts) + 1))
         for k, (mine, alone) in zip(used, parts, strict=True):
             total = shifts[:, np.searchsorted(balls, mine)] @ alone.astype(np.float64)
             moved[:, k] = np.max(total, axis=1, initial=0.0)

@@ -22,8 +22,6 @@ from tominpmp.verification.replay import TIME_STEP, Replay, planned
 NEAR_END = 0.05
 # Links are as near as pieces as they are as hulls if this is what differs [m].
 RESIDUE = 1e-6
-# A motion that takes no time, or is lost at once, is looked at for so long [s].
-INSTANT = 1e-9
 # Rows of a replay, at most, at which links are looked at that nobody watches.
 GLANCES = 1000
 # Rows of a planned motion, with its nodes: between them it is known.
@@ -82,8 +80,6 @@ def closest(
         The pair; None without pairs.
     """
     check()
-    if replay.t.size < 2:
-        replay = held(replay)
     if checker.lone:
         if not checker.with_cut(frozenset()).pairs:
             return None
@@ -115,8 +111,7 @@ def _of_links(
         try:
             part = checker.with_cut(cut)
             margins = part.margins(problem.margin)
-            free = np.zeros((2, margins.size))
-            found = Approach(part, replay, margins, free, NEAR_END).run()
+            found = Approach(part, replay, margins).run()
             apart = found.room > tolerance and not (found.violated or found.doubt > 0.0)
             clear = _nearest(found, part, margins) if apart else None
             names = frozenset(part.pairs[found.pair])
@@ -135,10 +130,8 @@ def _of_links(
 
 def _apart(checker: CollisionChecker, names: frozenset[str], q: Array) -> float:
     """Distance of two links at a configuration, shape (1, n) [m]."""
-    pairs = [k for k, pair in enumerate(checker.pairs) if names == frozenset(pair)]
-    every = np.zeros(len(pairs), dtype=np.int64)
-    enough = np.full(len(pairs), np.inf)
-    return float(np.min(checker.measured(q, every, np.array(pairs), enough)))
+    pairs = [names == frozenset(pair) for pair in checker.pairs]
+    return float(np.min(checker.distances(q)[0, pairs]))
 
 
 def _of_one_piece(checker: CollisionChecker, names: frozenset[str]) -> bool:
@@ -163,21 +156,12 @@ def keeps_clear(problem: Problem, trajectory: Trajectory, tolerance: float) -> b
 
 def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Nearest:
     name = " and ".join(checker.pairs[found.pair])
-    lacking = -found.room
-    if not found.violated and found.doubt > 0.0:
-        lacking = max(lacking, found.doubt)
-    violated = found.violated or found.doubt > 0.0
-    violation = LimitViolation(
-        "clearance", name, found.time, lacking, "m", lacking, violated
-    )
+    lack, violated = -found.room, found.violated or found.doubt > 0.0
+    if violated and not found.violated:
+        lack = max(lack, found.doubt)
+    row = name, found.time, lack, "m", lack, violated
+    violation = LimitViolation("clearance", *row)
     return Nearest(violation, found.room + float(margins[found.pair]))
-
-
-def held(replay: Replay) -> Replay:
-    """A motion of one row as one that stands there for an instant."""
-    t = replay.t[0] + np.array([0.0, INSTANT])
-    q = np.vstack([replay.q, replay.q])
-    return replace(replay, t=t, q=q, v=0.0 * q, u=np.vstack([replay.u, replay.u]))
 
 
 def _touching(

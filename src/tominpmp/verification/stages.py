@@ -7,6 +7,7 @@ first start to the last end.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,21 +191,23 @@ class _Look:
         self.motion, self.goal, self.tolerances = motion, phase.goal, tolerances
         self.kinematics = RobotKinematics(phase.robot)
 
-    def missed(self, q: Array, v: Array) -> float:
-        """What a state misses the goal by, in units of what is tolerated."""
-        goal = self.goal.nearest(self.kinematics, q, v)
-        missed = 0.0
-        for miss in goal.misses(self.kinematics, q, v):
-            allowed = self.tolerances.speed if miss.moving else self.tolerances.goal
-            missed = max(missed, miss.amount / allowed)
-        return missed
+    def missed(self, times: Array) -> Iterator[float]:
+        """What states miss the goal by, in units of what is tolerated."""
+        state = self.motion(times)
+        tolerances = self.tolerances.goal, self.tolerances.speed
+        for q, v in zip(state.q, state.v, strict=True):
+            misses = self.goal.nearest(self.kinematics, q, v).misses(
+                self.kinematics, q, v
+            )
+            shares = (miss.amount / tolerances[miss.moving] for miss in misses)
+            yield max(shares, default=0.0)
 
     def not_before(self, earliest: float, met: float) -> float:
         """When it is met that was met earlier already, if it still is [s]."""
         if not met < earliest <= self.motion.duration:
             return met
-        state = self.motion(earliest)
-        return earliest if self.missed(state.q, state.v) <= MET else met
+        (missed,) = self.missed(np.array([earliest]))
+        return earliest if missed <= MET else met
 
     def rests(self, begin: float, end: float) -> bool:
         """Whether the arm rests from a time to a later one, where it still is."""
@@ -217,9 +220,7 @@ class _Look:
     def first(self, times: Array) -> float:
         """When it is met first, or missed by least, at times or between two of them."""
         best, least = 0, np.inf
-        state = self.motion(times)
-        for k in range(times.size):
-            missed = self.missed(state.q[k], state.v[k])
+        for k, missed in enumerate(self.missed(times)):
             nearer = missed < least
             if nearer:
                 best, least = k, missed
@@ -231,8 +232,7 @@ class _Look:
         low, high = times[max(best - 1, 0)], times[min(best + 1, times.size - 1)]
         for _ in range(CLOSER):
             near = np.linspace(low, high, PLACES)
-            state = self.motion(near)
-            each = [self.missed(*row) for row in zip(state.q, state.v, strict=True)]
+            each = [*self.missed(near)]
             k = int(np.argmin(each))
             low, high = near[max(k - 1, 0)], near[min(k + 1, PLACES - 1)]
         return float(near[k]) if each[k] < least else float(times[best])
