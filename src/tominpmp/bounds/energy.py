@@ -15,9 +15,9 @@ from tominpmp.arrays import Array
 from tominpmp.bounds.least_time import OneWay, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.verification.limit_violations import effort_range
 
 
 def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
@@ -33,7 +33,7 @@ def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
     if robot.expansion_matrix is not None or not np.all(rotors > 0.0):
         return []
     # Dry friction takes energy out of the motion; it helps to brake.
-    forces = np.max(np.abs(effort_bounds(robot, problem.motion_limits)), axis=0)
+    forces = np.max(np.abs(effort_bounds(problem)), axis=0)
     forces = forces + gravity_bounds(robot) + robot.friction
     rate = float(np.sqrt(np.sum(forces**2 / rotors)))
     if not np.isfinite(rate):
@@ -49,24 +49,14 @@ def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
     return [LowerBound(T, "no torques carry the arm there sooner")]
 
 
-def effort_bounds(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Array]:
-    """Least and largest torques that a motion may use at any speed, shape (n,) each.
-
-    Args:
-        robot: The robot.
-        limits: Limits beyond its own: the share of the torques, and torque over speed.
-    """
-    lower, upper = robot.limits.effort_lower, robot.limits.effort_upper
-    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    if limits is None:
-        return lower, upper
-    half = limits.effort_scale * half
-    lower, upper = middle - half, middle + half
-    for joint, curve in (limits.effort_curves or {}).items():
-        i = robot.joint_names.index(joint)
+def effort_bounds(problem: Problem) -> tuple[Array, Array]:
+    """Least and largest torques that motions may use at any speed, shape (n,) each."""
+    lower, upper = effort_range(problem)
+    curves = problem.motion_limits.effort_curves if problem.motion_limits else None
+    for joint, curve in (curves or {}).items():
+        i = problem.robot.joint_names.index(joint)
         most = float(np.max(curve.effort))
-        upper[i] = min(upper[i], most)
-        lower[i] = max(lower[i], -most)
+        upper[i], lower[i] = min(upper[i], most), max(lower[i], -most)
     return lower, upper
 
 

@@ -50,7 +50,7 @@ def frame_bounds(
         T = _turning_time(problem, frame, angle, reach, longest)
         found.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
     if goal.distances(np.zeros((1, 3))) is not None:
-        T = _Vicinity(problem, goal, frame, reach).time(longest)
+        T = _carrying_time(problem, goal, frame, reach, longest)
         reason = f"no sooner do the joints carry frame {frame} there"
         found.append(LowerBound(T, reason))
     return found
@@ -65,27 +65,18 @@ def tool_speed_bounds(problem: Problem, goal: Goal) -> list[LowerBound]:
     """
     kinematics, found = RobotKinematics(problem.robot), []
     for frame, top in filter(None, (item.top_speed for item in problem.constraints)):
-        begin = kinematics.placement(problem.q_start, frame).translation
-        far = _distance_to_go(kinematics, goal, frame, np.asarray(begin))
+        begin = np.asarray(kinematics.placement(problem.q_start, frame).translation)
+        if goal.configuration is not None:
+            end = kinematics.placement(goal.configuration, frame).translation
+            far = float(np.linalg.norm(end - begin))
+        else:
+            asked = [item for item in goal.members if item.frame_name == frame]
+            apart = [item.distances(begin[None]) for item in asked]
+            far = max((float(row[0]) for row in apart if row is not None), default=0.0)
         if far > 0.0:
             reason = f"frame {frame} has {far:.4g} m to go, at {top:.4g} m/s at most"
             found.append(LowerBound(far / top, reason))
     return found
-
-
-def _distance_to_go(
-    kinematics: RobotKinematics, goal: Goal, frame: str, begin: Array
-) -> float:
-    """Least distance of a frame from where a goal may have it [m]."""
-    if goal.configuration is not None:
-        end = kinematics.placement(goal.configuration, frame).translation
-        return float(np.linalg.norm(end - begin))
-    far = 0.0
-    for member in goal.members:
-        apart = member.distances(begin[None]) if member.frame_name == frame else None
-        if apart is not None:
-            far = max(far, float(apart[0]))
-    return far
 
 
 def _turning_time(
@@ -100,12 +91,11 @@ def _turning_time(
         if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
             turns[item.idx_v] = 1.0
     share = turns @ np.abs(S)
-
-    def too_little(T: float) -> bool:
-        ways = reach(T)
-        return float(np.sum(share[share > 0.0] * ways[share > 0.0])) < angle
-
-    return _last_time(too_little, longest, TURNING_BISECTIONS)
+    turning = share > 0.0
+    ways = share[turning]
+    return _last_time(
+        lambda T: float(ways @ reach(T)[turning]) < angle, longest, TURNING_BISECTIONS
+    )
 
 
 def _last_time(excluded: Callable[[float], bool], longest: float, steps: int) -> float:
@@ -127,60 +117,48 @@ def _last_time(excluded: Callable[[float], bool], longest: float, steps: int) ->
     return low
 
 
-class _Vicinity:
-    """Where a frame can be when joints have moved for some time."""
+def _carrying_time(
+    problem: Problem, goal: Goal, frame: str, farthest: Reach, longest: float
+) -> float:
+    """Largest time found by which no motion has brought a frame to its goal."""
+    robot, q, limits = problem.robot, problem.q_start, problem.robot.limits
+    item = robot.model.frames[robot.frame_id(frame)]
+    origin = np.asarray(item.placement.translation)
+    reach = LinkDisplacement(robot, [Ball(frame, int(item.parentJoint), origin, 0.0)])
+    slides = prismatic_joints(robot)
+    if not np.any(np.isfinite(farthest(1.0))):
+        return 0.0
 
-    def __init__(
-        self, problem: Problem, goal: Goal, frame: str, farthest: Reach
-    ) -> None:
-        robot = problem.robot
-        self.problem, self.goal, self.farthest = problem, goal, farthest
-        item = robot.model.frames[robot.frame_id(frame)]
-        origin = np.asarray(item.placement.translation)
-        ball = Ball(frame, int(item.parentJoint), origin, 0.0)
-        self.reach = LinkDisplacement(robot, [ball])
-
-    def time(self, longest: float) -> float:
-        """Largest time found by which no motion has brought the frame to its goal."""
-        if not np.any(np.isfinite(self.farthest(1.0))):
-            return 0.0
-        return _last_time(self.excluded, longest, BISECTIONS)
-
-    def excluded(self, T: float) -> bool:
+    def excluded(T: float) -> bool:
         """Whether the frame is surely not at its goal before a time."""
-        limits, q = self.problem.robot.limits, self.problem.q_start
-        swing = self.farthest(T)
-        if not np.all(np.isfinite(swing)):
-            # Joints without a limit may be anywhere; turning ones need one turn.
-            if np.any(prismatic_joints(self.problem.robot) & np.isinf(swing)):
-                return False
-            swing = np.where(np.isfinite(swing), swing, math.pi)
+        swing = farthest(T)
+        # Joints without a limit may be anywhere; turning ones need one turn.
+        free = ~np.isfinite(swing)
+        if np.any(slides & free):
+            return False
+        swing = np.where(free, math.pi, swing)
         low = np.maximum(q - swing, np.minimum(limits.position_lower, q))
         high = np.minimum(q + swing, np.maximum(limits.position_upper, q))
-        boxes = (0.5 * (low + high)[None], 0.5 * (high - low)[None])
+        middle, half = 0.5 * (low + high)[None], 0.5 * (high - low)[None]
         for _ in range(MAX_BOXES):
             check()
-            shifts = self.reach.shifts(*boxes)[:, 0]
-            near = self._distance(boxes[0]) <= np.sum(shifts, axis=1) + ACCEPTED
+            shifts = reach.shifts(middle, half)[:, 0]
+            apart = goal.distances(reach.centres(middle)[:, 0])
+            near = np.asarray(apart) <= np.sum(shifts, axis=1) + ACCEPTED
             if not near.any():
                 return True
             if 2 * int(near.sum()) > MAX_BOXES:
                 return False
-            boxes = self._halves(boxes[0][near], boxes[1][near], shifts[near])
+            share = np.abs(robot.reduce_tangent(shifts[near]))
+            middle, half = _halves(middle[near], half[near], share)
         return False
 
-    def _distance(self, q: Array) -> Array:
-        apart = self.goal.distances(self.reach.centres(q)[:, 0])
-        assert apart is not None  # noqa: S101
-        return apart
+    return _last_time(excluded, longest, BISECTIONS)
 
-    def _halves(self, q: Array, half: Array, shifts: Array) -> tuple[Array, Array]:
-        """Cut each box across the joint that moves the frame most."""
-        share = np.abs(self.problem.robot.reduce_tangent(shifts))
-        widest = np.argmax(share, axis=1)
-        rows = np.arange(q.shape[0])
-        half = half.copy()
-        half[rows, widest] *= 0.5
-        step = np.zeros_like(half)
-        step[rows, widest] = half[rows, widest]
-        return np.concatenate([q - step, q + step]), np.concatenate([half, half])
+
+def _halves(q: Array, half: Array, shares: Array) -> tuple[Array, Array]:
+    """Cut boxes across the joints of the largest shares: middles, and half edges."""
+    widest = np.eye(q.shape[1])[np.argmax(shares, axis=1)]
+    half = half * (1.0 - 0.5 * widest)
+    step = half * widest
+    return np.concatenate([q - step, q + step]), np.concatenate([half, half])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from tominpmp.bounds.least_time import Drive, Ramp
 from tominpmp.bounds.one_joint import torque_drive
 from tominpmp.bounds.result import LowerBound
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 
 
@@ -32,13 +33,6 @@ class Joint:
     limits: str
     unit: str
 
-    def bound(self, T: float, way: float) -> LowerBound:
-        """What it needs for a way; no bound where there seems to be no motion."""
-        reason = (
-            f"joint {self.name} has {abs(way):.4g} {self.unit} to go, {self.limits}"
-        )
-        return LowerBound(T if math.isfinite(T) else 0.0, reason, self.name)
-
 
 def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
     """The joints of a problem.
@@ -47,13 +41,10 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
         problem: The problem.
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
-    robot, more = problem.robot, problem.motion_limits
-    names, n = robot.joint_names, robot.n
-    acceleration, jerk = np.full(n, np.inf), np.full(n, np.inf)
-    if more is not None:
-        acceleration = more.by_joint("acceleration", names)
-        if smooth_ends:
-            jerk = more.by_joint("jerk", names)
+    robot, more = problem.robot, problem.motion_limits or MotionLimits()
+    names = robot.joint_names
+    acceleration = more.by_joint("acceleration", names)
+    jerk = (more if smooth_ends else MotionLimits()).by_joint("jerk", names)
     slides, found = prismatic_joints(robot), []
     for i, name in enumerate(names):
         unit = "m" if slides[i] else "rad"
@@ -97,35 +88,36 @@ def joint_bounds(
         end: Velocities at the end, shape (n,); None if they may be any.
     """
     found = []
-    for i, joint in enumerate(joints):
-        way = max(float(lower[i]), 0.0) + min(float(upper[i]), 0.0)
-        side = 1.0 if way >= 0.0 else -1.0
-        v = [math.inf if at is None else side * float(at[i]) for at in (start, end)]
-        if lower[i] == upper[i] and start is not None and end is not None:
-            T = joint.drive.least_time_between(way, (float(start[i]), float(end[i])))
+    any_speed = np.full(len(joints), math.inf)
+    v0, v1 = (any_speed if v is None else v for v in (start, end))
+    known = start is not None and end is not None
+    each = zip(joints, *(x.tolist() for x in (lower, upper, v0, v1)), strict=True)
+    for joint, least, most, *ends in each:
+        way = max(least, 0.0) + min(most, 0.0)
+        if known and least == most:
+            T = joint.drive.least_time_between(way, (ends[0], ends[1]))
         elif way != 0.0:
-            T = joint.drive.least_time(way, (v[0], v[1]))
+            T = joint.drive.least_time(way, (ends[0], ends[1]))
         else:
             continue
-        found.append(joint.bound(T, way))
+        # No bound where there seems to be no motion.
+        T = T if math.isfinite(T) else 0.0
+        reason = f"joint {joint.name} has {abs(way):.4g} {joint.unit} to go"
+        found.append(LowerBound(T, f"{reason}, {joint.limits}", joint.name))
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class JointReach:
-    """How far each joint gets in a time, whatever moves it.
+def reach_of(
+    joints: Sequence[Joint], start: Array | None, end: Array | None
+) -> Callable[[float], Array]:
+    """How far each joint gets in a time at most, whatever moves it: shape (n,).
 
-    Attributes:
+    Args:
         joints: The joints.
-        start: Largest speeds at the start, shape (n,), possibly infinite.
-        end: Largest speeds at the end, shape (n,), possibly infinite.
+        start: Velocities at the start, shape (n,); None if they may be any.
+        end: Velocities at the end, shape (n,); None if they may be any.
     """
-
-    joints: Sequence[Joint]
-    start: Array
-    end: Array
-
-    def __call__(self, T: float) -> Array:
-        """Farthest that each joint gets in a time, shape (n,)."""
-        ends = zip(self.joints, self.start.tolist(), self.end.tolist(), strict=True)
-        return np.array([joint.drive.farthest(T, (v, w)) for joint, v, w in ends])
+    any_speed = np.full(len(joints), math.inf)
+    v0, v1 = (any_speed if v is None else np.abs(v) for v in (start, end))
+    each = [*zip(joints, v0.tolist(), v1.tolist(), strict=True)]
+    return lambda T: np.array([one.drive.farthest(T, (v, w)) for one, v, w in each])

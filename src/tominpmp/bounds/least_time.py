@@ -124,16 +124,14 @@ class SpeedLaw:
 
     def lower_of(self, other: SpeedLaw) -> SpeedLaw:
         """The lower one of two laws at each speed."""
-        knots = np.union1d(self.knots, other.knots)
-        (a, b), (c, d) = self._lines(knots), other._lines(knots)
+        gap = self.plus(SpeedLaw(other.knots, -other.level, -other.slope))
+        edges = np.concatenate([[-np.inf], gap.knots, [np.inf]])
         with np.errstate(divide="ignore", invalid="ignore"):
-            meet = (c - a) / (b - d)
-        edges = np.concatenate([[-np.inf], knots, [np.inf]])
+            meet = -gap.level / gap.slope
         between = (meet > edges[:-1]) & (meet < edges[1:])
-        knots = np.union1d(knots, meet[between])
+        knots = np.union1d(gap.knots, meet[between])
         (a, b), (c, d) = self._lines(knots), other._lines(knots)
-        at = _within(knots)
-        lower = a + b * at <= c + d * at
+        lower = a - c + (b - d) * _within(knots) <= 0.0
         return SpeedLaw(knots, np.where(lower, a, c), np.where(lower, b, d))
 
     def _lines(self, knots: Array) -> tuple[Array, Array]:
@@ -312,22 +310,22 @@ class Drive:
             T: The time [s].
             ends: Most that its speeds at start and end can be, possibly infinite.
         """
-        ways = (OneWay(*way, self.top, ends) for way in (self.ahead, self.back))
-        return max(way.farthest(T) for way in ways)
+        return max(self._one_way(side, ends).farthest(T) for side in (1.0, -1.0))
 
     def least_time(self, way: float, ends: tuple[float, float]) -> float:
         """Time in which it does not get as far, or farther.
 
         Args:
             way: How far it has to go at the least, with its sign.
-            ends: Most that its speeds can be at start and end in the direction of the
-                way, possibly infinite.
+            ends: Its velocities at start and end; infinite speeds where they may be
+                any.
 
         Returns:
             The time [s]; infinite if it never does.
         """
-        changes = self.ahead if way >= 0.0 else self.back
-        return OneWay(*changes, self.top, ends).least_time(abs(way))
+        side = 1.0 if way >= 0.0 else -1.0
+        along = [v if math.isinf(v) else side * v for v in ends]
+        return self._one_way(side, (along[0], along[1])).least_time(abs(way))
 
     def least_time_between(self, way: float, ends: tuple[float, float]) -> float:
         """Time in which it does not get just so far, at a velocity that is given.
@@ -339,14 +337,17 @@ class Drive:
         Returns:
             The time [s]; infinite if it never does.
         """
-        ahead, back = self.ahead, self.back
-        if way < 0.0:
-            way, ends, ahead, back = -way, (-ends[0], -ends[1]), back, ahead
-        v0, v1 = ends
-        change = ahead[0] if v1 >= v0 else ahead[1]
-        time, integral = change.abrupt(min(ends), max(ends))
-        braking = max(ends) * time - integral
-        if braking - way <= OFF + SHARE * abs(braking) or not math.isfinite(time):
-            return OneWay(*ahead, self.top, ends).least_time(way)
+        side = 1.0 if way >= 0.0 else -1.0
+        v0, v1 = side * ends[0], side * ends[1]
+        up, down = self.ahead if way >= 0.0 else self.back
+        time, integral = (up if v1 >= v0 else down).abrupt(min(v0, v1), max(v0, v1))
+        braking = max(v0, v1) * time - integral
+        if braking - abs(way) <= OFF + SHARE * abs(braking) or math.isinf(time):
+            return self._one_way(side, (v0, v1)).least_time(abs(way))
         # It cannot stop there: it goes past the goal and comes back.
-        return OneWay(*back, self.top, (-v0, -v1)).least_time(-way)
+        return self._one_way(-side, (-v0, -v1)).least_time(-abs(way))
+
+    def _one_way(self, side: float, ends: tuple[float, float]) -> OneWay:
+        """Motions forwards, for a side of 1, or backwards, for one of -1."""
+        changes = self.ahead if side > 0.0 else self.back
+        return OneWay(*changes, self.top, ends)

@@ -20,7 +20,6 @@ that use the tolerance of the verification can be shorter by as much.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.energy import energy_bounds
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
-from tominpmp.bounds.joints import Joint, JointReach, joint_bounds, joints_of
+from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import warn_caller
@@ -110,34 +109,21 @@ def _of_goal(
         longest: Longest time looked at [s].
         smooth_ends: Whether accelerations that may not jump begin and end with zero.
     """
-    joints = joints_of(problem, smooth_ends)
+    joints, n = joints_of(problem, smooth_ends), problem.robot.n
     bounds = []
     for one in goal.alternatives:
-        found = _of_one_goal(problem, one, joints, start, longest)
+        q = one.configuration
+        end = one.final_velocity(n) if one.fixes_velocity else None
+        lower, upper = (x - problem.q_start for x in one.joint_ranges(problem.robot))
+        found = [LowerBound(0.0, "no bound is known for a goal of this kind")]
+        found += joint_bounds(joints, lower, upper, start, end)
+        found += tool_speed_bounds(problem, one)
+        if q is not None and start is not None and end is not None:
+            found += energy_bounds(problem, q, np.stack([start, end]))
+        reach = reach_of(joints, start, end)
+        for member in one.members:
+            if member.frame_name is not None:
+                place = member, member.frame_name
+                found += frame_bounds(problem, *place, reach, longest)
         bounds.append(max(found, key=lambda bound: bound.T))
     return min(bounds, key=lambda bound: bound.T)
-
-
-def _of_one_goal(
-    problem: Problem,
-    goal: Goal,
-    joints: Sequence[Joint],
-    start: Array | None,
-    longest: float,
-) -> list[LowerBound]:
-    """All bounds that are known for a goal."""
-    n, q = problem.robot.n, goal.configuration
-    end = goal.final_velocity(n) if goal.fixes_velocity else None
-    lower, upper = (x - problem.q_start for x in goal.joint_ranges(problem.robot))
-    found = [LowerBound(0.0, "no bound is known for a goal of this kind")]
-    found += joint_bounds(joints, lower, upper, start, end)
-    found += tool_speed_bounds(problem, goal)
-    if q is not None and start is not None and end is not None:
-        found += energy_bounds(problem, q, np.stack([start, end]))
-    any_speed = np.full(n, np.inf)
-    first, last = (any_speed if v is None else np.abs(v) for v in (start, end))
-    for member in goal.members:
-        if member.frame_name is not None:
-            reach = JointReach(joints, first, last)
-            found += frame_bounds(problem, member, member.frame_name, reach, longest)
-    return found

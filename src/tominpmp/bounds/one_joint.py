@@ -17,6 +17,7 @@ from tominpmp.bounds.energy import effort_bounds
 from tominpmp.bounds.least_time import Both, Change, Drive, Ramp, SpeedLaw
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 
@@ -28,26 +29,23 @@ def torque_drive(problem: Problem, smooth_ends: bool) -> Drive | None:
         problem: The problem.
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
-    robot, more = problem.robot, problem.motion_limits
+    robot, more = problem.robot, problem.motion_limits or MotionLimits()
     if robot.n != 1 or robot.expansion_matrix is not None:
         return None
-    effort = np.concatenate(effort_bounds(robot, more))
+    effort = np.concatenate(effort_bounds(problem))
     if not np.all(np.isfinite(effort)):
         return None
     names = robot.joint_names
-    acceleration = jerk = rate = math.inf
-    if more is not None:
-        kinds = ("acceleration", "jerk", "effort_rate")
-        acceleration, jerk, rate = (float(more.by_joint(k, names)[0]) for k in kinds)
+    kinds = ("acceleration", "jerk", "effort_rate")
+    acceleration, jerk, rate = (float(more.by_joint(k, names)[0]) for k in kinds)
     top = float(robot.limits.velocity[0])
     mass, mean, wave = _inertia_and_weight(robot)
 
     def law(sign: float, torque: float) -> SpeedLaw:
         """Largest acceleration one way, over the speed that way."""
         limit = SpeedLaw.line(torque)
-        curves = {} if more is None else more.effort_curves or {}
-        if names[0] in curves:
-            curve = curves[names[0]]
+        curve = (more.effort_curves or {}).get(names[0])
+        if curve is not None:
             limit = limit.lower_of(_over_speed(curve.speed, curve.effort))
         dry, viscous = float(robot.friction[0]), float(robot.damping[0])
         against = np.array([dry, -dry]) + wave - sign * mean
