@@ -161,8 +161,8 @@ def _joined_table(
 ) -> JointTable:
     """Values of the joints of all robots, in the order of the joint names."""
     names = tuple(f"{part}/{k}" for part, r in robots.items() for k in r.joint_names)
-    tables = [robot._table() for robot in robots.values()]
-    return JointTable.stacked(names, tables).only(joint_names)
+    rows = np.concatenate([robot._table().rows for robot in robots.values()])
+    return JointTable(names, rows).only(joint_names)
 
 
 def _joined_motion_limits(

@@ -21,49 +21,37 @@ _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
 LONGEST_PATH = 400
 
 # Names that the example-robot-data loaders know and that are not simply the name of a
-# URDF file, or whose SRDF file is called otherwise: name -> URDF, SRDF.
-_EXAMPLE_ALIASES: dict[str, tuple[str, str | None]] = {
+# URDF file: the file, and the name of the SRDF file where that is called otherwise.
+_EXAMPLE_ALIASES: dict[str, tuple[str, ...]] = {
     "alexander": ("alexander_description/urdf/alexander_v1.lowerBodyOnly", "alexander"),
-    "anymal": ("anymal_b_simple_description/robots/anymal", "anymal"),
-    "anymal_c": ("anymal_c_simple_description/urdf/anymal", "anymal"),
-    "anymal_kinova": (
-        "anymal_b_simple_description/robots/anymal-kinova",
-        "anymal-kinova",
-    ),
-    "asr_twodof": ("asr_twodof_description/urdf/TwoDofs", None),
-    "b1_z1": ("b1_description/urdf/b1-z1", "b1-z1"),
+    "anymal": ("anymal_b_simple_description/robots/anymal",),
+    "anymal_c": ("anymal_c_simple_description/urdf/anymal",),
+    "anymal_kinova": ("anymal_b_simple_description/robots/anymal-kinova",),
+    "asr_twodof": ("asr_twodof_description/urdf/TwoDofs",),
+    "b1_z1": ("b1_description/urdf/b1-z1",),
     "baxter": ("baxter_description/urdf/baxter", "baxter_manipulation"),
-    "borinot": (
-        "borinot_description/urdf/borinot_flying_arm_2",
-        "borinot_flying_arm_2",
-    ),
-    "g1": ("g1_description/urdf/g1_29dof_rev_1_0", None),
-    "g1_with_hands": ("g1_description/urdf/g1_29dof_with_hand_rev_1_0", None),
-    "hector": ("hector_description/robots/quadrotor_base", None),
-    "hextilt": (
-        "hextilt_description/urdf/hextilt_flying_arm_5",
-        "hextilt_flying_arm_5",
-    ),
+    "borinot": ("borinot_description/urdf/borinot_flying_arm_2",),
+    "g1": ("g1_description/urdf/g1_29dof_rev_1_0",),
+    "g1_with_hands": ("g1_description/urdf/g1_29dof_with_hand_rev_1_0",),
+    "hector": ("hector_description/robots/quadrotor_base",),
+    "hextilt": ("hextilt_description/urdf/hextilt_flying_arm_5",),
     "hyq": ("hyq_description/robots/hyq_no_sensors", "hyq"),
     "icub_reduced": ("icub_description/robots/icub_reduced", "icub"),
-    "iris": ("iris_description/robots/iris_simple", None),
+    "iris": ("iris_description/robots/iris_simple",),
     "panda_collision": ("panda_description/urdf/panda_collision", "panda"),
-    "solo8": ("solo_description/robots/solo", "solo"),
+    "solo8": ("solo_description/robots/solo",),
     "solo12": ("solo_description/robots/solo12", "solo"),
     "talos": ("talos_data/robots/talos_reduced", "talos"),
     "talos_arm": ("talos_data/robots/talos_left_arm", "talos"),
     "talos_box": ("talos_data/robots/talos_reduced_box", "talos"),
     "talos_full": ("talos_data/robots/talos_full_v2", "talos"),
     "talos_full_box": ("talos_data/robots/talos_full_v2_box", "talos"),
-    "ur3": ("ur_description/urdf/ur3_robot", None),
-    "ur3_limited": ("ur_description/urdf/ur3_joint_limited_robot", None),
+    "ur3": ("ur_description/urdf/ur3_robot",),
+    "ur3_limited": ("ur_description/urdf/ur3_joint_limited_robot",),
     "ur5": ("ur_description/urdf/ur5_robot", "ur5"),
-    "ur5_limited": (
-        "ur_description/urdf/ur5_joint_limited_robot",
-        "ur5_joint_limited_robot",
-    ),
-    "ur10": ("ur_description/urdf/ur10_robot", None),
-    "ur10_limited": ("ur_description/urdf/ur10_joint_limited_robot", None),
+    "ur5_limited": ("ur_description/urdf/ur5_joint_limited_robot",),
+    "ur10": ("ur_description/urdf/ur10_robot",),
+    "ur10_limited": ("ur_description/urdf/ur10_joint_limited_robot",),
 }
 
 
@@ -163,11 +151,11 @@ def _known_robots() -> dict[str, RobotFiles]:
         # Two different files of one name (anymal) are told apart by the aliases.
         for urdf in sorted(examples.glob("*/*/*.urdf")):
             robots[urdf.stem] = RobotFiles(urdf, find_srdf(urdf), urdf.stem)
-        for name, (stem, srdf_stem) in _EXAMPLE_ALIASES.items():
+        for name, (stem, *srdf_stem) in _EXAMPLE_ALIASES.items():
             urdf = examples / f"{stem}.urdf"
-            srdf = urdf.parents[1] / "srdf" / f"{srdf_stem}.srdf"
             if urdf.is_file():
-                robots[name] = RobotFiles(urdf, srdf if srdf.is_file() else None, name)
+                named = urdf.with_stem(srdf_stem[0]) if srdf_stem else urdf
+                robots[name] = RobotFiles(urdf, find_srdf(named), name)
     for urdf in sorted(_bundled_folder().glob("*.urdf")):
         robots[urdf.stem] = RobotFiles(urdf, find_srdf(urdf), urdf.stem)
     return robots

@@ -10,10 +10,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from tominpmp.arrays import Array
+from tominpmp.description.joint_table import JointTable, example_values
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.exceptions import warn_caller
+from tominpmp.exceptions import RobotLoadError, warn_caller
 
 # Moments below this share of mass times a square metre are none.
 POINT = 1e-9
@@ -25,6 +27,14 @@ ROUNDED = 1e-2
 TOGETHER = 1e-2
 # Joints that a warning names.
 MOST = 5
+
+# Below these a mass matrix counts as singular: the least diagonal entry [kg m^2 or kg],
+# and the least eigenvalue once the diagonal is scaled to one. The least of the robots
+# in example-robot-data are 4e-6 (a finger) and 4e-6 (a humanoid).
+MIN_INERTIA = 1e-12
+MIN_SCALED_INERTIA = 1e-10
+
+INERTIA_SAMPLES = 5
 
 
 def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
@@ -123,3 +133,87 @@ def named_body(model: pin.Model, joint: int) -> str:
     first, *others = links_of(model, joint) or [""]
     fixed = f" with what is fixed to it ({', '.join(others[:2])})" if others else ""
     return f"link {first}{fixed} behind joint {model.names[joint]}"
+
+
+def check_inertia(
+    model: pin.Model,
+    table: JointTable,
+    matrix: Array | None,
+    offset: Array | None,
+    description: UrdfDescription,
+) -> None:
+    """Check that joints move bodies that can be, and none without bound.
+
+    A joint with rotor inertia may move what no body is: its torques are not its own.
+
+    Args:
+        model: Model with its rotor inertia.
+        table: Values of the n free joints; positions are taken between their limits.
+        matrix: S, shape (nv, n), or ``None``.
+        offset: c, shape (nv,), or ``None``.
+        description: The robot, for messages.
+
+    Raises:
+        RobotLoadError: Naming the joints that move what no body is, or that move while
+            the mass matrix is singular.
+    """
+    path, names = description.path, table.joint_names
+    ratios = np.eye(len(names)) if matrix is None else np.abs(matrix)
+    bare = ratios @ table["armature"] == 0.0
+    found = {k: v for k, v in impossible_bodies(model).items() if bare[k - 1]}
+    if found:
+        leaders = np.unique([ratios[joint - 1].argmax() for joint in found])
+        rotors = example_values([names[leader] for leader in leaders.tolist()])
+        raise RobotLoadError(
+            f"{path}: {listed(list(found.values()))}: mend the <inertial> elements, or "
+            f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless",
+            path,
+        )
+    rng = np.random.default_rng(0)
+    low, high = np.clip(table.ends, -np.pi, np.pi)
+    data = model.createData()
+    for _ in range(INERTIA_SAMPLES):
+        q = rng.uniform(low, high)
+        if matrix is not None and offset is not None:
+            q = matrix @ q + offset
+        upper = np.triu(pin.crba(model, data, q))
+        mass = upper + np.triu(upper, 1).T
+        if matrix is not None:
+            mass = matrix.T @ mass @ matrix
+        singular = np.flatnonzero(singular_directions(mass))
+        if singular.size:
+            joints = [names[i] for i in singular]
+            given = {link.name for link in description.bodies if link.mass is not None}
+            lacking = [
+                f"{named_body(model, k)} has no <inertial>"
+                for k in map(int, map(model.getJointId, joints))
+                if not given.intersection(links_of(model, k))
+            ]
+            least = float(np.diag(mass)[singular].min())
+            why = f"what the <inertial> elements give is {least:.2g} kg m^2 or kg"
+            raise RobotLoadError(
+                f"{path}: {' and '.join(joints)} can move without any inertia "
+                f"({', '.join(lacking) or why}), so that "
+                "any torque would accelerate them without bound: give "
+                f"armature={example_values(joints)} [kg m^2 or kg], or mend the "
+                "<inertial> elements",
+                path,
+            )
+
+
+def singular_directions(mass: Array) -> NDArray[np.bool_]:
+    """Find the joints that move where a mass matrix is singular; none if it is not.
+
+    Args:
+        mass: The matrix, shape (n, n).
+
+    Returns:
+        Which joints do, shape (n,).
+    """
+    own = np.diag(mass)
+    if (own < MIN_INERTIA).any():
+        return np.asarray(own < MIN_INERTIA)
+    scale = np.sqrt(own)
+    values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
+    motion = np.abs(vectors[:, 0])
+    return np.asarray((values[0] < MIN_SCALED_INERTIA) & (motion > 0.1 * motion.max()))

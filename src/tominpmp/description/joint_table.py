@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,29 +57,35 @@ class JointLimits(Record):
             raise ProblemError(f"limits: lengths differ: {sizes}", "limits")
 
 
+#: A row of :class:`JointTable`; NaN where a value is not known.
+ROW = np.dtype(
+    [
+        ("position_lower", np.float64),  # [rad or m]
+        ("position_upper", np.float64),  # [rad or m]
+        ("velocity", np.float64),  # [rad/s or m/s]
+        ("effort", np.float64, 2),  # the lower and the upper limit [N m or N]
+        ("damping", np.float64),  # viscous friction [N m s/rad or N s/m]
+        ("armature", np.float64),  # rotor inertia seen at the joint [kg m^2 or kg]
+        ("friction", np.float64),  # dry friction [N m or N]
+    ]
+)
+
+
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """Values per joint, NaN where none is known; the arrays are rows of one table.
+    """Values per joint; ``table["velocity"]`` is a column of them.
 
     Attributes:
         joint_names: Names of the n joints.
-        position_lower: Lower position limits, shape (n,) [rad or m].
-        position_upper: Upper position limits, shape (n,) [rad or m].
-        velocity: Velocity limits, shape (n,) [rad/s or m/s].
-        effort: Lower and upper effort limits, shape (n, 2) [N m or N].
-        damping: Viscous friction, shape (n,) [N m s/rad or N s/m].
-        armature: Rotor inertia seen at the joint, shape (n,) [kg m^2 or kg].
-        friction: Dry friction, shape (n,) [N m or N].
+        rows: One row of :data:`ROW` for each, shape (n,).
     """
 
     joint_names: tuple[str, ...]
-    position_lower: Array
-    position_upper: Array
-    velocity: Array
-    effort: Array
-    damping: Array
-    armature: Array
-    friction: Array
+    rows: NDArray[np.void]
+
+    def __getitem__(self, column: str) -> Array:
+        """Values of all joints, shape (n,), or (n, 2) for the effort."""
+        return np.array(self.rows[column], dtype=np.float64)
 
     @classmethod
     def from_description(
@@ -111,19 +116,9 @@ class JointTable:
             # A limit of zero is how descriptions say that they do not know it.
             velocity = joint.velocity if joint.velocity > 0 else math.nan
             effort = joint.effort if 0 < joint.effort < math.inf else math.nan
-            limits = (joint.lower, joint.upper, velocity, -effort, effort)
+            limits = (joint.lower, joint.upper, velocity, (-effort, effort))
             rows.append((*limits, joint.damping, joint.armature, joint.friction))
-        table = np.array(rows, dtype=np.float64).reshape(len(rows), 8)
-        return cls(
-            joint_names=tuple(joint_names),
-            position_lower=table[:, 0],
-            position_upper=table[:, 1],
-            velocity=table[:, 2],
-            effort=table[:, 3:5],
-            damping=table[:, 5],
-            armature=table[:, 6],
-            friction=table[:, 7],
-        )
+        return cls(tuple(joint_names), np.array(rows, dtype=ROW))
 
     @classmethod
     def of_limits(
@@ -135,16 +130,13 @@ class JointTable:
         friction: Array,
     ) -> JointTable:
         """Table of a robot as it is."""
-        return cls(
-            tuple(joint_names),
-            limits.position_lower,
-            limits.position_upper,
-            limits.velocity,
-            np.column_stack([limits.effort_lower, limits.effort_upper]),
-            damping,
-            armature,
-            friction,
-        )
+        rows = np.zeros(len(joint_names), dtype=ROW)
+        for name in ("position_lower", "position_upper", "velocity"):
+            rows[name] = getattr(limits, name)
+        rows["effort"] = np.column_stack([limits.effort_lower, limits.effort_upper])
+        rows["damping"], rows["armature"] = damping, armature
+        rows["friction"] = friction
+        return cls(tuple(joint_names), rows)
 
     def overridden(
         self, not_free: Mapping[str, str], **values: JointValues | None
@@ -159,53 +151,37 @@ class JointTable:
             OptionsError: If a value is wrong.
             JointNotFound: If a joint is unknown.
         """
-        names = self.joint_names
-        new: dict[str, Any] = {
-            option: override(option, value, getattr(self, option), names, not_free)
-            for option, value in values.items()
-            if value is not None
-        }
-        table = replace(self, **new)
+        names, rows = self.joint_names, self.rows.copy()
+        given = {k: value for k, value in values.items() if value is not None}
+        for option, value in given.items():
+            rows[option] = override(option, value, self[option], names, not_free)
+        table = JointTable(names, rows)
         for option in ("damping", "armature", "friction", "velocity"):
-            if option in new:
+            if option in given:
                 speed = option == "velocity"
-                check_sign(option, new[option], names, positive=speed, infinite=speed)
-        if "effort" in new:
-            low, high = table.effort.T
+                check_sign(option, rows[option], names, positive=speed, infinite=speed)
+        if "effort" in given:
+            low, high = rows["effort"].T
             check_order("effort", low, high, names, equal=True)
-            check_sign("effort", np.abs(table.effort).max(axis=1), names)
+            check_sign("effort", np.abs(rows["effort"]).max(axis=1), names)
         for option in ("position_lower", "position_upper"):
-            if option in new:
-                check_order(option, table.position_lower, table.position_upper, names)
+            if option in given:
+                check_order(option, *table.ends, names)
         return table
 
-    @classmethod
-    def stacked(
-        cls, joint_names: Sequence[str], tables: Sequence[JointTable]
-    ) -> JointTable:
-        """One table of several, whose joints get these names."""
-        columns = {
-            f.name: np.concatenate([getattr(table, f.name) for table in tables])
-            for f in fields(cls)
-            if f.name != "joint_names"
-        }
-        return cls(tuple(joint_names), **columns)
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Lower and upper position limits, shape (n,) each [rad or m]."""
+        return self["position_lower"], self["position_upper"]
 
     def only(self, joint_names: Sequence[str]) -> JointTable:
         """Table of some of the joints, in the order of their names."""
         rows = [self.joint_names.index(name) for name in joint_names]
-        values = {
-            f.name: getattr(self, f.name)[rows]
-            for f in fields(self)
-            if f.name != "joint_names"
-        }
-        return JointTable(tuple(joint_names), **values)
+        return JointTable(tuple(joint_names), self.rows[rows])
 
     def limits(self) -> JointLimits:
         """The limits alone."""
-        return JointLimits(
-            self.position_lower, self.position_upper, self.velocity, *self.effort.T
-        )
+        return JointLimits(*self.ends, self["velocity"], *self["effort"].T)
 
     def check_complete(self, path: Path) -> None:
         """Check that every joint has all limits, and room to move.
@@ -215,15 +191,16 @@ class JointTable:
         """
         complaints = []
         for quantity in ("effort", "velocity"):
-            array = getattr(self, quantity).reshape(len(self.joint_names), -1)
-            joints = self._names(np.isnan(array).any(axis=1))
+            array = self[quantity].reshape(len(self.joint_names), -1)
+            joints = self._names(np.any(np.isnan(array), axis=1))
             if joints:
                 complaints.append(
                     f"no {quantity} limit for {', '.join(joints)}: give "
                     f"{quantity}={example_values(joints)}"
                 )
         # True also where a limit is NaN.
-        joints = self._names(~(self.position_lower < self.position_upper))
+        ends = zip(self.joint_names, *self.ends, strict=True)
+        joints = [name for name, lower, upper in ends if not lower < upper]
         if joints:
             values = example_values(joints)
             complaints.append(

@@ -10,16 +10,9 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from tominpmp.arrays import Array
-from tominpmp.description.inertials import (
-    impossible_bodies,
-    links_of,
-    listed,
-    named_body,
-)
-from tominpmp.description.joint_table import JointTable, example_values
+from tominpmp.description.joint_table import JointTable
 from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
 from tominpmp.description.tree import (
     JointDescription,
@@ -33,19 +26,18 @@ from tominpmp.exceptions import RobotLoadError, warn_caller
 # No link is so large [m]; a mesh in millimetres is.
 LARGE = 100.0
 
-# Below these a mass matrix counts as singular: the least diagonal entry [kg m^2 or kg],
-# and the least eigenvalue once the diagonal is scaled to one. The least of the robots
-# in example-robot-data are 4e-6 (a finger) and 4e-6 (a humanoid).
-MIN_INERTIA = 1e-12
-MIN_SCALED_INERTIA = 1e-10
-
-INERTIA_SAMPLES = 5
-
 # Axes that differ by less are one, as they are to Pinocchio.
 SAME_AXIS = 1e-12
 # Joints about or along an axis of their own frame, which Pinocchio computes faster.
 TURNING = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 SLIDING = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
+# Shapes that are given by their sizes.
+SOLIDS = {
+    "box": coal.Box,
+    "sphere": coal.Sphere,
+    "cylinder": coal.Cylinder,
+    "capsule": coal.Capsule,
+}
 # Colour of shapes to which a description gives none, as Pinocchio has it.
 GREY = (0.9, 0.9, 0.9, 1.0)
 
@@ -162,14 +154,8 @@ def build_geometry(
 
 def _solid(shape: Shape, load: Any) -> Any:
     """The shape as Coal has it."""
-    if shape.kind == "box":
-        return coal.Box(*shape.sizes)
-    if shape.kind == "sphere":
-        return coal.Sphere(*shape.sizes)
-    if shape.kind == "cylinder":
-        return coal.Cylinder(*shape.sizes)
-    if shape.kind == "capsule":
-        return coal.Capsule(*shape.sizes)
+    if shape.kind in SOLIDS:
+        return SOLIDS[shape.kind](*shape.sizes)
     if shape.corners is None or shape.faces is None:
         return load(shape.file, shape.sizes)
     mesh = coal.BVHModelOBBRSS()
@@ -291,120 +277,15 @@ def configured_model(
         full[free] = values
         return full
 
-    ends = np.stack([scaled(table.position_lower), scaled(table.position_upper)])
+    ends = np.stack([scaled(end) for end in table.ends])
     model.lowerPositionLimit = ends.min(axis=0) + offset
     model.upperPositionLimit = ends.max(axis=0) + offset
-    model.velocityLimit = np.abs(scaled(table.velocity))
+    model.velocityLimit = np.abs(scaled(table["velocity"]))
     model.lowerVelocityLimit = -model.velocityLimit
-    model.effortLimit = alone(np.abs(table.effort).max(axis=1))
+    model.effortLimit = alone(np.abs(table["effort"]).max(axis=1))
     model.lowerEffortLimit = -model.effortLimit
-    model.damping = alone(table.damping)
-    model.armature = alone(table.armature)
-    model.friction = alone(table.friction)
+    model.damping = alone(table["damping"])
+    model.armature = alone(table["armature"])
+    model.friction = alone(table["friction"])
     model.gravity = pin.Motion(gravity, np.zeros(3))
     return model
-
-
-def check_inertia(
-    model: pin.Model,
-    table: JointTable,
-    matrix: Array | None,
-    offset: Array | None,
-    description: UrdfDescription,
-) -> None:
-    """Check that joints move bodies that can be, and none without bound.
-
-    A joint with rotor inertia may move what no body is: its torques are not its own.
-
-    Args:
-        model: Model with its rotor inertia.
-        table: Values of the n free joints; positions are taken between their limits.
-        matrix: S, shape (nv, n), or ``None``.
-        offset: c, shape (nv,), or ``None``.
-        description: The robot, for messages.
-
-    Raises:
-        RobotLoadError: Naming the joints that move what no body is, or that move while
-            the mass matrix is singular.
-    """
-    path = description.path
-    _check_bodies(model, table, matrix, path)
-    rng = np.random.default_rng(0)
-    low = np.clip(table.position_lower, -np.pi, np.pi)
-    high = np.clip(table.position_upper, -np.pi, np.pi)
-    data = model.createData()
-    for _ in range(INERTIA_SAMPLES):
-        q = rng.uniform(low, high)
-        if matrix is not None and offset is not None:
-            q = matrix @ q + offset
-        upper = np.triu(pin.crba(model, data, q))
-        mass = upper + np.triu(upper, 1).T
-        if matrix is not None:
-            mass = matrix.T @ mass @ matrix
-        singular = np.flatnonzero(singular_directions(mass))
-        if singular.size:
-            joints = [table.joint_names[i] for i in singular]
-            least = float(np.diag(mass)[singular].min())
-            raise RobotLoadError(
-                f"{path}: {' and '.join(joints)} can move without any inertia"
-                f"{_without_inertia(model, joints, least, description)}, so that "
-                "any torque would accelerate them without bound: give "
-                f"armature={example_values(joints)} [kg m^2 or kg], or mend the "
-                "<inertial> elements",
-                path,
-            )
-
-
-def _check_bodies(
-    model: pin.Model, table: JointTable, matrix: Array | None, path: Path
-) -> None:
-    matrix = np.eye(len(table.joint_names)) if matrix is None else np.abs(matrix)
-    free = matrix @ table.armature == 0.0
-    found = {
-        joint: fault
-        for joint, fault in impossible_bodies(model).items()
-        if free[joint - 1]
-    }
-    if not found:
-        return
-    leaders = np.unique([matrix[joint - 1].argmax() for joint in found]).tolist()
-    rotors = example_values([table.joint_names[leader] for leader in leaders])
-    raise RobotLoadError(
-        f"{path}: {listed(list(found.values()))}: mend the <inertial> elements, or "
-        f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless",
-        path,
-    )
-
-
-def _without_inertia(
-    model: pin.Model,
-    joints: Sequence[str],
-    least: float,
-    description: UrdfDescription,
-) -> str:
-    """Which bodies of joints lack inertia, or how little they have, in brackets."""
-    given = {link.name for link in description.bodies if link.mass is not None}
-    indices = [int(model.getJointId(name)) for name in joints]
-    lacking = [k for k in indices if not given.intersection(links_of(model, k))]
-    if lacking:
-        bodies = (f"{named_body(model, k)} has no <inertial>" for k in lacking)
-        return f" ({', '.join(bodies)})"
-    return f" (what the <inertial> elements give is {least:.2g} kg m^2 or kg)"
-
-
-def singular_directions(mass: Array) -> NDArray[np.bool_]:
-    """Find the joints that move where a mass matrix is singular; none if it is not.
-
-    Args:
-        mass: The matrix, shape (n, n).
-
-    Returns:
-        Which joints do, shape (n,).
-    """
-    own = np.diag(mass)
-    if (own < MIN_INERTIA).any():
-        return np.asarray(own < MIN_INERTIA)
-    scale = np.sqrt(own)
-    values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
-    motion = np.abs(vectors[:, 0])
-    return np.asarray((values[0] < MIN_SCALED_INERTIA) & (motion > 0.1 * motion.max()))

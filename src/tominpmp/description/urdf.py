@@ -31,8 +31,12 @@ from tominpmp.description.tree import (
     Shape,
     UrdfDescription,
 )
-from tominpmp.description.urdf_keys import warn_of_unread
-from tominpmp.description.urdf_syntax import CAPSULE, MOTION, checked_copy
+from tominpmp.description.urdf_syntax import (
+    CAPSULE,
+    MOTION,
+    checked_copy,
+    warn_of_unread,
+)
 from tominpmp.description.xml_reader import (
     MAX_NUMBER,
     XmlContext,

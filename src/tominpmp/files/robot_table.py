@@ -320,21 +320,14 @@ def check_given_back(
 
 def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
     """Values per joint that are not those of the description."""
-    joints, limits = robot.description.joints, robot.limits
     # No URDF file says these, which models of Pinocchio have.
-    joints = tuple(replace(joint, armature=0.0) for joint in joints)
+    joints = tuple(replace(one, armature=0.0) for one in robot.description.joints)
     plain = JointTable.from_description(
         robot.joint_names, joints, Linkage.resolve(joints, locked)
     )
-    values = {
-        name: getattr(robot, name) for name in ("damping", "armature", "friction")
-    }
-    for name in ("position_lower", "position_upper", "velocity"):
-        values[name] = getattr(limits, name)
-    values["effort"] = np.column_stack([limits.effort_lower, limits.effort_upper])
     table: dict[str, Any] = {}
     for key in OVERRIDES:
-        present, described = values[key], getattr(plain, key)
+        present, described = robot._table()[key], plain[key]
         changed = {
             name: present[i].tolist()
             for i, name in enumerate(robot.joint_names)

@@ -12,8 +12,8 @@ from tominpmp.checks import by_joint, in_order, wrong
 from tominpmp.collision import CollisionChecker, enclosure
 from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
-from tominpmp.description.model import singular_directions
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import AnyGoal, Goal

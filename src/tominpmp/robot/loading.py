@@ -11,10 +11,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.description.groups import Group, warn_of_passive
-from tominpmp.description.inertials import warn_of_inertia
+from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.joint_values import JointValues, check_gravity
-from tominpmp.description.model import check_inertia
 from tominpmp.robot.robot import Robot, assembled
 from tominpmp.robot.sources import read_source
 

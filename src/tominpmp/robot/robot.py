@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.checks import JOINTS, array, instance, names
+from tominpmp.description.inertials import check_inertia
 from tominpmp.description.joint_table import JointLimits, JointTable
 from tominpmp.description.joint_values import (
     JointValues,
@@ -25,7 +26,6 @@ from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import (
     build_geometry,
     build_model,
-    check_inertia,
     configured_model,
     expansion,
     sticks,
@@ -417,9 +417,9 @@ def assembled(
         model=configured_model(plain, joints, gravity, *ties),
         joint_names=joint_names,
         limits=joints.limits(),
-        damping=joints.damping,
-        armature=joints.armature,
-        friction=joints.friction,
+        damping=joints["damping"],
+        armature=joints["armature"],
+        friction=joints["friction"],
         gravity=gravity,
         expansion_matrix=ties[0],
         expansion_offset=ties[1],
