@@ -143,7 +143,7 @@ def test_motions_of_segments_are_put_to_the_test_too(free):
         trajectory=slow,
         initial=slow,
         verification=verification,
-        layout=Layout.of_segments(slow, segments),
+        layout=Layout.of_motion(slow, segments),
     )
     assert not tm.certify(problem, slow).ok
     (found,) = judged(solution, attempt)

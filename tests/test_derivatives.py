@@ -17,7 +17,7 @@ from rollout_derivatives import differentiate_rollout
 
 import tominpmp as tm
 from tominpmp.motion_limits import EffortCurve, MotionLimits
-from tominpmp.transcription import adjoint, bspline, curve
+from tominpmp.transcription import adjoint, bspline
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -154,10 +154,8 @@ def near(system: ProblemFunctions, count: int, rng: np.random.Generator) -> Arra
 def on_spline(system, shares, rng):
     of = InverseTranscription(system, shares, 0.6)
     points = near(system, of.intervals, rng)
-    points[0] = system.problem.q_start
-    v_end = system.final_velocity
-    v_end = 0.2 * rng.normal(size=system.n) if v_end is None else v_end
-    return of, of.pack(points, v_end, lengths(shares, 0.6, rng))
+    end = points[-1] + 0.02 * rng.normal(size=system.n)
+    return of, of.pack(points, end, lengths(shares, 0.6, rng))
 
 
 def lifted(system, shares, rng):
@@ -217,8 +215,8 @@ def with_more(program: NonlinearProgram) -> NonlinearProgram:
 @pytest.fixture
 def everything(monkeypatch: pytest.MonkeyPatch) -> None:
     """All distances are exact, and all of them are rows, however large they are."""
-    monkeypatch.setattr(curve, "MAX_ATTENTION", 10.0)
-    monkeypatch.setattr(curve, "ATTENTION", 10.0)
+    monkeypatch.setattr(bspline, "MAX_ATTENTION", 10.0)
+    monkeypatch.setattr(bspline, "ATTENTION", 10.0)
     monkeypatch.setattr(adjoint, "NEAR", 10.0)
 
 

@@ -32,7 +32,6 @@ from tominpmp.transcription.grid import (
     segmented_shares,
 )
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -92,11 +91,11 @@ def test_it_is_never_slower_than_on_the_grid_of_the_search(mode, limits):
 
 
 LAYOUTS = {
-    "constant": (2, interval_shares("cosine", 12), [1.3], None),
-    "constant, two lengths": (2, delayed_shares(9, 0.3), [1.1, 1.4], None),
-    "linear": (3, interval_shares("cosine", 12), [1.3], None),
-    "smooth": (5, interval_shares("cosine", 12), [1.3], None),
-    "states": (0, interval_shares("cosine", 12), [1.3], None),
+    "constant": (2, interval_shares("cosine", 12), [1.3], ()),
+    "constant, two lengths": (2, delayed_shares(9, 0.3), [1.1, 1.4], ()),
+    "linear": (3, interval_shares("cosine", 12), [1.3], ()),
+    "smooth": (5, interval_shares("cosine", 12), [1.3], ()),
+    "states": (0, interval_shares("cosine", 12), [1.3], ()),
 }
 
 
@@ -106,7 +105,7 @@ def test_a_motion_is_taken_up_and_split_as_it_is(name, rng):
     problem = planar(v_start=(0.1, -0.2, 0.3))
     system = ProblemFunctions.of(problem)
     of = Layout(degree, shares, np.array(eta), ends).transcription(system)
-    z = within_ends(of, np.append(rng.normal(size=of.size - len(eta)), eta))
+    z = np.append(rng.normal(size=of.size - len(eta)), eta)
     if degree == 0:
         share = np.append(0.0, np.cumsum(shares))[:, None]
         q = np.array(START) + share * np.subtract(GOAL, START)
@@ -124,21 +123,13 @@ def test_a_motion_of_segments_is_taken_up_and_split_as_it_is(rng):
         shares = segmented_shares("cosine", counts, durations, degree > 2)
         layout = Layout(degree, shares, np.array([1.2, 1.5]), (9, 18))
         of = layout.transcription(system)
-        z = within_ends(of, np.append(rng.normal(size=of.size - 2), layout.eta))
+        z = np.append(rng.normal(size=of.size - 2), layout.eta)
         finer = same_motion(of, z, system)
         first = finer.trajectory(split_intervals(of, z, every_third(of))[1])
         assert finer.segment_ends == (12, 24)
         np.testing.assert_allclose(
             first.segment_ends, of.trajectory(z).segment_ends, rtol=1e-12
         )
-
-
-def within_ends(of, z):
-    """An iterate at rest at both ends, where these are unknowns."""
-    if isinstance(of, InverseTranscription):
-        N = of.intervals
-        z[:3], z[3 * N - 3 : 3 * N], z[3 * N : 3 * N + 3] = START, GOAL, 0.0
-    return z
 
 
 def every_third(of):

@@ -127,7 +127,9 @@ def test_splitting_leaves_the_motion_as_it_is(
     if isinstance(transcription, InverseTranscription):
         s = np.linspace(0.0, 1.3, FEW + 1)
         z = transcription.start(
-            lambda t: np.stack([np.interp(t, s, x) for x in path.T], axis=1), 1.3
+            lambda t: np.stack([np.interp(t, s, x) for x in path.T], axis=1),
+            1.3,
+            np.array([1.3]),
         )
     else:
         z = transcription.start(path, np.array([1.3]))

@@ -90,7 +90,7 @@ def test_halved_intervals_keep_the_motion_and_what_may_stretch(kind, tmp_path):
         return np.interp(t, times, np.linspace(-1.0, 1.0, times.size))[:, None]
 
     if kind is InverseTranscription:
-        z = program.start(position, 2.1)
+        z = program.start(position, 2.0, np.array([2.1, 2.1]))
     else:
         z = program.start(position(times), np.array([1.1, 1.0]))
     split = np.arange(shares.shape[0]) % 3 == 0

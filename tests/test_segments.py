@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 import tominpmp as tm
 from tests.reference_optima import rail_time
 from tests.sample_arms import make_arm, rod, slide
-from tominpmp.transcription.bspline_segments import SegmentedBSpline
+from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.grid import segmented_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -235,7 +235,9 @@ def test_rows_against_differences(kind):
     if kind == "inverse":
         of = InverseTranscription(system, shares, 1.0, segment_ends=ends)
     else:
-        of = SegmentedBSpline(system, shares, {"linear": 3, "spline": 5}[kind], ends)
+        of = BSplineTranscription(
+            system, shares, {"linear": 3, "spline": 5}[kind], ends
+        )
     z = rng.normal(size=of.size) * 0.3 + np.tile([-1.3, 0.2], of.size)[: of.size]
     z[-3:] = (0.8, 1.1, 1.3)
     program = NonlinearProgram.of(of).at(z)

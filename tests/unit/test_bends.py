@@ -99,7 +99,8 @@ def test_the_curvature_of_a_program_is_that_of_its_rows(during):
     shares = interval_shares("uniform", 12)
     of = InverseTranscription(system, shares, 4.0)
     ends = system.problem.q_start, system.final_configuration
-    z = of.start(lambda t: ends[0] + t[:, None] / 4.0 * (ends[1] - ends[0]), 4.0)
+    T = np.array([4.0])
+    z = of.start(lambda t: ends[0] + t[:, None] / 4.0 * (ends[1] - ends[0]), 4.0, T)
     program = NonlinearProgram.of(of)
     index = next(k for k, b in enumerate(program.blocks) if "speed of" in b.name)
     if during is not None:

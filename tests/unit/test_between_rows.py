@@ -56,7 +56,7 @@ def test_what_fast_links_pass_between_two_looks_becomes_a_row(angle: float) -> N
         share = t / 0.2
         return start + np.multiply.outer(share**2 * (3.0 - 2.0 * share), way)
 
-    z = of.start(path, 0.2)
+    z = of.start(path, 0.2, np.array([0.2]))
     program = NonlinearProgram.of(of).at(z)
 
     more = exchanged(program, z)

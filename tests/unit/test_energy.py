@@ -120,9 +120,9 @@ def _programs():
         return start + (3 * share**2 - 2 * share**3) * (goal - start) + bend
 
     jumping = InverseTranscription(system, shares, 2.0)
-    yield jumping, jumping.start(path, 2.0)
+    yield jumping, jumping.start(path, 2.0, np.full(shares.shape[1], 2.0))
     smooth = BSplineTranscription(system, whole, 3)
-    yield smooth, smooth.start(path, 2.0, 2.0)
+    yield smooth, smooth.start(path, 2.0, np.array([2.0]))
     lifted = CollocationTranscription(system, whole, 2.0)
     nodes = np.concatenate([[0.0], np.cumsum(whole)])
     yield lifted, lifted.start(path(nodes * 2.0), np.array([2.0]))

@@ -59,7 +59,7 @@ def test_an_inspection_takes_less_than_a_few_tables(duration: float) -> None:
         share = np.clip(times / duration, 0.0, 1.0)[:, None]
         return ends[0] + share**2 * (3.0 - 2.0 * share) * (ends[1] - ends[0])
 
-    start = spline.start(position, duration)
+    start = spline.start(position, duration, np.array([duration]))
     program = NonlinearProgram.of(spline).at(start)
     tracemalloc.start()
     try:
@@ -91,7 +91,8 @@ def test_only_the_worst_are_looked_at_more_closely(
         lambda m, *_: np.arange(len(m)),
     )
     program = InverseTranscription(system, interval_shares("cosine", 40), 10.0)
-    start = program.start(lambda t: np.tile(problem.q_start, (t.size, 1)), 10.0)
+    T = np.array([10.0])
+    start = program.start(lambda t: np.tile(problem.q_start, (t.size, 1)), 10.0, T)
     spline = program.motion(start)
     assert system.clearance is not None
     at = _samples(spline.h, most_instants(system.clearance.count))

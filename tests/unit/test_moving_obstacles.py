@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import tominpmp as tm
-from tominpmp.transcription import adjoint, curve
+from tominpmp.transcription import adjoint, bspline
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
@@ -250,7 +250,7 @@ def build(kind: str, problem: tm.Problem, seed: int):
         nlp = InverseTranscription(system, lengths, 1.1)
         eta = rng.uniform(0.1, 0.2, INTERVALS) if free else T
         program = with_clearances(NonlinearProgram.of(nlp), more)
-        return program, nlp.pack(q[:-1], np.zeros(3), eta)
+        return program, nlp.pack(q[:-1], q[-2], eta)
     if kind == "collocation":
         nlp = CollocationTranscription(system, shares, 1.1)
         v = 0.3 * rng.normal(size=q.shape)
@@ -270,7 +270,7 @@ KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_of_clearance_rows(kind, name, monkeypatch):
     # All rows are exact, and all are there, however far the obstacle is.
-    monkeypatch.setattr(curve, "MAX_ATTENTION", 10.0)
+    monkeypatch.setattr(bspline, "MAX_ATTENTION", 10.0)
     monkeypatch.setattr(adjoint, "NEAR", 10.0)
     problem = tm.Problem(
         tm.load_robot("planar3r"), START, tm.JointGoal(END), tm.Scene([obstacle(name)])

@@ -65,7 +65,7 @@ def test_a_solver_of_linear_programs_of_ones_own(planar3r: tm.Robot) -> None:
     def line(share: np.ndarray) -> np.ndarray:
         return ends[0] + share[:, None] * (ends[1] - ends[0])
 
-    start = transcription.start(lambda t: line(t / 2.0), 2.0)
+    start = transcription.start(lambda t: line(t / 2.0), 2.0, np.array([2.0]))
     program = NonlinearProgram.of(transcription).at(start)
     found = {
         name: SlpSolver(program, tm.Options(), 0.0, lp).run(start)

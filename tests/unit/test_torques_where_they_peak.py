@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod
 from tominpmp.constraints.friction import OVERLOAD
-from tominpmp.transcription.control_points import INSPECTED, TORQUE_SHARES
+from tominpmp.transcription.bspline import INSPECTED, TORQUE_SHARES
 from tominpmp.transcription.exchange import BESIDE, turning
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions

@@ -153,7 +153,8 @@ class WarmStart(Guess):
             transcription = InverseTranscription(
                 system, interval_shares(kind, intervals), T
             )
-            return _program(transcription, transcription.start(self.position, T))
+            z = transcription.start(self.position, T, np.array([T]))
+            return _program(transcription, z)
         program, z = self._inverse_on(system, np.diff(nodes)[:, None] / T, T)
         of = program.transcription
         if not self.halved or nodes.size - 1 > intervals:
@@ -172,11 +173,11 @@ class WarmStart(Guess):
         q = self.position(nodes)
         middle = self.position(0.5 * (nodes[1:] + nodes[:-1]))
         points = self.within(2.0 * middle - 0.5 * (q[1:] + q[:-1]))
-        points[0], points[-1] = q[0], q[-1]
         v_end = system.final_velocity
         if v_end is None:
             v_end = self.trajectory(self.trajectory.duration).v
-        z = transcription.pack(points, v_end, np.array([duration]))
+        points[-1] = q[-1] - 0.5 * duration * shares[-1, 0] * v_end
+        z = transcription.pack(points, q[-1], np.array([duration]))
         return _program(transcription, z)
 
     def spline_program(

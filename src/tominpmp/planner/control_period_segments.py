@@ -21,10 +21,9 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import FEWEST_PERIODS
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment, Span, spans_of
-from tominpmp.transcription.bspline_segments import SegmentedBSpline
+from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.grid import Ticks, at_ticks, ticks_of, whole_periods
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.layout import interpolated
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
 
@@ -171,12 +170,12 @@ class Knots:
             return guess.position(np.interp(times, own, former))
 
         if self.degree > 2:
-            spline = SegmentedBSpline(system, shares, self.degree, ends)
-            z = interpolated(spline, np.array([T]), position)
+            spline = BSplineTranscription(system, shares, self.degree, ends)
+            z = spline.interpolated(np.array([T]), position)
             program = NonlinearProgram.of(spline).at(z)
         else:
-            steps = InverseTranscription(system, shares, T, segment_ends=ends)
-            z = steps.start(position, T)
+            steps = InverseTranscription(system, shares, T, ends)
+            z = steps.start(position, T, np.array([T]))
             program = NonlinearProgram.of(steps).at(z)
         return replace(program, least_duration=T), z
 

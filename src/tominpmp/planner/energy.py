@@ -180,10 +180,7 @@ def _as_it_is(system: ProblemFunctions, former: Trajectory) -> Trajectory:
 
 def _taken_up(system: ProblemFunctions, options: Options, former: Trajectory) -> Begun:
     """Program of the fastest motion itself, on a finer grid."""
-    if system.parts:
-        layout = Layout.of_segments(former, system.problem.segments)
-    else:
-        layout = Layout.of_motion(former)
+    layout = Layout.of_motion(former, system.problem.segments)
     if layout is None:
         return _converted(system, options, _as_guess(system, former))
     of, z = layout.taken_up(system, former)

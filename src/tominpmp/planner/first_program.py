@@ -14,7 +14,6 @@ from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
-from tominpmp.transcription.bspline_segments import SegmentedBSpline
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.grid import (
@@ -67,13 +66,14 @@ def first_program(system: ProblemFunctions, options: Options, guess: Guess) -> B
             return former.spline_program(system, *grid, degree)
         shares = np.sum(shares, axis=1, keepdims=True)
         transcription = smooth = BSplineTranscription(system, shares, degree)
-        stretched = SMOOTH_STRETCH * guess.duration
-        start = smooth.start(guess.position, guess.duration, stretched)
+        eta = np.array([SMOOTH_STRETCH * guess.duration])
+        start = smooth.start(guess.position, guess.duration, eta)
     else:
         if former is not None:
             return rested(*former.inverse_program(system, *grid))
         transcription = jumping = InverseTranscription(system, shares, guess.duration)
-        start = jumping.start(guess.position, timed * guess.duration)
+        eta = np.full(shares.shape[1], timed * guess.duration)
+        start = jumping.start(guess.position, guess.duration, eta)
     return NonlinearProgram.of(transcription).at(start), start
 
 
@@ -133,18 +133,17 @@ def segmented_program(
     transcription: Transcription[Any]
     if smooth:
         where = ends[:-1] if breaks and system.sudden else ()
-        transcription = spline = SegmentedBSpline(
+        transcription = spline = BSplineTranscription(
             system, shares, DEGREES[options.control], ends, breaks=where
         )
         stretch = 1.0 if guess.solved else SMOOTH_STRETCH
-        eta = np.full(len(ends), stretch * guess.duration)
-        start = spline.start(lambda share: guess.position(share * guess.duration), eta)
     else:
-        transcription = jumping = InverseTranscription(
-            system, shares, guess.duration, segment_ends=ends
+        transcription = spline = InverseTranscription(
+            system, shares, guess.duration, ends
         )
-        timed = GUESS_STRETCH if guess.timed else 1.0
-        start = jumping.start(guess.position, timed * guess.duration)
+        stretch = GUESS_STRETCH if guess.timed else 1.0
+    eta = np.full(len(ends), stretch * guess.duration)
+    start = spline.start(guess.position, guess.duration, eta)
     return NonlinearProgram.of(transcription).at(start), start
 
 

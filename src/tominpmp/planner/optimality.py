@@ -217,7 +217,8 @@ class Settling:
     def run(self, attempt: Attempt) -> Attempt:
         """The motion, or a faster one, with the status that it deserves."""
         best, seen = attempt, self.examine(attempt)
-        layout = attempt.layout or Layout.of_motion(attempt.trajectory)
+        segments = self.system.problem.segments
+        layout = attempt.layout or Layout.of_motion(attempt.trajectory, segments)
         gain, budget = np.inf, self.budget
         for _ in range(ROUNDS):
             spent = self._spend_padding(seen)

@@ -19,7 +19,12 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials, States
 from tominpmp.constraints.friction import Ways
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import StepBounds, Transcription, Variation
+from tominpmp.transcription.base import (
+    LENGTH_STEP,
+    StepBounds,
+    Transcription,
+    Variation,
+)
 from tominpmp.transcription.controls import (
     driving_torque,
     motor_torques,
@@ -33,8 +38,6 @@ from tominpmp.transcription.integrator import rollout, stage_weights, sweep_adjo
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.shot import Shot
 
-# Lengths of intervals change by this share at most in one step.
-LENGTH_STEP = 0.3
 # Torques change by this share of their range per radian of the trust region: the
 # larger, the likelier the obstacle of the paper's example is passed on the faster side.
 CONTROL_FACTOR = 2.0
@@ -99,6 +102,7 @@ class AdjointTranscription(Transcription[Shot]):
     ) -> None:
         self.system, self.shares, self.duration = system, shares, duration
         self.substeps, self.ways, self.centre = substeps, ways, centre
+        self.segment_ends = (len(shares),)
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
@@ -263,10 +267,11 @@ class AdjointTranscription(Transcription[Shot]):
         rows, interval = np.arange(which.size), at.interval[which]
         by_control[rows, interval] += found.by_control
         by_length[rows, interval] += found.by_length
-        if partials.by_t is not None:
-            by_length += partials.by_t[:, None] * at.over(which, N)
         by_share = (by_control * self.system.effort_half).reshape(which.size, -1)
-        return sp.csr_matrix(np.hstack([by_share, by_length @ self.shares]))
+        by_eta = by_length @ self.shares
+        if partials.by_t is not None:
+            by_eta += partials.by_t[:, None] * at.times(self.shares)[which]
+        return sp.csr_matrix(np.hstack([by_share, by_eta]))
 
     def _by_interval(self, by_step: Array) -> Array:
         """Sums over the steps of the intervals, shape (k, N, ...)."""
@@ -296,10 +301,11 @@ class AdjointTranscription(Transcription[Shot]):
         by_length = self._by_interval(swept_length)[0]
         np.add.at(by_control, at.interval[which], weights[:, None] * found.by_control)
         np.add.at(by_length, at.interval[which], weights * found.by_length)
-        if partials.by_t is not None:
-            by_length += (weights * partials.by_t) @ at.over(which, self._N)
         by_share = by_control * self.system.effort_half
-        return np.concatenate([by_share.ravel(), by_length @ self.shares])
+        by_eta = by_length @ self.shares
+        if partials.by_t is not None:
+            by_eta += (weights * partials.by_t) @ at.times(self.shares)[which]
+        return np.concatenate([by_share.ravel(), by_eta])
 
     def _sources(self, motion: Shot, at: Instants, partials: Partials) -> Sources:
         """What values depend on directly: states at ends of steps, torques, lengths."""

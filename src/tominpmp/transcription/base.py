@@ -24,6 +24,9 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
 
+# Lengths of intervals change by this share at most in one step.
+LENGTH_STEP = 0.3
+
 
 class Linearization(NamedTuple):
     """Jacobian of some rows.
@@ -165,8 +168,7 @@ class Transcription(ABC, Generic[M]):
             between its rows, by parts of an interval.
         highest: Highest order of constraints that can be kept: 3 where accelerations
             do not jump.
-        segment_ends: Number of intervals up to the end of each segment, shape (k,);
-            None for one segment.
+        segment_ends: Number of intervals up to the end of each segment.
     """
 
     system: ProblemFunctions
@@ -175,7 +177,7 @@ class Transcription(ABC, Generic[M]):
     by_component: bool = False
     inspected: tuple[tuple[float, ...], ...] = ()
     highest: int = 2
-    segment_ends: tuple[int, ...] | None = None
+    segment_ends: tuple[int, ...]
 
     @property
     @abstractmethod
@@ -185,8 +187,7 @@ class Transcription(ABC, Generic[M]):
     @property
     def segments(self) -> list[tuple[int, int]]:
         """First interval of each segment, and the one after its last."""
-        ends = self.segment_ends or (self.intervals,)
-        return list(itertools.pairwise((0, *ends)))
+        return list(itertools.pairwise((0, *self.segment_ends)))
 
     @cached_property
     def delays(self) -> Array:

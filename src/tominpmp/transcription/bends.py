@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import Gridded
 
@@ -74,9 +75,11 @@ def bends_of_controls(of: Gridded, z: Array) -> Array:
     """How much the controls jump, or their slopes, around each interval, shape (N,)."""
     variation = of.scaled_at(z).variation(z)
     jumps = np.abs(variation.matrix @ z + variation.offset)
-    N, degree = of.intervals, getattr(of, "degree", 3)
-    # Jumps are between N intervals, or between N + degree - 3 control points.
-    jumps = np.max(jumps.reshape(N - 1 + degree - 3, -1), axis=1, initial=0.0)
+    N, more = of.intervals, 0
+    if isinstance(of, BSplineTranscription):
+        more = max(of.degree - 3, 0)
+    # Jumps are between N intervals, or between as many control points and some more.
+    jumps = np.max(jumps.reshape(N - 1 + more, -1), axis=1, initial=0.0)
     jumps = np.concatenate([[0.0], jumps, [0.0]])
     width = jumps.size - N + 1
     around = [jumps[k : k + N] for k in range(width)]
@@ -90,15 +93,14 @@ def torques_at_ends(of: InverseTranscription, z: Array) -> tuple[Array, Array]:
         of: The parameterisation.
         z: An iterate of it.
     """
-    spline = of.motion(z)
-    a = spline.a
-    begin, end = np.empty_like(a), np.empty_like(a)
-    parts = zip(of.system.segments, of.segments, strict=True)
-    for part, (first, last) in parts:
-        here, there = slice(first, last), slice(first + 1, last + 1)
-        begin[here] = part.torque(spline.q[here], spline.v[here], a[here])
-        end[here] = part.torque(spline.q[there], spline.v[there], a[here])
-    return begin, end
+    found = of.states(of.motion(z), of.instants(2, ""), 2)
+    q, v, a = (x.reshape(2, of.intervals, -1) for x in (found.q, found.v, found.a))
+    torques = np.empty_like(a)
+    for part, (first, last) in zip(of.system.segments, of.segments, strict=True):
+        for end in (0, 1):
+            here = end, slice(first, last)
+            torques[here] = part.torque(q[here], v[here], a[here])
+    return torques[0], torques[1]
 
 
 def missing_torque(begin: Array, end: Array) -> Array:

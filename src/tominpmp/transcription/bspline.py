@@ -1,44 +1,51 @@
-r"""Smooth motions: B-splines of higher degree on a fixed grid of shares of T.
+r"""Splines: B-splines of degree 2, 3 or 5 in one duration, or in those of segments.
 
-Degree 3 has continuous, piecewise linear accelerations (the paper's quasi-linear
-control), degree 5 smooth ones. The unknowns are the control points C and the duration
-T: with constant matrices B_d of basis functions,
+Degree 2 has constant accelerations (:mod:`~tominpmp.transcription.inverse`), degree 3
+continuous, piecewise linear ones (the paper's quasi-linear control), degree 5 smooth
+ones. The unknowns are the control points C and the durations eta. With matrices B_d of
+basis functions on the grid of one duration T,
 
 .. math:: q = B_0 C, \quad \dot q = B_1 C / T, \quad \ddot q = B_2 C / T^2,
 
 so that torque rates, jerks and accelerations can be limited (paper, section 4: the
-torque becomes a state and its rate the control). Speeds, accelerations and jerks stay
-in the convex hull of the control points of the derivatives: their limits hold at every
-time. Control points at the ends are eliminated: they follow from the given states.
+torque becomes a state and its rate the control). Positions, speeds, accelerations and
+jerks stay in the convex hull of the control points of the derivatives: their limits
+hold at every time. Control points at the ends are eliminated: they follow from the
+given states. A motion of several segments is one spline, whose derivatives are
+continuous where they meet; its knots move with the durations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
-from functools import cached_property
-from weakref import WeakKeyDictionary
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import Hull, Variation
-from tominpmp.transcription.bspline_basis import (
-    Basis,
-    Elimination,
-    by_points,
-    of_each_joint,
-    places,
+from tominpmp.transcription.base import (
+    LENGTH_STEP,
+    Hull,
+    StepBounds,
+    Transcription,
+    Variation,
 )
-from tominpmp.transcription.control_points import (
-    TORQUE_SHARES,
-    ControlPointTranscription,
+from tominpmp.transcription.curve import (
+    KnotVector,
+    SplineMotion,
+    by_points,
+    clamped,
+    nodes_of,
+    of_each_joint,
+    with_breaks,
 )
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -47,234 +54,488 @@ DEGREES = {"linear": 3, "spline": 5}
 # Instants of each interval at which other constraints than torques are looked at to
 # begin with.
 SHARES = (0.5, 1.0)
+# Those at which torques are; at the end of the last one too.
+TORQUE_SHARES = (0.0, 0.5)
+# Where they are looked at between these: torques of fast wrists rise and fall by half
+# of their range within a quarter of an interval.
+INSPECTED = (
+    (0.0625, 0.125, 0.1875, 0.25, 0.3125, 0.375, 0.4375),
+    (0.5625, 0.625, 0.6875, 0.75, 0.8125, 0.875, 0.9375),
+)
 # A torque rate is taken over this share of an interval, at both of its ends; a hair
 # inside, so that both instants are of the same interval.
 RATE_SHARES = (0.0, 0.05, 0.95, 1.0 - 1e-9)
+# Clearances beyond this, in shares of the reach per rad of trust region, are no rows of
+# the linear program: a step that uses them up all the same is cut short by the merit.
+ATTENTION = 0.07
+# However far it reaches; beyond this clearances are not exact.
+MAX_ATTENTION = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class BSplineMotion:
-    """A B-spline of an iterate.
+class Hung(NamedTuple):
+    """How control points hang on the unknowns.
 
     Attributes:
-        points: Control points, shape (M, n).
-        T: Duration [s].
-        h: Lengths of the intervals [s], shape (N,).
+        free: Number of free control points.
+        column: The free point that moves each, shape (M,); -1 for none.
+        offset: What they are for unknowns of zero, shape (M, n).
+        slopes: How they change with the durations, shape (M, n, m).
     """
 
-    points: Array
-    T: float
-    h: Array
-    finite: bool = True
+    free: int
+    column: IntArray
+    offset: Array
+    slopes: Array
 
 
-class BSplineTranscription(ControlPointTranscription[BSplineMotion]):
-    """A problem in the control points of a B-spline and T.
+class BSplineTranscription(Transcription[SplineMotion]):
+    """A problem in z = (free control points, durations).
 
     Attributes:
         system: The functions of the problem.
-        shares: Shares of T that the intervals take, shape (N, 1).
+        shares: Lengths of the intervals by the durations, shape (N, m).
         degree: Degree of the spline.
+        segment_ends: Number of intervals up to the end of each segment.
+        breaks: Numbers of intervals before nodes at which the derivative below the
+            highest may jump: accelerations of degree 3.
+        knots_by_durations: KnotVector by each of the durations, shape (K, m).
+        hung: How control points hang on the unknowns.
         acceleration_range: What the full torque range of each joint brings about, shape
-            (n,), which controls are measured in; None before a motion was looked at.
+            (n,), which controls are measured in; ones before a motion was looked at.
     """
+
+    inspected: tuple[tuple[float, ...], ...] = INSPECTED
+    highest = 3
 
     def __init__(
         self,
         system: ProblemFunctions,
         shares: Array,
         degree: int,
-        acceleration_range: Array | None = None,
+        segment_ends: tuple[int, ...] = (),
+        *,
+        breaks: tuple[int, ...] = (),
     ) -> None:
         self.system, self.shares, self.degree = system, shares, degree
-        self.acceleration_range = acceleration_range
-        self._nodes = np.concatenate([[0.0], np.cumsum(shares[:, 0])])
-        self._nodes /= self._nodes[-1]
-        self._h = np.diff(self._nodes)
-        self._n = system.n
-        self.basis = Basis.on(self._nodes, degree)
-        ends = Elimination.of(system, self.basis)
-        self._weights: WeakKeyDictionary[Instants, dict[int, Array]]
-        self._weights = WeakKeyDictionary()
-        self.map, self.offset = ends.matrix, ends.offset
-        self.free, self.fixed_end = ends.free, ends.fixed_end
+        self.segment_ends = segment_ends or (len(shares),)
+        self.breaks = breaks
+        self._n, self._m = system.n, int(shares.shape[1])
+        self.acceleration_range = np.ones(self._n)
+        nodes = with_breaks(nodes_of(shares), breaks)
+        self.knots_by_durations = clamped(nodes, degree)
+        self.hung = self._eliminated()
+        # With one duration they keep their proportions.
+        self._knots = KnotVector(shares[:, 0], degree, breaks) if self._m == 1 else None
 
     # -- unknowns ----------------------------------------------------------------------
 
+    def _eliminated(self) -> Hung:
+        """Control points, of which those at the ends follow from given states.
+
+        At a known velocity v the second point from an end is C_0 + v T dt / p; the
+        third follows where the acceleration has to begin at zero, as it must not jump.
+        """
+        system, p, t = self.system, self.degree, self.knots_by_durations
+        M = len(t) - p - 1
+        goal, v_end = system.final_configuration, system.final_velocity
+        outer = system.segments[0], system.segments[-1]
+        known, last = (2 if p == 2 or part.sudden else 3 for part in outer)
+        if v_end is None:
+            last = int(goal is not None)
+        inner = M - known - last
+        column: IntArray = np.full(M, -1)
+        offset, slopes = np.zeros((M, self._n)), np.zeros((M, self._n, self._m))
+        column[known : known + inner] = np.arange(inner)
+        offset[:known] = system.problem.q_start
+        slopes[:known] = system.v_start[:, None] * _reach(t, p, known)
+        if last and goal is not None:
+            offset[M - last :] = goal
+        elif last:
+            # A free final configuration moves the points that hang on it together.
+            column[M - last :] = inner
+        if last and v_end is not None:
+            back = _reach((t[-1] - t)[::-1], p, last)[::-1]
+            slopes[M - last :] = -v_end[:, None] * back
+        return Hung(int(column.max()) + 1, column, offset, slopes)
+
     @property
-    def cost(self) -> Array:
-        """Gradient of the duration."""
-        cost = np.zeros(self.size)
-        cost[-1] = 1.0
-        return cost
+    def point_unknowns(self) -> int:
+        """All but the durations."""
+        return self.hung.free * self._n
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.point_unknowns + self._m
+
+    def points(self, z: Array) -> Array:
+        """Control points, shape (M, n)."""
+        free, column, offset, slopes = self.hung
+        own, moved = z[: self.point_unknowns].reshape(free, self._n), column >= 0
+        found = offset + slopes @ z[self.point_unknowns :]
+        found[moved] += own[column[moved]]
+        return np.asarray(found)
+
+    def by_unknowns(
+        self, by_points: Array, points: IntArray, by_durations: Array
+    ) -> sp.csr_matrix:
+        """Derivatives by the unknowns from those by control points and durations.
+
+        Args:
+            by_points: By coordinates of control points, shape (k, w).
+            points: Which of all coordinates these are, ascending, shape (k, w).
+            by_durations: By the durations alone, shape (k, m).
+        """
+        column, slopes, alone = self._coordinates
+        if slopes is not None:
+            by_durations = by_durations + np.einsum(
+                "kw,kwm->km", by_points, slopes[points]
+            )
+        durations = np.arange(self.point_unknowns, self.size)
+        columns = np.broadcast_to(durations, by_durations.shape)
+        matrix = Compressed.of_table(
+            np.concatenate([by_points, by_durations], axis=1),
+            np.concatenate([column[points], columns], axis=1),
+            self.size,
+        ).rows()
+        if not alone:
+            matrix.sum_duplicates()
+        return matrix
+
+    @cached_property
+    def _coordinates(self) -> tuple[IntArray, Array | None, bool]:
+        """How coordinates of control points hang on the unknowns.
+
+        The unknown of each, shape (M n,), -1 for none; their slopes, shape (M n, m), or
+        None for zeros; and whether no two hang on one unknown.
+        """
+        free, column, _, slopes = self.hung
+        unknown = self._n * column[:, None] + np.arange(self._n)
+        unknown = np.where(column[:, None] >= 0, unknown, -1).ravel()
+        alone = np.count_nonzero(column >= 0) == free
+        moving = slopes.reshape(-1, self._m) if np.any(slopes) else None
+        return unknown, moving, alone
+
+    def unknowns(self, points: Array, eta: Array) -> Array:
+        """Unknowns whose control points come nearest to given ones.
+
+        Those that hang together get the mean of what is asked for.
+
+        Args:
+            points: Control points, shape (M, n).
+            eta: Durations, shape (m,).
+        """
+        free, column, offset, slopes = self.hung
+        wanted, moved = points - offset - slopes @ eta, column >= 0
+        sums = np.zeros((free, self._n))
+        np.add.at(sums, column[moved], wanted[moved])
+        counts = np.bincount(column[moved], minlength=free)
+        return np.concatenate([(sums / counts[:, None]).ravel(), eta])
 
     def start(
-        self, position: Callable[[Array], Array], guessed: float, duration: float
+        self, position: Callable[[Array], Array], guessed: float, eta: Array
     ) -> Array:
-        """Iterate for a guess: control points on the path at the Greville abscissae."""
-        points = position(self.basis.greville * guessed)
-        return self.unknowns(points, np.array([duration]))
+        """Iterate for a guess: control points on the path at the Greville abscissae.
+
+        Args:
+            position: Configurations at times, shape (k,) to (k, n).
+            guessed: Duration of the guess [s].
+            eta: Durations of the iterate, shape (m,).
+        """
+        basis = self._knots_for(np.ones(self._m)).basis
+        return self.unknowns(position(guessed * basis.greville / basis.knots[-1]), eta)
+
+    def interpolated(self, eta: Array, position: Callable[[Array], Array]) -> Array:
+        """Iterate that goes through positions at the Greville abscissae.
+
+        Args:
+            eta: Durations, shape (m,).
+            position: Configurations at times [s], shape (k,) to (k, n); they are met at
+                all times if they are those of such a spline.
+        """
+        basis = self._knots_for(eta).basis
+        sites = basis.greville
+        points = spsolve(basis.at(sites).tocsc(), position(sites * eta[-1]))
+        return self.unknowns(np.reshape(points, (basis.count, -1)), eta)
 
     def fitted(self, times: Array, q: Array, duration: float) -> Array:
         """Iterate that is nearest to positions at shares of T, in least squares."""
-        design = sp.kron(self.basis.at(times), sp.identity(self._n), format="csr")
-        free = (design @ self.map)[:, :-1]
-        rest = q.ravel() - design @ (self.offset + self.map[:, -1:] @ [duration])
-        points = spsolve((free.T @ free).tocsc(), free.T @ rest).reshape(-1, self._n)
+        free, column, offset, slopes = self.hung
+        eta, moved = np.array([duration]), np.flatnonzero(column >= 0)
+        basis = self._knots_for(eta).basis
+        design = basis.at(times * basis.knots[-1])
+        pick = np.ones(moved.size), (moved, column[moved])
+        by_free = design @ sp.csr_matrix(pick, shape=(basis.count, free))
+        rest = q - design @ (offset + slopes @ eta)
+        points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
         limits = self.system.problem.robot.limits
+        points = np.reshape(points, (free, self._n))
         points = np.clip(points, limits.position_lower, limits.position_upper)
-        return np.append(points.ravel(), duration)
+        return np.concatenate([points.ravel(), eta])
+
+    def step_bounds(self, z: Array, radius: float) -> StepBounds:
+        """Trust region within position limits and positive durations."""
+        limits = self.system.problem.robot.limits
+        points = z[: self.point_unknowns].reshape(-1, self._n)
+        box = np.broadcast_to(radius * self.system.step_scale, points.shape)
+        lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
+        upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
+        length = min(LENGTH_STEP, radius) * z[self.point_unknowns :]
+        return StepBounds(
+            np.concatenate([lower.ravel(), -length]),
+            np.concatenate([upper.ravel(), length]),
+        )
+
+    @property
+    def goal_scale(self) -> Array | None:
+        """None for a configuration that is built in."""
+        built_in = self.system.final_configuration is not None
+        return None if built_in else super().goal_scale
 
     # -- states ------------------------------------------------------------------------
 
-    def motion(self, z: Array) -> BSplineMotion:
+    def motion(self, z: Array) -> SplineMotion:
         """Spline of an iterate."""
-        T = float(z[-1])
-        return BSplineMotion(self.points(z), T, self._h * T)
+        eta = z[self.point_unknowns :]
+        return SplineMotion(self.points(z), eta, self.shares, self._knots_for(eta))
+
+    def _knots_for(self, eta: Array) -> KnotVector:
+        """KnotVector in units of the last duration."""
+        if self._knots is not None:
+            return self._knots
+        return KnotVector(self.shares @ (eta / eta[-1]), self.degree, self.breaks)
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes and middles for torques; middles and ends, or pairs for rates."""
         N = self.intervals
         if order >= 3:
             return Instants.spread(N, RATE_SHARES)
-        return self._torque_instants if order == 2 else self._middles_and_ends
+        return self._torque_instants if order == 2 else Instants.spread(N, SHARES)
 
     @cached_property
     def _torque_instants(self) -> Instants:
         N = self.intervals
         return Instants.spread(N, TORQUE_SHARES).joined(Instants.end(N))
 
-    @cached_property
-    def _middles_and_ends(self) -> Instants:
-        starts = np.concatenate([np.arange(self.intervals)] * len(SHARES))
-        return Instants(starts, np.repeat(SHARES, self.intervals))
-
-    @cached_property
-    def _at_nodes(self) -> Instants:
-        N = self.intervals
-        return Instants(np.append(np.arange(N), N - 1), np.append(np.zeros(N), 1.0))
-
-    def _weights_at(self, at: Instants, order: int) -> Array:
-        """Weights of control points at instants, remembered as long as these."""
-        known = self._weights.setdefault(at, {})
-        if order not in known:
-            times = self.shares_of(at)
-            known[order] = self.basis.weights(times, at.interval, order)
-        return known[order]
-
-    def shares_of(self, at: Instants) -> Array:
-        """Instants as shares of T, shape (m,)."""
-        return np.asarray(self._nodes[at.interval] + at.share * self._h[at.interval])
-
-    def states(self, motion: BSplineMotion, at: Instants, order: int) -> States:
+    def states(self, motion: SplineMotion, at: Instants, order: int) -> States:
         """States at instants."""
-        times, T = self.shares_of(at), motion.T
         none = np.zeros((0, self._n))
         parts = [none, none, none]
-        points = motion.points[places(at.interval, self.degree + 1)]
         for k in range(min(order, 2) + 1):
-            weights = self._weights_at(at, k)
-            parts[k] = np.einsum("mk,mkn->mn", weights, points) / T**k
-        return States(times * T, *parts)
+            parts[k] = motion.values(at, k)
+        return States(at.times(motion.h) + self.delays[at.interval], *parts)
 
     def pull_back(
-        self, motion: BSplineMotion, at: Instants, partials: Partials
+        self, motion: SplineMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by the states."""
-        T, which = motion.T, partials.at
-        by_time = np.zeros(which.size)
-        first, parts = at.interval[which], []
-        points = motion.points[places(first, self.degree + 1)]
+        which, parts = partials.at, []
+        by_durations = np.zeros((which.size, self._m))
         for order, part in enumerate((partials.by_q, partials.by_v, partials.by_a)):
             if part is None:
                 continue
-            weights = self._weights_at(at, order)[which]
-            scaled = part / T**order
-            parts.append((weights, scaled))
-            if order:
-                here = np.einsum("mk,mkn->mn", weights, points)
-                by_time -= order * np.einsum("kj,kj->k", scaled, here) / T
+            weights = motion.knots.weights(at, order)[which]
+            parts.append((weights, part / motion.unit**order))
+            if order or self._m > 1:
+                one = partial(SplineMotion.values, at=at, order=order, which=which)
+                changes = motion.by_durations(one, order)
+                by_durations += np.einsum("knm,kn->km", changes, part)
         if partials.by_t is not None:
-            by_time += partials.by_t * self.shares_of(at)[which]
-        found, which = by_points(first, parts, self._n)
-        return self.by_unknowns(found, which, by_time[:, None])
+            by_durations += partials.by_t[:, None] * at.times(self.shares)[which]
+        first = motion.knots.first[at.interval[which]]
+        return self.by_unknowns(*by_points(first, parts, self._n), by_durations)
 
     def hull(
         self, limit: JointLimit, within: tuple[int, int] | None = None
-    ) -> Hull[BSplineMotion] | None:
+    ) -> Hull[SplineMotion] | None:
         """Derivatives are in the convex hull of their control points."""
-        return DerivativeHull(self, limit)
+        return DerivativeHull(self, limit, within)
+
+    def attention(self, steps: StepBounds) -> float:
+        """What a step of the points can use up."""
+        radius = float(np.max(steps.upper[: self.point_unknowns], initial=0.0))
+        return min(ATTENTION * radius, MAX_ATTENTION)
+
+    @property
+    def cutoff(self) -> float:
+        """Clearances beyond this are not exact."""
+        return MAX_ATTENTION
+
+    @property
+    def moving_attention(self) -> float:
+        """Obstacles come closer as time goes by."""
+        return MAX_ATTENTION
 
     # -- the rest of the interface -----------------------------------------------------
 
     def scaled_at(self, z: Array) -> BSplineTranscription:
         """The same with the range of accelerations at a motion."""
         scaled = copy(self)  # what is known of the grid holds there too
-        scaled.acceleration_range = self.full_range(z)
+        motion, at = self.motion(z), self._torque_instants
+        _, q, v, a, _ = self.states(motion, at, 2)
+        by = self.system.dynamics.inverse_jacobians(q, v, a)
+        inertia = np.abs(np.einsum("mii->mi", by.tau_a))
+        if self.degree == 2:
+            # An acceleration lasts for an interval, and friction changes with it.
+            drag = np.abs(np.einsum("mii->mi", by.tau_v))
+            inertia += drag * motion.h[at.interval, None]
+        full = 2.0 * self.system.effort_half
+        scaled.acceleration_range = full / np.maximum(inertia.mean(axis=0), 1e-12)
         return scaled
 
     def variation(self, z: Array) -> Variation:
-        """Jumps between the control points of the jerk, in full torque ranges."""
-        T, scale = z[-1], self.acceleration_range
-        if scale is None:
-            scale = np.ones(self._n)
-        by_unknowns, known = self._jumps
-        # As accelerations, over the interval that such a jump lasts.
-        factor = float(np.mean(self._h)) / T**2 / scale
-        factors = np.tile(factor, known.size // self._n)
-        scaled = factors[by_unknowns.lines] * by_unknowns.data
-        matrix = by_unknowns._replace(data=scaled).rows()
-        return Variation(matrix, factors * known)
+        """Jumps of the highest derivative, up to jerks, in full torque ranges.
 
-    @cached_property
-    def _jumps(self) -> tuple[Compressed, Array]:
-        """Jumps of the jerk's control points, by the unknowns, and those for none."""
-        jerk = self.basis.bands(3)
-        after = np.pad(jerk[1:], ((0, 0), (1, 0)))
-        before = np.pad(jerk[:-1], ((0, 0), (0, 1)))
-        jumps, points = of_each_joint(after - before, np.arange(self._n), self._n)
-        matrix = self.by_unknowns(jumps, points, np.zeros((len(jumps), 1)))
-        known = np.einsum("kw,kw->k", jumps, self.offset[points])
-        return Compressed.of(matrix), known
+        Those between control points of the jerk count as accelerations, over the
+        interval that such a jump lasts.
+        """
+        motion, order = self.motion(z), min(self.degree, 3)
+        scale = self.acceleration_range
+
+        def jumps(of: SplineMotion) -> Array:
+            lasting = np.mean(of.h) if order == 3 else 1.0
+            return np.asarray(lasting * np.diff(of.derivative(order), axis=0) / scale)
+
+        rows = motion.knots.basis.bands(order) / motion.unit**order
+        after = np.pad(rows[1:], ((0, 0), (1, 0)))
+        between = after - np.pad(rows[:-1], ((0, 0), (0, 1)))
+        if order == 3:
+            between *= np.mean(motion.h)
+        every = np.arange(self._n)
+        data, points = of_each_joint(between, np.arange(len(between)), every, self._n)
+        data /= np.tile(scale, len(between))[:, None]
+        by_durations = np.zeros((len(data), self._m))
+        if self._m > 1:
+            # Lengths that change by themselves must not seem to change nothing.
+            by_durations = motion.by_durations(jumps, 2).reshape(-1, self._m)
+        matrix = self.by_unknowns(data, points, by_durations)
+        return Variation(matrix, jumps(motion).ravel() - matrix @ z)
+
+    @property
+    def torque_sequence(self) -> sp.csr_matrix:
+        """Torques at nodes and between them, as they are rows."""
+        return sp.csr_matrix(sp.identity(self._torque_instants.size))
 
     def sequence_times(self, z: Array) -> Array:
         """Instants of that sequence as shares of T: nodes and middles."""
-        return self.shares_of(self.instants(2, ""))
+        h = self.motion(z).h
+        return np.asarray(
+            self.torque_sequence @ self._torque_instants.times(h) / h.sum()
+        )
+
+    def stretch(self, z: Array, factor: float) -> Array:
+        """The same points, traversed slower."""
+        out = z.copy()
+        out[self.point_unknowns :] *= factor
+        return out
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate; its torque follows from the inverse dynamics."""
-        _, q, v, a, _ = self.states(self.motion(z), self._at_nodes, 2)
-        return Trajectory(
+        motion, nodes = self.motion(z), Instants.nodes(self.intervals)
+        _, q, v, a, _ = self.states(motion, nodes, 2)
+        accelerations = {2: motion.derivative(2), 3: None}
+        whole = Trajectory(
             joint_names=self.system.problem.robot.joint_names,
-            t=self._nodes * z[-1],
+            t=nodes_of(motion.h),
             q=q,
             v=v,
             u=0.0 * q,
-            a=a if self.degree > 3 else None,
+            a=accelerations.get(self.degree, a),
         ).with_torques(self.system.motor_dynamics.inverse)
+        return _of_segments(self, whole)
 
 
-class DerivativeHull(Hull[BSplineMotion]):
-    """Control points of a derivative over its limit; scaled by T to its order."""
+class DerivativeHull(Hull[SplineMotion]):
+    """Control points of a derivative over its limit.
 
-    def __init__(self, of: BSplineTranscription, limit: JointLimit) -> None:
-        self._of, self._order = of, limit.order
-        bands, joints = of.basis.bands(limit.order), limit.joints
-        self._by_points, self._points = of_each_joint(bands, joints, of.system.n)
-        self._by_points /= np.tile(limit.scale, len(bands))[:, None]
-        self._matrix = Compressed.of_table(
-            self._by_points, self._points, of.offset.size
-        ).rows()
-        self.lower = np.tile(limit.lower / limit.scale, len(bands))
-        self.upper = np.tile(limit.upper / limit.scale, len(bands))
+    On a segment, these are the ones that any of its intervals depends on. Of the points
+    of the curve itself, these are the ones that hang on velocities at the ends: others
+    are unknowns, whose bounds keep the limits.
+    """
 
-    def values(self, motion: BSplineMotion) -> Array:
+    def __init__(
+        self,
+        of: BSplineTranscription,
+        limit: JointLimit,
+        within: tuple[int, int] | None = None,
+    ) -> None:
+        self._of, self._limit = of, limit
+        first, end = within or (0, of.intervals)
+        intervals = KnotVector(of.shares.sum(axis=1), of.degree, of.breaks).first
+        degree = of.degree - limit.order
+        point = np.arange(intervals[-1] + 1 + degree)
+        begins = np.searchsorted(intervals, point - degree)
+        ends = np.searchsorted(intervals, point, side="right")
+        mine = (begins < end) & (ends > first)
+        if limit.order == 0:
+            mine &= np.any(of.hung.slopes, axis=(1, 2))
+        self._points = np.flatnonzero(mine)
+        self.lower = np.tile(limit.lower / limit.scale, self._points.size)
+        self.upper = np.tile(limit.upper / limit.scale, self._points.size)
+
+    def values(self, motion: SplineMotion) -> Array:
         """Control points of the derivative."""
-        points = self._matrix @ motion.points.ravel()
-        return np.asarray(points) / motion.T**self._order
+        limit = self._limit
+        points = motion.derivative(limit.order)[self._points]
+        return np.asarray(points[:, limit.joints] / limit.scale).ravel()
 
-    def jacobian(self, motion: BSplineMotion) -> sp.csr_matrix:
+    def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
         """By the unknowns."""
-        by_time = -self._order * self.values(motion) / motion.T
-        by_points = self._by_points / motion.T**self._order
-        return self._of.by_unknowns(by_points, self._points, by_time[:, None])
+        limit, points, of = self._limit, self._points, self._of
+        bands = motion.knots.basis.bands(limit.order)[points]
+        by_points, places = of_each_joint(bands, points, limit.joints, of.system.n)
+        by_points /= np.tile(limit.scale, points.size)[:, None]
+        by_points /= motion.unit**limit.order
+        by_durations = motion.by_durations(self.values, limit.order)
+        return of.by_unknowns(by_points, places, by_durations)
+
+
+def _reach(knots: Array, degree: int, count: int) -> Array:
+    """How far the first control points lie from the end, per unit of velocity.
+
+    By each of the durations, shape (count, 1, m), from knots by these, shape (K, m).
+    """
+    spans = (knots[degree + 1 : degree + count] - knots[1:count]) / degree
+    return nodes_of(spans)[:, None]
+
+
+def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:
+    """A motion as that of its segments, with the times that it stays at their ends.
+
+    Args:
+        of: Its parameterisation.
+        motion: The motion, as if nothing else was carried and it stayed nowhere.
+
+    Returns:
+        The motion; as it was where there is one segment only.
+    """
+    segments = of.system.problem.segments
+    if not segments:
+        return motion
+    whole = replace(motion, segment_ends=motion.t[list(of.segment_ends)])
+    for k, segment in enumerate(segments):
+        if segment.dwell > 0.0:
+            whole = _with_stay(whole, k, segment.dwell)
+    inverses = tuple(part.motor_dynamics.inverse for part in of.system.segments)
+    return whole.with_torques(inverses[0], inverses)
+
+
+def _with_stay(motion: Trajectory, segment: int, dwell: float) -> Trajectory:
+    """A motion that stays where a segment ends [s], at rest."""
+    assert motion.segment_ends is not None  # noqa: S101
+    ends = np.array(motion.segment_ends)
+    node = int(np.searchsorted(motion.t, ends[segment]))
+    t = np.concatenate([motion.t[: node + 1], motion.t[node:] + dwell])
+    v = np.array(motion.v)
+    v[node] = 0.0
+    q, v, u = (np.insert(x, node + 1, x[node], axis=0) for x in (motion.q, v, motion.u))
+    a = None if motion.a is None else np.array(motion.a)
+    if a is not None and len(a) == motion.t.size:
+        a[node] = 0.0
+        a = np.insert(a, node + 1, 0.0, axis=0)
+    elif a is not None:
+        a = np.insert(a, node, 0.0, axis=0)
+    ends[segment:] += dwell
+    # Sums may round: each end is the node that it is.
+    ends = t[np.argmin(np.abs(t[:, None] - ends), axis=0)]
+    return replace(motion, t=t, q=q, v=v, u=u, a=a, segment_ends=ends)

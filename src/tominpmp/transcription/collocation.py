@@ -21,7 +21,13 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials, States
 from tominpmp.constraints.friction import Ways
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation
+from tominpmp.transcription.base import (
+    LENGTH_STEP,
+    Hull,
+    StepBounds,
+    Transcription,
+    Variation,
+)
 from tominpmp.transcription.controls import (
     driving_torque,
     first_ways,
@@ -39,8 +45,6 @@ from tominpmp.transcription.integrator import (
 from tominpmp.transcription.lifted import LiftedMotion
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Lengths of intervals change by this share at most in one step.
-LENGTH_STEP = 0.3
 # Velocities are of this times the scale of positions over the duration.
 SPEED_FACTOR = 5.0
 # Value of the defects of an interval whose inner stage cannot be solved for.
@@ -77,6 +81,7 @@ class CollocationTranscription(Transcription[LiftedMotion]):
     ) -> None:
         self.system, self.shares, self.duration = system, shares, duration
         self.ways = ways
+        self.segment_ends = (len(shares),)
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
         velocity = SPEED_FACTOR / duration * system.step_scale
@@ -275,7 +280,7 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         matrix = self.interval_rows(data, k)
         if partials.by_t is None:
             return matrix
-        by_eta = partials.by_t[:, None] * (at.over(which, self._N) @ self.shares)
+        by_eta = partials.by_t[:, None] * (at.times(self.shares)[which])
         empty = sp.csr_matrix((count, self.size - self._m))
         return sp.csr_matrix(matrix + sp.hstack([empty, by_eta]))
 

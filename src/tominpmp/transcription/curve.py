@@ -1,39 +1,314 @@
-"""What splines share as transcriptions: how near a step brings clearances."""
+"""B-spline curves, on knots that move with the durations of a motion.
+
+At an instant p + 1 control points matter. Their weights, in the curve and in its
+derivatives, are worked out for all instants at once: SciPy's ``design_matrix`` takes
+ten times as long, which is what iterations would take then.
+
+Where there is one duration the knots keep their proportions, and all that hangs on
+these is worked out once. What other durations change is taken by complex steps (Squire
+and Trapp, 1998), which are exact to rounding.
+"""
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import BSpline
 
-from tominpmp.transcription.base import M, StepBounds, Transcription
+from tominpmp.arrays import Array, IntArray
+from tominpmp.transcription.instants import Instants
 
-# Clearances beyond this, in shares of the reach per rad of trust region, are no rows of
-# the linear program: a step that uses them up all the same is cut short by the merit.
-ATTENTION = 0.07
-# However far it reaches; beyond this clearances are not exact.
-MAX_ATTENTION = 0.05
+# Imaginary step of a duration: so small that nothing else is changed.
+COMPLEX_STEP = 1e-30
 
 
-class CurveTranscription(Transcription[M]):
-    """A transcription whose first unknowns are points of the curve."""
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Matrices of a clamped B-spline and its derivatives.
+
+    Attributes:
+        degree: p.
+        knots: With multiplicity at the ends, from 0, shape (N + 2p + 1,).
+    """
+
+    degree: int
+    knots: Array
+
+    @classmethod
+    def on(cls, nodes: Array, degree: int) -> Basis:
+        """Basis on nodes that increase from 0, shape (N + 1,).
+
+        At a node that is there twice a derivative less is continuous.
+        """
+        return cls(degree, clamped(nodes, degree))
 
     @property
-    @abstractmethod
-    def point_unknowns(self) -> int:
-        """Number of the unknowns that are positions of points."""
-
-    def attention(self, steps: StepBounds) -> float:
-        """What a step of the points can use up."""
-        radius = float(np.max(steps.upper[: self.point_unknowns], initial=0.0))
-        return min(ATTENTION * radius, MAX_ATTENTION)
+    def count(self) -> int:
+        """Number of control points."""
+        return int(self.knots.size) - self.degree - 1
 
     @property
-    def cutoff(self) -> float:
-        """Clearances beyond this are not exact."""
-        return MAX_ATTENTION
+    def greville(self) -> Array:
+        """Where each control point belongs: means of its inner knots, shape (M,)."""
+        sums = np.cumsum(np.append(0.0, self.knots[1:-1]))
+        means = (sums[self.degree :] - sums[: -self.degree]) / self.degree
+        return np.asarray(np.clip(means, self.knots[0], self.knots[-1]))
+
+    def bands(self, order: int) -> Array:
+        """Control points of a derivative from those of the curve.
+
+        Rows of the matrix from the diagonal on, shape (M - order, order + 1).
+        """
+        if order not in self._bands:
+            below = np.pad(self.bands(order - 1), ((0, 0), (1, 1)))
+            steps = below[1:, :-1] - below[:-1, 1:]
+            self._bands[order] = self.slopes(order)[:, None] * steps
+        return self._bands[order]
+
+    @cached_property
+    def _bands(self) -> dict[int, Array]:
+        """Those that were asked for: they are, again and again."""
+        return {0: np.ones((self.count, 1))}
+
+    def slopes(self, order: int) -> Array:
+        """What differences of control points one order below are multiplied by.
+
+        That makes the control points of a derivative; 0 where a curve jumps.
+        """
+        k = order - 1
+        p, t = self.degree - k, self.knots[k : self.knots.size - k]
+        m = t.size - p - 1
+        spans = t[p + 1 : p + m] - t[1:m]
+        wide = spans.real > 0.0
+        return np.where(wide, p / np.where(wide, spans, 1.0), 0.0)
+
+    def at(self, times: Array) -> sp.csr_matrix:
+        """Values at times on the scale of the knots, from the control points."""
+        inside = np.clip(times, self.knots[0], self.knots[-1])
+        return sp.csr_matrix(BSpline.design_matrix(inside, self.knots, self.degree))
+
+    def functions(self, times: Array, first: IntArray, order: int) -> Array:
+        """Basis functions of a derivative that are not zero, shape (m, p + 1 - order).
+
+        By the recursion of Cox (1972) and de Boor (1972).
+
+        Args:
+            times: Instants, on the scale of the knots, shape (m,).
+            first: The first control point that matters at each, shape (m,).
+            order: Of the derivative.
+        """
+        p, t = self.degree - order, self.knots[order : self.knots.size - order]
+        span = first + p
+        left = [times - t[span + 1 - j] for j in range(p + 1)]
+        right = [t[span + j] - times for j in range(p + 1)]
+        found = [np.ones(times.size)]
+        for j in range(1, p + 1):
+            saved = np.zeros(times.size)
+            for r in range(j):
+                part = found[r] / (right[r + 1] + left[j - r])
+                found[r] = saved + right[r + 1] * part
+                saved = left[j - r] * part
+            found.append(saved)
+        return np.stack(found, axis=1)
+
+
+class KnotVector:
+    """Knots between intervals of given lengths, and what hangs on these alone.
+
+    Args:
+        h: Lengths of the intervals, shape (N,).
+        degree: Of the spline.
+
+    Attributes:
+        basis: The basis on them.
+        breaks: Numbers of intervals before nodes that are knots twice, so that the
+            derivative below the highest may jump there.
+        first: Number of the first control point that each interval depends on, (N,).
+    """
+
+    def __init__(self, h: Array, degree: int, breaks: tuple[int, ...] = ()) -> None:
+        self._h, self.breaks, nodes = h, breaks, nodes_of(h)
+        self._begins = nodes[:-1]
+        self.basis = Basis.on(with_breaks(nodes, breaks), degree)
+        every = np.arange(h.size)
+        self.first: IntArray = every + np.searchsorted(breaks, every, side="right")
+        self._known: WeakKeyDictionary[Instants, dict[tuple[int, bool], Array]]
+        self._known = WeakKeyDictionary()
+
+    def functions(self, at: Instants, order: int) -> Array:
+        """Basis functions of a derivative, remembered as long as the instants."""
+        known = self._known.setdefault(at, {})
+        if (order, False) not in known:
+            times = self._begins[at.interval] + at.share * self._h[at.interval]
+            first = self.first[at.interval]
+            known[order, False] = self.basis.functions(times, first, order)
+        return known[order, False]
+
+    def weights(self, at: Instants, order: int) -> Array:
+        """Weights of the control points in a derivative, (m, p + 1), remembered too."""
+        known, found = self._known.setdefault(at, {}), self.functions(at, order)
+        if (order, True) not in known:
+            first = self.first[at.interval]
+            for k in range(order, 0, -1):
+                # A control point of a derivative is a difference of two one order
+                # below.
+                along = self.basis.slopes(k)
+                scaled = found * along[places(first, found.shape[1])]
+                found = np.pad(scaled, ((0, 0), (1, 0)))
+                found[:, :-1] -= scaled
+            known[order, True] = found
+        return known[order, True]
+
+
+@dataclass(frozen=True, eq=False)
+class SplineMotion:
+    """A B-spline of an iterate.
+
+    Attributes:
+        points: Control points, shape (M, n).
+        eta: Durations by which the shares are multiplied, shape (m,).
+        shares: Lengths of the intervals by eta, shape (N, m).
+        knots: Its knots, in units of the last duration.
+    """
+
+    points: Array
+    eta: Array
+    shares: Array
+    knots: KnotVector
+    finite: bool = True
+
+    @cached_property
+    def h(self) -> Array:
+        """Lengths of the intervals [s], shape (N,)."""
+        return np.asarray(self.shares @ self.eta)
 
     @property
-    def moving_attention(self) -> float:
-        """Obstacles come closer as time goes by."""
-        return MAX_ATTENTION
+    def unit(self) -> float:
+        """What the unit of the knots is [s]."""
+        return float(self.eta[-1].real)
+
+    def derivative(self, order: int) -> Array:
+        """Control points of a derivative, shape (M - order, n)."""
+        known = self._derivatives
+        if order not in known:
+            steps = np.diff(self.derivative(order - 1), axis=0)
+            slopes = self.knots.basis.slopes(order) / self.unit
+            known[order] = slopes[:, None] * steps
+        return known[order]
+
+    @cached_property
+    def _derivatives(self) -> dict[int, Array]:
+        """Those that were asked for: they are, again and again."""
+        return {0: self.points}
+
+    def values(
+        self, at: Instants, order: int, which: IntArray | slice = slice(None)
+    ) -> Array:
+        """A derivative at some of the instants, shape (k, n)."""
+        functions = self.knots.functions(at, order)[which]
+        first = self.knots.first[at.interval[which]]
+        points = self.derivative(order)[places(first, functions.shape[1])]
+        return np.asarray(np.einsum("mk,mkn->mn", functions, points))
+
+    def positions(self, times: Array) -> Array:
+        """Positions at times [s], shape (k, n)."""
+        return np.asarray(self.knots.basis.at(times / self.unit) @ self.points)
+
+    def by_durations(
+        self, quantity: Callable[[SplineMotion], Array], order: int
+    ) -> Array:
+        """Derivatives of a quantity by the durations alone, shape (..., m).
+
+        Args:
+            quantity: Tells the quantity of a curve.
+            order: What power of a common factor of all durations divides it: by Euler's
+                theorem the last derivative follows from the others.
+        """
+        found = [quantity(one).imag / COMPLEX_STEP for one in self._stepped]
+        rest = -order * quantity(self)
+        for duration, by in zip(self.eta, found, strict=False):
+            rest = rest - duration * by
+        return np.stack([*found, rest / self.unit], axis=-1)
+
+    @cached_property
+    def _stepped(self) -> list[SplineMotion]:
+        """Curves of the same points after a step of each duration but the last."""
+        degree, breaks = self.knots.basis.degree, self.knots.breaks
+        out = []
+        for j in range(self.eta.size - 1):
+            eta: Any = self.eta.astype(np.complex128)
+            eta[j] += 1j * COMPLEX_STEP
+            knots = KnotVector(self.shares @ (eta / self.unit), degree, breaks)
+            out.append(replace(self, eta=eta, knots=knots))
+        return out
+
+
+def nodes_of(h: Array) -> Array:
+    """Where intervals begin and end, shape (N + 1, ...), from their lengths."""
+    return np.concatenate([np.zeros((1, *h.shape[1:])), np.cumsum(h, axis=0)])
+
+
+def with_breaks(nodes: Array, breaks: tuple[int, ...]) -> Array:
+    """Nodes, some of them twice."""
+    if not breaks:
+        return nodes
+    return np.insert(nodes, breaks, nodes[list(breaks)], axis=0)
+
+
+def clamped(nodes: Array, degree: int) -> Array:
+    """KnotVector of a spline that begins and ends at its outer control points."""
+    first, last = (np.repeat(nodes[[end]], degree, axis=0) for end in (0, -1))
+    return np.concatenate([first, nodes, last])
+
+
+def places(first: IntArray, width: int) -> IntArray:
+    """Numbers of the control points that matter at instants, shape (m, width)."""
+    return first[:, None] + np.arange(width)
+
+
+def by_points(
+    first: IntArray, parts: Sequence[tuple[Array, Array]], joints: int
+) -> tuple[Array, IntArray]:
+    """Derivatives of values by the coordinates of the control points that matter.
+
+    Args:
+        first: The first control point that matters for each value, shape (k,).
+        parts: Weights of the control points in a derivative of the curve, shape
+            (k, p + 1), and derivatives of the values by that, shape (k, n); none for
+            values that depend on the time alone.
+        joints: Number n of joints.
+
+    Returns:
+        The derivatives, shape (k, (p + 1) n), and which coordinates of all they are by.
+    """
+    if not parts:
+        return np.zeros((first.size, 0)), np.zeros((first.size, 0), dtype=np.int64)
+    total = sum(weights[:, :, None] * part[:, None, :] for weights, part in parts)
+    data = np.reshape(total, (first.size, -1))
+    return data, places(joints * first, data.shape[1])
+
+
+def of_each_joint(
+    bands: Array, first: IntArray, joints: IntArray, n: int
+) -> tuple[Array, IntArray]:
+    """What acts on control points, for each of some joints.
+
+    Args:
+        bands: What acts on control points side by side, shape (m, w).
+        first: The first of these, shape (m,).
+        joints: The joints, shape (k,).
+        n: Number of all joints.
+
+    Returns:
+        The same for the first row and all joints, for the second, ..., shape (m k, w),
+        and the coordinates of control points that they act on.
+    """
+    data = np.repeat(bands, joints.size, axis=0)
+    coordinate = n * first[:, None] + joints
+    return data, coordinate.reshape(-1, 1) + n * np.arange(bands.shape[1])

@@ -39,6 +39,11 @@ class Instants:
         return cls(np.array([intervals - 1]), np.ones(1))
 
     @classmethod
+    def nodes(cls, intervals: int) -> Instants:
+        """Beginnings of all intervals, and the end."""
+        return cls.spread(intervals, (0.0,)).joined(cls.end(intervals))
+
+    @classmethod
     def at_times(cls, times: Array, h: Array, delays: float | Array = 0.0) -> Instants:
         """Instants at times [s], those after the end at the end.
 
@@ -75,17 +80,12 @@ class Instants:
         """Times of the instants [s], shape (m,).
 
         Args:
-            h: Lengths of the intervals [s], shape (N,).
+            h: Lengths of the intervals [s], shape (N,); or shares of them by durations,
+                shape (N, k), for shares of the times, shape (m, k).
         """
-        nodes = np.cumsum(h) - h
-        return np.asarray(nodes[self.interval] + self.share * h[self.interval])
-
-    def over(self, which: IntArray, intervals: int) -> Array:
-        """How the times of k instants depend on the lengths, shape (k, intervals)."""
-        lengths, interval = np.arange(intervals), self.interval[which, None]
-        before = np.where(interval > lengths, 1.0, 0.0)
-        within = np.where(interval == lengths, self.share[which, None], 0.0)
-        return np.asarray(before + within)
+        begins, share = np.cumsum(h, axis=0) - h, self.share
+        share = share if h.ndim == 1 else share[:, None]
+        return np.asarray(begins[self.interval] + share * h[self.interval])
 
     @property
     def middles(self) -> Instants:

@@ -8,31 +8,23 @@ motion, or sent from one process to another, where a program could not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.segments import Segment, spans_of
 from tominpmp.transcription.bspline import BSplineTranscription
-from tominpmp.transcription.bspline_basis import Basis
-from tominpmp.transcription.bspline_segments import SegmentedBSpline
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque
+from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-Gridded = (
-    InverseTranscription
-    | CollocationTranscription
-    | BSplineTranscription
-    | SegmentedBSpline
-)
-ControlPoints = BSplineTranscription | SegmentedBSpline
-# Degrees of what is no spline in control points.
+Gridded = BSplineTranscription | CollocationTranscription
+# Degrees of states and constant torques, and of constant accelerations.
 LIFTED, QUADRATIC = 0, 2
 
 
@@ -45,13 +37,13 @@ class Layout:
             states and constant torques.
         shares: Lengths of the intervals by the last unknowns, shape (N, m).
         eta: These unknowns, shape (m,).
-        segment_ends: Number of intervals up to the end of each segment; None for one.
+        segment_ends: Number of intervals up to the end of each segment.
     """
 
     degree: int
     shares: Array
     eta: Array
-    segment_ends: tuple[int, ...] | None = None
+    segment_ends: tuple[int, ...]
 
     @classmethod
     def of(cls, transcription: object, z: Array) -> Layout | None:
@@ -59,60 +51,45 @@ class Layout:
         if not isinstance(transcription, Gridded):
             return None
         degree = LIFTED
-        if isinstance(transcription, InverseTranscription):
-            degree = QUADRATIC
-        elif not isinstance(transcription, CollocationTranscription):
+        if isinstance(transcription, BSplineTranscription):
             degree = transcription.degree
         shares = transcription.shares
         eta = np.array(z[z.size - shares.shape[1] :])
         return cls(degree, shares, eta, transcription.segment_ends)
 
     @classmethod
-    def of_motion(cls, motion: Trajectory) -> Layout | None:
-        """Layout of a motion whose torques follow from it, of one segment.
+    def of_motion(
+        cls, motion: Trajectory, segments: Sequence[Segment] = ()
+    ) -> Layout | None:
+        """Layout of a motion whose torques follow from it.
 
         None for others: their nodes are not those of intervals.
-        """
-        if motion.inverse_dynamics is None or motion.segment_ends is not None:
-            return None
-        shares = np.diff(motion.t)[:, None] / motion.duration
-        return cls(motion.degree, shares, np.array([motion.duration]))
-
-    @classmethod
-    def of_segments(
-        cls, motion: Trajectory, segments: Sequence[Segment]
-    ) -> Layout | None:
-        """Layout of a motion of several segments whose torques follow from it.
 
         Args:
             motion: The motion.
-            segments: What was asked of them.
+            segments: What was asked of its segments; empty for one.
         """
-        if motion.inverse_dynamics is None or motion.segment_ends is None:
+        if motion.inverse_dynamics is None:
             return None
         lengths = []
         for begin, arrival, _ in spans_of(motion, segments):
             moving = (motion.t >= begin) & (motion.t <= arrival)
             lengths.append(np.diff(motion.t[moving]))
         counts = [part.size for part in lengths]
-        shares = np.zeros((sum(counts), len(counts)))
-        segment = np.repeat(np.arange(len(counts)), counts)
-        shares[np.arange(segment.size), segment] = np.concatenate(lengths)
+        segment, T = np.repeat(np.arange(len(counts)), counts), motion.duration
+        shares = np.zeros((segment.size, len(counts)))
+        shares[np.arange(segment.size), segment] = np.concatenate(lengths) / T
         ends = tuple(np.cumsum(counts).tolist())
-        return cls(motion.degree, shares, np.ones(len(counts)), ends)
+        return cls(motion.degree, shares, np.full(len(counts), T), ends)
 
     def transcription(self, system: ProblemFunctions) -> Gridded:
         """The parameterisation, for the functions of a problem."""
-        duration = float(np.sum(self.shares @ self.eta))
+        duration, ends = float(np.sum(self.shares @ self.eta)), self.segment_ends
         if self.degree == LIFTED:
             return CollocationTranscription(system, self.shares, duration)
         if self.degree == QUADRATIC:
-            return InverseTranscription(
-                system, self.shares, duration, segment_ends=self.segment_ends
-            )
-        if self.segment_ends is None:
-            return BSplineTranscription(system, self.shares, self.degree)
-        return SegmentedBSpline(system, self.shares, self.degree, self.segment_ends)
+            return InverseTranscription(system, self.shares, duration, ends)
+        return BSplineTranscription(system, self.shares, self.degree, ends)
 
     def taken_up(
         self, system: ProblemFunctions, motion: Trajectory
@@ -123,49 +100,23 @@ class Layout:
             system: The functions of the problem that the motion solves.
             motion: The motion.
         """
-        of, eta, plain = self.transcription(system), self.eta, _plain(motion)
-        h = self.shares @ eta
-        t = np.concatenate([[0.0], np.cumsum(h)])
-        # A motion that stays somewhere does so after the interval that ends there.
-        delays = np.append(of.delays, of.delays[-1])
-        if isinstance(of, ControlPoints):
+        of, eta = self.transcription(system), self.eta
+        t = nodes_of(self.shares @ eta)
+        if isinstance(of, BSplineTranscription):
+            # A motion that stays somewhere does so after the interval that ends there.
+            delays, plain = of.delays, replace(motion, inverse_dynamics=None)
 
             def position(times: Array) -> Array:
                 interval = np.searchsorted(t[1:-1], times)
                 return plain(times + delays[interval]).q
 
-            return of, interpolated(of, eta, position)
-        state = plain(np.minimum(t + delays, motion.duration))
-        if isinstance(of, InverseTranscription):
-            points = state.q[:-1] + 0.5 * h[:, None] * state.v[:-1]
-            points[0], points[-1] = state.q[0], state.q[-1]
-            return of, of.pack(points, state.v[-1], eta)
-        middle = motion(0.5 * (t[1:] + t[:-1]))
+            return of, of.interpolated(eta, position)
+        nodes, middle = (
+            motion(np.minimum(t, motion.duration)),
+            motion(0.5 * (t[1:] + t[:-1])),
+        )
         u = net_torque(system, middle.u, middle.v)
-        return of, of.pack(np.hstack([state.q, state.v]), u, eta)
-
-
-def _plain(motion: Trajectory) -> Trajectory:
-    """A motion whose torques nobody asks for."""
-    return replace(motion, inverse_dynamics=None)
-
-
-def interpolated(
-    of: ControlPoints, eta: Array, position: Callable[[Array], Array]
-) -> Array:
-    """Iterate of the spline that goes through positions at the Greville abscissae.
-
-    Args:
-        of: The parameterisation.
-        eta: Its durations, shape (m,).
-        position: Configurations at times, shape (k,) to (k, n); they are met at all
-            times if they are those of such a spline.
-    """
-    nodes = np.concatenate([[0.0], np.cumsum(of.shares @ eta)])
-    basis = Basis.on(nodes, of.degree)
-    sites = basis.greville
-    points = spsolve(basis.at(sites).tocsc(), position(sites))
-    return of.unknowns(np.reshape(points, (basis.count, -1)), eta)
+        return of, of.pack(np.hstack([nodes.q, nodes.v]), u, eta)
 
 
 def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, Array]:
@@ -184,50 +135,18 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
     assert layout is not None  # noqa: S101
     # Whatever could stretch by itself still can.
     shares = np.repeat(layout.shares / parts[:, None], parts, axis=0)
-    ends = layout.segment_ends
-    if ends is not None:
-        ends = tuple(np.cumsum(parts)[np.array(ends) - 1].tolist())
+    ends = tuple(np.cumsum(parts)[np.array(layout.segment_ends) - 1].tolist())
     finer = replace(layout, shares=shares, segment_ends=ends).transcription(of.system)
-    if isinstance(of, InverseTranscription):
-        assert isinstance(finer, InverseTranscription)  # noqa: S101
-        return finer, _split_quadratic(of, z, parts, finer)
-    if isinstance(of, CollocationTranscription):
-        assert isinstance(finer, CollocationTranscription)  # noqa: S101
-        return finer, _split_states(of, z, parts, finer)
-    assert isinstance(finer, ControlPoints)  # noqa: S101
-    nodes = np.concatenate([[0.0], np.cumsum(of.shares @ layout.eta)])
-    basis, points = Basis.on(nodes, of.degree), of.points(z)
-    return finer, interpolated(finer, layout.eta, lambda t: basis.at(t) @ points)
-
-
-def _split_quadratic(
-    of: InverseTranscription, z: Array, parts: IntArray, finer: InverseTranscription
-) -> Array:
-    spline = of.motion(z)
-    index = np.repeat(np.arange(parts.size), parts)
-    second = np.concatenate([[False], index[1:] == index[:-1]])
-    halved = parts[index] == 2
-    # De Casteljau: the middle points of the halves lie halfway to the ends.
-    ends = np.where(second[:, None], spline.q[1:][index], spline.q[:-1][index])
-    points = spline.points[index]
-    points = np.where(halved[:, None], 0.5 * (points + ends), points)
-    points[0], points[-1] = spline.q_ends  # as the transcription packs them
-    return finer.pack(points, spline.v_ends[1], z[z.size - of.shares.shape[1] :])
-
-
-def _split_states(
-    of: CollocationTranscription,
-    z: Array,
-    parts: IntArray,
-    finer: CollocationTranscription,
-) -> Array:
+    if isinstance(of, BSplineTranscription):
+        assert isinstance(finer, BSplineTranscription)  # noqa: S101
+        return finer, finer.interpolated(layout.eta, of.motion(z).positions)
+    assert isinstance(finer, CollocationTranscription)  # noqa: S101
     x, u, h = of.split(z)
     first = np.cumsum(parts) - parts
-    t = np.concatenate([[0.0], np.cumsum(h)])
+    t = nodes_of(h)
     states = np.empty((finer.intervals + 1, x.shape[1]))
     states[first], states[-1] = x[:-1], x[-1]
-    halved = np.flatnonzero(parts == 2)
+    halved = np.flatnonzero(split)
     inside = of.trajectory(z)(0.5 * (t[halved] + t[halved + 1]))
     states[first[halved] + 1] = np.hstack([inside.q, inside.v])
-    eta = z[z.size - of.shares.shape[1] :]
-    return finer.pack(states, np.repeat(u, parts, axis=0), eta)
+    return finer, finer.pack(states, np.repeat(u, parts, axis=0), layout.eta)
