@@ -1,19 +1,16 @@
-"""Derivatives of a rollout by its steps, one composed with the other."""
+"""Derivatives of a rollout by its intervals: its steps, one after the other."""
 
 from __future__ import annotations
 
-from tominpmp.dynamics import Dynamics
-from tominpmp.transcription.integrator import (
-    Rollout,
-    Sensitivities,
-    compose_steps,
-    differentiate_defects,
-)
+from tominpmp.transcription.integrator import Sensitivities, SteppedMotion
 
 
-def differentiate_rollout(dynamics: Dynamics, motion: Rollout) -> Sensitivities:
+def differentiate_rollout(motion: SteppedMotion) -> Sensitivities:
     """Exact derivatives of each interval of an integrated motion."""
-    by = differentiate_defects(
-        dynamics, motion.x[:-1], motion.x[1:], motion.u, motion.h, motion.inner
-    )
-    return compose_steps(by, motion.substeps)
+    by, substeps = motion.sensitivities, motion.substeps
+    A, B, c = (part[::substeps].copy() for part in by)
+    for s in range(1, substeps):
+        step = by.A[s::substeps]
+        A, B = step @ A, step @ B + by.B[s::substeps]
+        c = (step @ c[..., None])[..., 0] + by.c[s::substeps]
+    return Sensitivities(A, B, c)

@@ -49,7 +49,7 @@ def fall(nlp, T=0.4):
 def test_an_integrated_motion_has_no_defects():
     nlp = build(MOVING)
     motion, u, eta = fall(nlp)
-    values = nlp.evaluate(nlp.transcription.pack(motion.nodes, u, eta))
+    values = nlp.evaluate(nlp.transcription.pack(motion.x, u, eta))
     np.testing.assert_allclose(values[kind_rows(nlp, "dynamics")], 0.0, atol=1e-10)
     # The states at a third of the intervals keep the velocity limits too.
     limits = nlp.system.problem.robot.limits.velocity

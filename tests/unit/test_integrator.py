@@ -51,14 +51,14 @@ def test_a_constant_torque_on_a_free_mass_is_exact():
     v1 = -0.2 + 2.0 * 0.5
     q1 = 0.3 - 0.2 * 0.5 + 0.5 * 2.0 * 0.5**2
     expected = [[0.3, -0.2], [q1, v1], [q1 + 2.0 * v1 - 0.5 * 2.0**2, v1 - 2.0]]
-    np.testing.assert_allclose(motion.nodes, expected, atol=1e-13)
+    np.testing.assert_allclose(motion.x, expected, atol=1e-13)
 
 
 def test_the_error_falls_with_the_third_power_of_the_step(rng):
     x, u, h = sample(SWING, rng)
     exact = reference(SWING, x, u, h)
     errors = [
-        np.abs(rollout(SWING, x, u, h, substeps).nodes[-1] - exact).max()
+        np.abs(rollout(SWING, x, u, h, substeps).x[-1] - exact).max()
         for substeps in (2, 4, 8)
     ]
     assert errors[0] > 1e-8  # far above the error of the reference
@@ -72,9 +72,9 @@ def test_stiff_friction_does_no_harm():
     motion = rollout(STIFF, np.array([0.2, 1.0]), u, h)
     assert motion.finite
     # The velocity is where torque and friction balance, whatever it was before.
-    balance = (u[:, 0] - 0.1 * np.sin(motion.nodes[1:, 0])) / 50.0
-    np.testing.assert_allclose(motion.nodes[1:, 1], balance, rtol=2e-2)
-    moved = np.diff(motion.nodes[1:, 0])
+    balance = (u[:, 0] - 0.1 * np.sin(motion.x[1:, 0])) / 50.0
+    np.testing.assert_allclose(motion.x[1:, 1], balance, rtol=2e-2)
+    moved = np.diff(motion.x[1:, 0])
     np.testing.assert_allclose(moved, h[1:] * balance[1:], rtol=2e-2)
 
 
@@ -83,7 +83,7 @@ def test_both_forms_agree(rng, planar3r: Robot):
     dynamics = RobotDynamics(planar3r)
     x, u, h = sample(dynamics, rng, 12)
     motion = rollout(dynamics, x, u, h)
-    start, end = motion.nodes[:-1], motion.nodes[1:]
+    start, end = motion.x[:-1], motion.x[1:]
     stage = solve_inner_stage(dynamics, start, end, u, h)
     assert stage.solved.all()
     np.testing.assert_allclose(stage.x, motion.inner, atol=1e-10)
@@ -110,10 +110,10 @@ def test_sensitivities_against_differences(rng, planar3r: Robot, substeps):
     dynamics = RobotDynamics(planar3r)
     x, u, h = sample(dynamics, rng, 1)
     motion = rollout(dynamics, x, u, h, substeps)
-    by = differentiate_rollout(dynamics, motion)
+    by = differentiate_rollout(motion)
 
     def end(x, u, h):
-        return rollout(dynamics, x, u, h, substeps).nodes[-1]
+        return rollout(dynamics, x, u, h, substeps).x[-1]
 
     step = 1e-5
     for analytic, function, size in (
@@ -135,8 +135,8 @@ def test_substeps_compose(rng):
     x, u, h = sample(SWING, rng, 3)
     whole = rollout(SWING, x, u, h, 2)
     halves = rollout(SWING, x, np.repeat(u, 2, axis=0), np.repeat(h / 2, 2))
-    np.testing.assert_allclose(whole.nodes, halves.nodes[::2], atol=1e-12)
-    one, two = differentiate_rollout(SWING, whole), differentiate_rollout(SWING, halves)
+    np.testing.assert_allclose(whole.x, halves.x[::2], atol=1e-12)
+    one, two = differentiate_rollout(whole), differentiate_rollout(halves)
     np.testing.assert_allclose(one.A, two.A[1::2] @ two.A[::2], atol=1e-12)
     np.testing.assert_allclose(
         one.B, two.A[1::2] @ two.B[::2] + two.B[1::2], atol=1e-12

@@ -10,33 +10,29 @@ everything else is a bound on a variable.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import Partials, States
+from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
-from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import (
-    LENGTH_STEP,
-    StepBounds,
-    Transcription,
-    Variation,
-)
+from tominpmp.transcription.base import LENGTH_STEP, StepBounds
 from tominpmp.transcription.controls import (
+    TorqueTranscription,
     driving_torque,
-    motor_torques,
-    share_steps,
-    torque_jumps,
     torque_shares,
-    turned_ways,
 )
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.integrator import rollout, stage_weights, sweep_adjoint
+from tominpmp.transcription.integrator import (
+    SteppedMotion,
+    rollout,
+    stage_weights,
+    sweep_adjoint,
+)
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.shot import Shot
 
 # Torques change by this share of their range per radian of the trust region: the
 # larger, the likelier the obstacle of the paper's example is passed on the faster side.
@@ -67,24 +63,14 @@ class Sources(NamedTuple):
     by_length: Array
 
 
-class AdjointTranscription(Transcription[Shot]):
-    """A problem in torques and lengths of intervals.
-
-    The unknowns are stacked as z = (torques, lengths): torques of N intervals as shares
-    of the limits, in [-1, 1]; the lengths are h = H eta with a matrix H of shares, of
-    one column (the duration, as in the paper) or more.
+class AdjointTranscription(TorqueTranscription):
+    """A problem in z = (torques, lengths); with one length as in the paper.
 
     Attributes:
-        system: The functions of the problem.
-        shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
-        duration: Duration that scales velocities [s].
         substeps: Integration steps an interval.
-        ways: Which way joints with dry friction move on the intervals; None without
-            friction, and at first, when it is left out.
+        ways: At first dry friction is left out.
         centre: An iterate and its motion, with which integrations begin; None to begin
             anew at every step, which takes several times as long.
-
-    Torques are those that dry friction leaves of the motors'.
     """
 
     kept = frozenset({"u"})
@@ -98,13 +84,10 @@ class AdjointTranscription(Transcription[Shot]):
         *,
         substeps: int = 1,
         ways: Ways | None = None,
-        centre: tuple[Array, Shot] | None = None,
+        centre: tuple[Array, SteppedMotion] | None = None,
     ) -> None:
-        self.system, self.shares, self.duration = system, shares, duration
-        self.substeps, self.ways, self.centre = substeps, ways, centre
-        self.segment_ends = (len(shares),)
-        self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
-        self._n = system.n
+        super().__init__(system, shares, duration, ways)
+        self.substeps, self.centre = substeps, centre
         self._start = np.concatenate([system.problem.q_start, system.v_start])
         self._last = centre  # the last motion asked for: it is asked for many times
 
@@ -127,10 +110,7 @@ class AdjointTranscription(Transcription[Shot]):
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Torques [N m or N] and lengths [s], shapes (N, n) and (N,)."""
-        system = self.system
-        share = z[: -self._m].reshape(self._N, self._n)
-        u = system.effort_middle + system.effort_half * share
-        return u, self.shares @ z[-self._m :]
+        return self.torques(z), self.lengths(z)
 
     @property
     def torque_bounds(self) -> tuple[Array, Array]:
@@ -140,7 +120,7 @@ class AdjointTranscription(Transcription[Shot]):
             return -ones, ones
         return self.ways.lower.ravel(), self.ways.upper.ravel()
 
-    def motion(self, z: Array) -> Shot:
+    def motion(self, z: Array) -> SteppedMotion:
         """The motion of an iterate, integrated forward.
 
         Newton's iteration begins with the motion of the centre.
@@ -149,10 +129,9 @@ class AdjointTranscription(Transcription[Shot]):
             if known is not None and np.array_equal(known[0], z):
                 return known[1]
         u, h = self.split(z)
-        guess = None if self.centre is None else self.centre[1].rollout
+        guess = None if self.centre is None else self.centre[1]
         dynamics = self.system.dynamics
-        steps = rollout(dynamics, self._start, u, h, self.substeps, guess)
-        motion = Shot(dynamics, steps, u, h)
+        motion = rollout(dynamics, self._start, u, h, self.substeps, guess)
         if motion.finite:
             self._last = z.copy(), motion
         return motion
@@ -162,12 +141,9 @@ class AdjointTranscription(Transcription[Shot]):
         motion = self.motion(z)
         if not motion.finite:
             return self
-        return type(self)(
-            *(self.system, self.shares, self.duration),
-            substeps=self.substeps,
-            ways=self.ways,
-            centre=(z.copy(), motion),
-        )
+        near = copy(self)
+        near.centre = near._last = z.copy(), motion
+        return near
 
     def scaled_at(self, z: Array) -> AdjointTranscription:
         """There are no scales, but a centre."""
@@ -175,10 +151,8 @@ class AdjointTranscription(Transcription[Shot]):
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within the torque limits: a share of the whole range."""
-        share = z[: -self._m].reshape(self._N, self._n)
         reach = 2.0 * min(1.0, CONTROL_FACTOR * radius)
-        reaches = np.full(self._n, reach)
-        lower, upper = share_steps(self.system, share, reaches, self.ways)
+        lower, upper = self.torque_steps(z, np.full(self._n, reach))
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(
             np.concatenate([lower.ravel(), -length]),
@@ -195,10 +169,7 @@ class AdjointTranscription(Transcription[Shot]):
             control_step: Rho [N m or N].
             time_step: Epsilon [s].
         """
-        share = z[: -self._m].reshape(self._N, self._n)
-        lower, upper = share_steps(
-            self.system, share, control_step / self.system.effort_half, self.ways
-        )
+        lower, upper = self.torque_steps(z, control_step / self.system.effort_half)
         duration = float(self.cost @ z)
         factor = time_step / duration
         shorter = min(factor, 1.0 - SHORTEST)
@@ -207,22 +178,11 @@ class AdjointTranscription(Transcription[Shot]):
             np.concatenate([upper.ravel(), factor * z[-self._m :]]),
         )
 
-    def turned(self, z: Array) -> tuple[AdjointTranscription, Array] | None:
-        """The program with the ways that joints move in an iterate, and the iterate.
-
-        None if those that were assumed will do.
-        """
-        system, motion, n = self.system, self.motion(z), self._n
-        if system.friction is None or not motion.finite:
-            return None
-        share = z[: -self._m].reshape(self._N, n)
-        found = turned_ways(system, self.ways, motion.x[:, n:], share)
-        if found is None:
-            return None
-        z = np.concatenate([found[1].ravel(), z[-self._m :]])
-        duration, ways = float(self.cost @ z), found[0]
-        shares, substeps = self.shares, self.substeps
-        return type(self)(system, shares, duration, substeps=substeps, ways=ways), z
+    def with_ways(self, duration: float, ways: Ways) -> AdjointTranscription:
+        """The same with other scales of velocities, and ways of joints."""
+        return AdjointTranscription(
+            self.system, self.shares, duration, substeps=self.substeps, ways=ways
+        )
 
     # -- states ------------------------------------------------------------------------
 
@@ -237,24 +197,8 @@ class AdjointTranscription(Transcription[Shot]):
             scale[-3:] = speed
         return scale
 
-    def instants(self, order: int, field: str) -> Instants:
-        """Nodes; both ends of the intervals for accelerations, which jump there."""
-        return Instants.spread(self._N, (0.0, 1.0) if order >= 2 else (1.0,))
-
-    def states(self, motion: Shot, at: Instants, order: int) -> States:
-        """States at instants."""
-        n, x, u = self._n, motion.states(at), motion.u[at.interval]
-        a = np.zeros((0, n))
-        if order >= 2:
-            a = self.system.dynamics.forward(x, u)[:, n:]
-        return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
-
-    def rates(self, motion: Shot, at: Instants) -> Array:
-        """Slopes of the polynomials: velocities at the ends of the steps only."""
-        return motion.rates(at)[:, : self._n]
-
     def pull_back(
-        self, motion: Shot, at: Instants, partials: Partials
+        self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns: one costate sweep for all rows together."""
         which, n, N = partials.at, self._n, self._N
@@ -280,12 +224,12 @@ class AdjointTranscription(Transcription[Shot]):
         return np.asarray(parts.sum(axis=2))
 
     def pull_back_sum(
-        self, motion: Shot, at: Instants, partials: Partials, weights: Array
+        self, motion: SteppedMotion, at: Instants, partials: Partials, weights: Array
     ) -> Array:
         """Gradient of a weighted sum of values, by one sweep for the sum."""
         which, by = partials.at, motion.sensitivities
         found = self._sources(motion, at, partials)
-        push = np.zeros_like(motion.rollout.x)
+        push = np.zeros_like(motion.ends)
         np.add.at(push, found.nodes, weights[found.rows, None] * found.seeds)
         steps, n = by.A.shape[0], self._n
         swept_control, swept_length = np.empty((1, steps, n)), np.empty((1, steps))
@@ -307,30 +251,19 @@ class AdjointTranscription(Transcription[Shot]):
             by_eta += (weights * partials.by_t) @ at.times(self.shares)[which]
         return np.concatenate([by_share.ravel(), by_eta])
 
-    def _sources(self, motion: Shot, at: Instants, partials: Partials) -> Sources:
+    def _sources(
+        self, motion: SteppedMotion, at: Instants, partials: Partials
+    ) -> Sources:
         """What values depend on directly: states at ends of steps, torques, lengths."""
         n, which = self._n, partials.at
-        interval = at.interval[which]
-        seeds, by_control = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
-        for part, target in (
-            (partials.by_q, seeds[:, :n]),
-            (partials.by_v, seeds[:, n:]),
-            (partials.by_u, by_control),
-        ):
-            if part is not None:
-                target += part
-        if partials.by_a is not None:
-            x, u = motion.states(at)[which], motion.u[interval]
-            slopes = self.system.dynamics.forward_jacobians(x, u)
-            seeds += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[:, n:])
-            by_control += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[:, n:])
+        seeds, by_control = self.by_states(motion, at, partials)
         step, share = motion.steps(at)
         step, weights = step[which], stage_weights(share[which])
         by_length = np.zeros(which.size)
         first, last = weights[:, :1] * seeds, weights[:, 2:] * seeds
         inside = np.flatnonzero(weights[:, 1])
         if inside.size:
-            inner = motion.defects.inner[step[inside]]
+            inner = motion.derivatives.inner[step[inside]]
             stage = weights[inside, 1:2] * np.einsum("kj,kji->ki", seeds[inside], inner)
             first[inside] += stage[:, : 2 * n]
             last[inside] += stage[:, 2 * n : 4 * n]
@@ -356,29 +289,9 @@ class AdjointTranscription(Transcription[Shot]):
 
     # -- the rest of the interface -----------------------------------------------------
 
-    def variation(self, z: Array) -> Variation:
-        """Jumps of the torques between intervals, in full ranges."""
-        jumps = torque_jumps(self.system, self._N)
-        lengths = sp.csr_matrix((jumps.shape[0], self._m))
-        matrix = sp.hstack([jumps, lengths], format="csr")
-        return Variation(matrix, np.zeros(jumps.shape[0]))
-
     def stretch(self, z: Array, factor: float) -> Array:
         """The torques for about the same configurations, traversed slower."""
         x, n = self.motion(z).x, self._n
         eta = z[-self._m :] * factor
         u = driving_torque(self.system, x[:, :n], x[:, n:] / factor, self.shares @ eta)
         return self.pack(u, eta)
-
-    def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate, joined by Hermite polynomials between nodes."""
-        u, h = self.split(z)
-        x, n = self.motion(z).x, self._n
-        motion = Trajectory(
-            self.system.problem.robot.joint_names,
-            np.concatenate([[0.0], np.cumsum(h)]),
-            *(x[:, :n], x[:, n:]),
-            u=np.concatenate([u, u[-1:]]),
-            holding=self.system.dynamics.inverse,
-        )
-        return motor_torques(self.system, motion, self.ways)

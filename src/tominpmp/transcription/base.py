@@ -213,8 +213,12 @@ class Transcription(ABC, Generic[M]):
 
     @property
     def goal_scale(self) -> Array | None:
-        """What residuals of the goal are divided by; None if it is kept anyway."""
-        return np.ones(self.system.goal_bounds[0].size)
+        """What residuals of the goal are divided by.
+
+        None for a configuration, which is a bound or built in.
+        """
+        given = self.system.final_configuration is not None
+        return None if given else np.ones(self.system.goal_bounds[0].size)
 
     @abstractmethod
     def motion(self, z: Array) -> M:

@@ -286,12 +286,6 @@ class BSplineTranscription(Transcription[SplineMotion]):
             np.concatenate([upper.ravel(), length]),
         )
 
-    @property
-    def goal_scale(self) -> Array | None:
-        """None for a configuration that is built in."""
-        built_in = self.system.final_configuration is not None
-        return None if built_in else super().goal_scale
-
     # -- states ------------------------------------------------------------------------
 
     def motion(self, z: Array) -> SplineMotion:

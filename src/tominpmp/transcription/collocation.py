@@ -18,31 +18,17 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import Partials, States
+from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
-from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import (
-    LENGTH_STEP,
-    Hull,
-    StepBounds,
-    Transcription,
-    Variation,
-)
+from tominpmp.transcription.base import LENGTH_STEP, Hull, StepBounds
 from tominpmp.transcription.controls import (
+    TorqueTranscription,
     driving_torque,
     first_ways,
-    motor_torques,
-    share_steps,
-    torque_jumps,
     torque_shares,
-    turned_ways,
 )
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.integrator import (
-    NODES,
-    stage_weights,
-)
-from tominpmp.transcription.lifted import LiftedMotion
+from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Velocities are of this times the scale of positions over the duration.
@@ -53,21 +39,10 @@ NOT_INTEGRATED = 1e3
 ATTENTION = 2.0
 
 
-class CollocationTranscription(Transcription[LiftedMotion]):
-    """A problem in states and torques.
+class CollocationTranscription(TorqueTranscription):
+    """A problem in z = (states, torques, lengths).
 
-    The unknowns are z = (states, torques, lengths): states (q, v) at N + 1 nodes,
-    torques of N intervals as shares of the limits, in [-1, 1]; lengths are h = H eta
-    with a matrix H of shares, of one column (scaling of a given grid) or more.
-
-    Attributes:
-        system: The functions of the problem.
-        shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
-        duration: Duration that scales velocities [s].
-        ways: Which way joints with dry friction move on the intervals; None without
-            friction, or before a motion was looked at.
-
-    Torques are those that dry friction leaves.
+    States (q, v) are at N + 1 nodes; torques and lengths see the base class.
     """
 
     kept = frozenset({"q", "u"})
@@ -79,11 +54,7 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         duration: float,
         ways: Ways | None = None,
     ) -> None:
-        self.system, self.shares, self.duration = system, shares, duration
-        self.ways = ways
-        self.segment_ends = (len(shares),)
-        self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
-        self._n = system.n
+        super().__init__(system, shares, duration, ways)
         velocity = SPEED_FACTOR / duration * system.step_scale
         self.scale = np.concatenate([system.step_scale, velocity])
         self._columns = self._interval_columns()
@@ -152,15 +123,12 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         Returns:
             Shapes (N + 1, 2n), (N, n) and (N,).
         """
-        N, n, system = self._N, self._n, self.system
-        states = (N + 1) * 2 * n
-        share = z[states : states + N * n].reshape(N, n)
-        u = system.effort_middle + system.effort_half * share
-        return z[:states].reshape(N + 1, 2 * n), u, self.shares @ z[-self._m :]
+        x = z[: self._torques.start].reshape(self._N + 1, 2 * self._n)
+        return x, self.torques(z), self.lengths(z)
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within the limits, fixed ends and positive lengths."""
-        system, N, n = self.system, self._N, self._n
+        system, n = self.system, self._n
         limits = system.problem.robot.limits
         x, _, h = self.split(z)
         box = radius * np.concatenate(
@@ -175,8 +143,7 @@ class CollocationTranscription(Transcription[LiftedMotion]):
             lower[-1, :n] = upper[-1, :n] = 0.0
         if system.final_velocity is not None:
             lower[-1, n:] = upper[-1, n:] = 0.0
-        share = z[x.size : x.size + N * n].reshape(N, n)
-        less, more = share_steps(system, share, np.full(n, 2.0), self.ways)
+        less, more = self.torque_steps(z, np.full(n, 2.0))
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(
             np.concatenate([lower.ravel(), less.ravel(), -length]),
@@ -185,45 +152,31 @@ class CollocationTranscription(Transcription[LiftedMotion]):
 
     # -- dry friction ------------------------------------------------------------------
 
+    def with_ways(self, duration: float, ways: Ways) -> CollocationTranscription:
+        """The same with other scales of velocities, and ways of joints."""
+        return CollocationTranscription(self.system, self.shares, duration, ways)
+
+    def assumed(self, z: Array) -> Ways | None:
+        """Those of the iterate at first."""
+        if self.system.friction is None or self.ways is not None:
+            return self.ways
+        return first_ways(self.system, self.split(z)[0][:, self._n :])
+
     def scaled_at(self, z: Array) -> CollocationTranscription:
         """The same with the way that joints with dry friction move in a motion."""
-        if self.system.friction is None or self.ways is not None:
+        ways = self.assumed(z)
+        if ways is None or ways is self.ways:
             return self
-        ways = first_ways(self.system, self.split(z)[0][:, self._n :])
-        return CollocationTranscription(self.system, self.shares, self.duration, ways)
-
-    def turned(self, z: Array) -> tuple[CollocationTranscription, Array] | None:
-        """With the way that joints move in an iterate, and the iterate within limits.
-
-        None if what was assumed will do.
-        """
-        known, N, n = self.scaled_at(z), self._N, self._n
-        if known.ways is None:
-            return None
-        x, states = self.split(z)[0], (N + 1) * 2 * n
-        share = z[states : states + N * n].reshape(N, n)
-        found = turned_ways(self.system, known.ways, x[:, n:], share)
-        if found is None:
-            return None
-        z = np.concatenate([x.ravel(), found[1].ravel(), z[-self._m :]])
-        duration = float(self.cost @ z)
-        return type(self)(self.system, self.shares, duration, found[0]), z
+        return self.with_ways(self.duration, ways)
 
     # -- states ------------------------------------------------------------------------
 
-    @property
-    def goal_scale(self) -> Array | None:
-        """None for a configuration, which is a bound."""
-        return (
-            None if self.system.final_configuration is not None else super().goal_scale
-        )
-
-    def motion(self, z: Array) -> LiftedMotion:
+    def motion(self, z: Array) -> SteppedMotion:
         """States and torques of an iterate."""
-        return LiftedMotion(self.system.dynamics, *self.split(z))
+        return SteppedMotion(self.system.dynamics, *self.split(z))
 
     @property
-    def equations(self) -> Hull[LiftedMotion]:
+    def equations(self) -> Hull[SteppedMotion]:
         """The dynamics."""
         return Defects(self)
 
@@ -234,38 +187,14 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         """
         if field == "v":
             return Instants.spread(self._N, (float(NODES[0]),))
-        return Instants.spread(self._N, (0.0, 1.0) if order >= 2 else (1.0,))
-
-    def states(self, motion: LiftedMotion, at: Instants, order: int) -> States:
-        """States at instants."""
-        n, x, u = self._n, motion.states(at), motion.u[at.interval]
-        a = np.zeros((0, n))
-        if order >= 2:
-            a = self.system.dynamics.forward(x, u)[:, n:]
-        return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
-
-    def rates(self, motion: LiftedMotion, at: Instants) -> Array:
-        """Slopes of the polynomials: velocities only where the defects are zero."""
-        return motion.rates(at)[:, : self._n]
+        return super().instants(order, field)
 
     def pull_back(
-        self, motion: LiftedMotion, at: Instants, partials: Partials
+        self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by the states."""
-        n, which = self._n, partials.at
-        k, count = at.interval[which], which.size
-        by_x, by_u = np.zeros((count, 2 * n)), np.zeros((count, n))
-        for part, target in (
-            (partials.by_q, by_x[:, :n]),
-            (partials.by_v, by_x[:, n:]),
-            (partials.by_u, by_u),
-        ):
-            if part is not None:
-                target += part
-        if partials.by_a is not None:
-            slopes = motion.slopes(at)
-            by_x += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[which, n:])
-            by_u += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[which, n:])
+        which, count = partials.at, partials.at.size
+        k, (by_x, by_u) = at.interval[which], self.by_states(motion, at, partials)
         weights = stage_weights(at.share[which])
         parts = [
             weights[:, :1] * by_x,
@@ -333,15 +262,6 @@ class CollocationTranscription(Transcription[LiftedMotion]):
 
     # -- the rest of the interface -----------------------------------------------------
 
-    def variation(self, z: Array) -> Variation:
-        """Jumps of the torques between intervals, in full ranges."""
-        jumps = torque_jumps(self.system, self._N)
-        count = jumps.shape[0]
-        states = sp.csr_matrix((count, (self._N + 1) * 2 * self._n))
-        lengths = sp.csr_matrix((count, self._m))
-        matrix = sp.hstack([states, jumps, lengths], format="csr")
-        return Variation(matrix, np.zeros(count))
-
     def stretch(self, z: Array, factor: float) -> Array:
         """The same configurations, traversed slower, with the torques for that."""
         x, _, _ = self.split(z)
@@ -350,22 +270,8 @@ class CollocationTranscription(Transcription[LiftedMotion]):
         u = driving_torque(self.system, q, v, self.shares @ eta)
         return self.pack(np.hstack([q, v]), u, eta)
 
-    def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate, joined by Hermite polynomials between nodes."""
-        x, u, h = self.split(z)
-        n = self._n
-        motion = Trajectory(
-            joint_names=self.system.problem.robot.joint_names,
-            t=np.concatenate([[0.0], np.cumsum(h)]),
-            q=x[:, :n],
-            v=x[:, n:],
-            u=np.concatenate([u, u[-1:]]),
-            holding=self.system.dynamics.inverse,
-        )
-        return motor_torques(self.system, motion, self.ways)
 
-
-class Defects(Hull[LiftedMotion]):
+class Defects(Hull[SteppedMotion]):
     """Defects of the steps, which are zero for a motion, over the scale of states.
 
     They are one group: all shrink in proportion, which took half the iterations of a
@@ -376,12 +282,12 @@ class Defects(Hull[LiftedMotion]):
         self._of = of
         self.lower = self.upper = np.zeros(of.intervals * of.scale.size)
 
-    def values(self, motion: LiftedMotion) -> Array:
+    def values(self, motion: SteppedMotion) -> Array:
         """Defects; of intervals without a stage something large."""
         solved = motion.stage.solved[:, None]
         return np.where(solved, motion.defects / self._of.scale, NOT_INTEGRATED).ravel()
 
-    def jacobian(self, motion: LiftedMotion) -> sp.csr_matrix:
+    def jacobian(self, motion: SteppedMotion) -> sp.csr_matrix:
         """By the unknowns."""
         by, scale = motion.derivatives, self._of.scale
         entries = np.concatenate(

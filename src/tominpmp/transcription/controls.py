@@ -1,4 +1,4 @@
-"""Piecewise-constant torques (the paper's equation 16): shares, jumps, first values.
+"""Piecewise-constant torques (the paper's equation 16) as unknowns.
 
 They are what dry friction leaves of the torques of the motors: their limits depend on
 which way a joint moves.
@@ -6,16 +6,175 @@ which way a joint moves.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.constraints import Partials, States
 from tominpmp.constraints.friction import NEAR, OVERLOAD, Ways, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.motion.trajectory import Trajectory, reversals
+from tominpmp.transcription.base import Transcription, Variation
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.integrator import SteppedMotion
 from tominpmp.transcription.problem_functions import ProblemFunctions
+
+
+class TorqueTranscription(Transcription[SteppedMotion]):
+    """A problem whose torques are unknowns, as shares of their limits in [-1, 1].
+
+    The last of its unknowns are the torques of N intervals, and the lengths h = H eta
+    with a matrix H of shares, of one column (scaling of a given grid) or more. Torques
+    are those that dry friction leaves of the motors'.
+
+    Attributes:
+        system: The functions of the problem.
+        shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
+        duration: Duration that scales velocities [s].
+        ways: Which way joints with dry friction move on the intervals; None without
+            friction, or before a motion was looked at.
+    """
+
+    def __init__(
+        self,
+        system: ProblemFunctions,
+        shares: Array,
+        duration: float,
+        ways: Ways | None,
+    ) -> None:
+        self.system, self.shares, self.duration = system, shares, duration
+        self.ways, self.segment_ends = ways, (len(shares),)
+        self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
+        self._n = system.n
+
+    @abstractmethod
+    def with_ways(self, duration: float, ways: Ways) -> TorqueTranscription:
+        """The same with other scales of velocities, and ways of joints."""
+
+    @property
+    def _torques(self) -> slice:
+        """Where the shares of torques are among the unknowns."""
+        end = self.size - self._m
+        return slice(end - self._N * self._n, end)
+
+    def shares_at(self, z: Array) -> Array:
+        """Torques as shares of their limits, shape (N, n)."""
+        return z[self._torques].reshape(self._N, self._n)
+
+    def torques(self, z: Array) -> Array:
+        """Torques without dry friction, shape (N, n) [N m or N]."""
+        share = self.shares_at(z)
+        return self.system.effort_middle + self.system.effort_half * share
+
+    def lengths(self, z: Array) -> Array:
+        """Lengths of the intervals [s], shape (N,)."""
+        return np.asarray(self.shares @ z[-self._m :])
+
+    def torque_steps(self, z: Array, largest: Array) -> tuple[Array, Array]:
+        """Smallest and largest steps of torque shares, shape (N, n) each.
+
+        Zero for joints without a motor.
+
+        Args:
+            z: Iterate.
+            largest: Largest step of each joint, in shares, shape (n,).
+        """
+        shares, driven = self.shares_at(z), driven_joints(self.system)
+        lower, upper = np.zeros_like(shares), np.zeros_like(shares)
+        here = shares[:, driven]
+        low, high = np.full_like(here, -1.0), np.ones_like(here)
+        if self.ways is not None:
+            low, high = self.ways.lower[:, driven], self.ways.upper[:, driven]
+        lower[:, driven] = np.clip(low - here, -largest[driven], 0.0)
+        upper[:, driven] = np.clip(high - here, 0.0, largest[driven])
+        return lower, upper
+
+    def turned(self, z: Array) -> tuple[TorqueTranscription, Array] | None:
+        """With the way that joints move in an iterate, and the iterate within limits.
+
+        None if what was assumed will do.
+        """
+        motion = self.motion(z)
+        if self.system.friction is None or not motion.finite:
+            return None
+        known, v = self.assumed(z), motion.x[:, self._n :]
+        found = turned_ways(self.system, known, v, self.shares_at(z))
+        if found is None:
+            return None
+        out = z.copy()
+        out[self._torques] = found[1].ravel()
+        return self.with_ways(float(self.cost @ z), found[0]), out
+
+    def assumed(self, z: Array) -> Ways | None:
+        """Which way joints are taken to move in an iterate; None if not known."""
+        return self.ways
+
+    def instants(self, order: int, field: str) -> Instants:
+        """Nodes; both ends of the intervals for accelerations, which jump there."""
+        return Instants.spread(self._N, (0.0, 1.0) if order >= 2 else (1.0,))
+
+    def states(self, motion: SteppedMotion, at: Instants, order: int) -> States:
+        """States at instants."""
+        n, x, u = self._n, motion.states(at), motion.u[at.interval]
+        a = np.zeros((0, n))
+        if order >= 2:
+            a = self.system.dynamics.forward(x, u)[:, n:]
+        return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
+
+    def rates(self, motion: SteppedMotion, at: Instants) -> Array:
+        """Slopes of the polynomials: velocities only where the defects are zero."""
+        return motion.rates(at)[:, : self._n]
+
+    def by_states(
+        self, motion: SteppedMotion, at: Instants, partials: Partials
+    ) -> tuple[Array, Array]:
+        """Derivatives of k values by states and torques where they are.
+
+        Shapes (k, 2n) and (k, n).
+        """
+        n, which = self._n, partials.at
+        by_x, by_u = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
+        for part, target in (
+            (partials.by_q, by_x[:, :n]),
+            (partials.by_v, by_x[:, n:]),
+            (partials.by_u, by_u),
+        ):
+            if part is not None:
+                target += part
+        if partials.by_a is not None:
+            here = Instants(at.interval[which], at.share[which])
+            x, u = motion.states(here), motion.u[here.interval]
+            slopes = self.system.dynamics.forward_jacobians(x, u)
+            by_x += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[:, n:])
+            by_u += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[:, n:])
+        return by_x, by_u
+
+    def variation(self, z: Array) -> Variation:
+        """Jumps of the torques between intervals, in full ranges."""
+        steps = sp.diags([-0.5, 0.5], [0, 1], shape=(self._N - 1, self._N))
+        pick = sp.identity(self._n, format="csr")[driven_joints(self.system)]
+        jumps = sp.kron(steps, pick)
+        count, before = jumps.shape[0], self._torques.start
+        columns = (count, before), (count, self._m)
+        others = [sp.csr_matrix(shape) for shape in columns]
+        matrix = sp.hstack([others[0], jumps, others[1]], format="csr")
+        return Variation(matrix, np.zeros(count))
+
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate, joined by Hermite polynomials between nodes."""
+        motion, n = self.motion(z), self._n
+        held = Trajectory(
+            joint_names=self.system.problem.robot.joint_names,
+            t=np.concatenate([[0.0], np.cumsum(motion.h)]),
+            q=motion.x[:, :n],
+            v=motion.x[:, n:],
+            u=np.concatenate([motion.u, motion.u[-1:]]),
+            holding=self.system.dynamics.inverse,
+        )
+        return motor_torques(self.system, held, self.ways)
 
 
 def driven_joints(system: ProblemFunctions) -> IntArray:
@@ -40,41 +199,6 @@ def net_torque(system: ProblemFunctions, u: Array, v: Array) -> Array:
     if system.friction is None:
         return u
     return np.asarray(u - system.problem.robot.friction * directions(v, 0.0 * v))
-
-
-def share_steps(
-    system: ProblemFunctions, shares: Array, largest: Array, ways: Ways | None = None
-) -> tuple[Array, Array]:
-    """Smallest and largest steps of torque shares.
-
-    Args:
-        system: Limits.
-        shares: Torques as shares of their limits, shape (N, n).
-        largest: Largest step of each joint, in shares, shape (n,).
-        ways: Which way joints with dry friction move on the intervals.
-
-    Returns:
-        Steps, each of shape (N, n); zero for joints without a motor.
-    """
-    driven = driven_joints(system)
-    lower, upper = np.zeros_like(shares), np.zeros_like(shares)
-    here = shares[:, driven]
-    low, high = np.full_like(here, -1.0), np.ones_like(here)
-    if ways is not None:
-        low, high = ways.lower[:, driven], ways.upper[:, driven]
-    lower[:, driven] = np.clip(low - here, -largest[driven], 0.0)
-    upper[:, driven] = np.clip(high - here, 0.0, largest[driven])
-    return lower, upper
-
-
-def torque_jumps(system: ProblemFunctions, count: int) -> sp.csr_matrix:
-    """Jumps between neighbouring intervals in full ranges, from torque shares.
-
-    Matrix of shape ((count - 1) k, count n) for k joints with motors.
-    """
-    difference = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
-    pick = sp.identity(system.n, format="csr")[driven_joints(system)]
-    return sp.csr_matrix(sp.kron(difference, pick))
 
 
 def driving_torque(system: ProblemFunctions, q: Array, v: Array, h: Array) -> Array:

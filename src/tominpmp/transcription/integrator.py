@@ -18,12 +18,15 @@ derivatives follow exactly from the implicit function theorem.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import Dynamics
+from tominpmp.transcription.instants import Instants
 
 NODES = np.array([1.0 / 3.0, 1.0])
 WEIGHTS = np.array([[5.0 / 12.0, -1.0 / 12.0], [3.0 / 4.0, 1.0 / 4.0]])
@@ -225,43 +228,109 @@ class Newton:
         return bool(np.all(self.solved)) or not bool(np.all(np.isfinite(size)))
 
 
-class Rollout(NamedTuple):
-    """A motion integrated forward from a state.
-
-    Attributes:
-        x: States at the ends of all steps, from the start on, shape (M + 1, 2n).
-        inner: Inner stages, shape (M, 2n).
-        u: Torques of the steps, shape (M, n).
-        h: Lengths of the steps [s], shape (M,).
-        substeps: Steps an interval.
-        finite: Whether every step could be solved; what follows a failure is NaN.
-    """
-
-    x: Array
-    inner: Array
-    u: Array
-    h: Array
-    substeps: int
-    finite: bool
-
-    @property
-    def nodes(self) -> Array:
-        """States at the nodes, shape (N + 1, 2n)."""
-        return self.x[:: self.substeps]
-
-
 class Sensitivities(NamedTuple):
-    """How the end of each interval depends on its start, torque and length.
+    """How the end of each step depends on its start, torque and length.
 
     Attributes:
-        A: With respect to x_k, shape (N, 2n, 2n).
-        B: With respect to u_k, shape (N, 2n, n).
-        c: With respect to h_k, shape (N, 2n).
+        A: With respect to x_k, shape (M, 2n, 2n).
+        B: With respect to u_k, shape (M, 2n, n).
+        c: With respect to the length of its interval, shape (M, 2n).
     """
 
     A: Array
     B: Array
     c: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedMotion:
+    """States at the ends of steps and torques, which need not be a motion yet.
+
+    Attributes:
+        dynamics: Equations of motion.
+        ends: States at the ends of all steps, from the start on, shape (M + 1, 2n).
+        u: Torques of the intervals, shape (N, n) [N m or N].
+        h: Lengths of the intervals [s], shape (N,).
+        substeps: Steps an interval.
+        known: Inner stages of the steps, shape (M, 2n); None if they are to be solved
+            for.
+        finite: Whether every step could be solved; what follows a failure is NaN.
+    """
+
+    dynamics: Dynamics
+    ends: Array
+    u: Array
+    h: Array
+    substeps: int = 1
+    known: Array | None = None
+    finite: bool = True
+
+    @property
+    def x(self) -> Array:
+        """States at the nodes, shape (N + 1, 2n)."""
+        return self.ends[:: self.substeps]
+
+    @property
+    def _steps(self) -> tuple[Dynamics, Array, Array, Array, Array]:
+        """Dynamics, starts, ends, torques and lengths of the steps."""
+        u = np.repeat(self.u, self.substeps, axis=0)
+        h = np.repeat(self.h / self.substeps, self.substeps)
+        return self.dynamics, self.ends[:-1], self.ends[1:], u, h
+
+    @cached_property
+    def stage(self) -> Stage:
+        """Inner stages between the ends of the steps."""
+        return solve_inner_stage(*self._steps)
+
+    @property
+    def inner(self) -> Array:
+        """Inner stages, shape (M, 2n)."""
+        return self.stage.x if self.known is None else self.known
+
+    @cached_property
+    def defects(self) -> Array:
+        """Defects of the steps, shape (M, 2n)."""
+        return evaluate_defects(*self._steps, self.inner)
+
+    @cached_property
+    def derivatives(self) -> DefectJacobians:
+        """Derivatives of defects and inner stages."""
+        return differentiate_defects(*self._steps, self.inner)
+
+    @cached_property
+    def sensitivities(self) -> Sensitivities:
+        """Derivatives of the ends of the steps, where these have no defects."""
+        by, size = self.derivatives, self.ends.shape[1]
+        right = np.concatenate(
+            [by.by_start, by.by_control, by.by_length[..., None]], axis=2
+        )
+        # The end of a step makes its defect zero.
+        parts = -solve_systems(by.by_end, right)
+        by_length = parts[..., -1] / self.substeps
+        return Sensitivities(parts[..., :size], parts[..., size:-1], by_length)
+
+    def steps(self, at: Instants) -> tuple[IntArray, Array]:
+        """Steps that instants are in, and where in them, shape (m,) each."""
+        place = at.share * self.substeps
+        inside = np.clip(np.ceil(place) - 1, 0, self.substeps - 1).astype(np.int64)
+        return at.interval * self.substeps + inside, place - inside
+
+    def states(self, at: Instants) -> Array:
+        """States at instants, shape (m, 2n)."""
+        step, share = self.steps(at)
+        return self._weighted(stage_weights(share), step)
+
+    def rates(self, at: Instants) -> Array:
+        """Derivatives by time of the states at instants, shape (m, 2n)."""
+        step, share = self.steps(at)
+        by_share = self._weighted(stage_weights_by_share(share), step)
+        return by_share * self.substeps / self.h[at.interval, None]
+
+    def _weighted(self, weights: Array, step: IntArray) -> Array:
+        x = weights[:, :1] * self.ends[step] + weights[:, 2:] * self.ends[step + 1]
+        if np.any(weights[:, 1]):
+            x = x + weights[:, 1:2] * self.inner[step]
+        return np.asarray(x)
 
 
 def rollout(
@@ -270,8 +339,8 @@ def rollout(
     u: Array,
     h: Array,
     substeps: int = 1,
-    guess: Rollout | None = None,
-) -> Rollout:
+    guess: SteppedMotion | None = None,
+) -> SteppedMotion:
     """Integrate forward with a constant torque on each interval.
 
     With a motion near by as a guess, Newton's iteration runs on all steps at once,
@@ -287,51 +356,32 @@ def rollout(
         substeps: Steps an interval.
         guess: A motion of as many steps.
     """
-    u, h = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
-    count, size = h.size, x_start.size
+    each, length = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
+    stages: Array | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         if guess is not None and guess.finite:
-            stages = np.stack([guess.inner, guess.x[1:]], axis=1)
-            solved = _solve_steps(dynamics, x_start, u, h, stages, NEWTON_STEPS_NEAR)
-            if solved is not None:
-                return _as_rollout(x_start, solved, u, h, substeps)
-        stages = np.full((count, 2, size), np.nan)
-        x = x_start
-        for k in range(count):
-            start = np.stack([x, x])[None]
-            one = slice(k, k + 1)
-            solved = _solve_steps(dynamics, x, u[one], h[one], start, NEWTON_STEPS)
-            if solved is None:
-                break
-            stages[k] = solved[0]
-            x = stages[k, 1]
-    return _as_rollout(x_start, stages, u, h, substeps)
+            near = np.stack([guess.inner, guess.ends[1:]], axis=1)
+            most = NEWTON_STEPS_NEAR
+            stages = _solve_steps(dynamics, x_start, each, length, near, most)
+        if stages is None:
+            stages = _one_by_one(dynamics, x_start, each, length)
+    ends = np.concatenate([x_start[None], stages[:, 1]])
+    finite = bool(np.all(np.isfinite(ends)))
+    return SteppedMotion(dynamics, ends, u, h, substeps, stages[:, 0], finite)
 
 
-def _as_rollout(
-    x_start: Array, stages: Array, u: Array, h: Array, substeps: int
-) -> Rollout:
-    x = np.concatenate([x_start[None], stages[:, 1]])
-    finite = bool(np.all(np.isfinite(x)))
-    return Rollout(x, stages[:, 0], u, h, substeps, finite)
-
-
-def compose_steps(by: DefectJacobians, substeps: int) -> Sensitivities:
-    """Derivatives of intervals of so many steps each, from those of the steps."""
-    size, n = by.by_control.shape[1:]
-    right = np.concatenate(
-        [by.by_start, by.by_control, by.by_length[..., None]], axis=2
-    )
-    # The end of a step makes its defect zero.
-    parts = -solve_systems(by.by_end, right).reshape(-1, substeps, size, size + n + 1)
-    parts[..., -1] /= substeps
-    total = parts[:, 0]
-    for s in range(1, substeps):
-        A = parts[:, s, :, :size]
-        carried = A @ total
-        carried[..., size:] += parts[:, s, :, size:]
-        total = carried
-    return Sensitivities(total[..., :size], total[..., size:-1], total[..., -1])
+def _one_by_one(dynamics: Dynamics, x_start: Array, u: Array, h: Array) -> Array:
+    """Stages of successive steps, shape (M, 2, 2n); NaN after one that fails."""
+    stages = np.full((h.size, 2, x_start.size), np.nan)
+    x = x_start
+    for k in range(h.size):
+        start, one = np.stack([x, x])[None], slice(k, k + 1)
+        solved = _solve_steps(dynamics, x, u[one], h[one], start, NEWTON_STEPS)
+        if solved is None:
+            break
+        stages[k] = solved[0]
+        x = stages[k, 1]
+    return stages
 
 
 def _solve_steps(
