@@ -56,13 +56,11 @@ GRIDS = {
 
 @cache
 def planned(
-    family: str, name: str, method: str, intervals: int, refine: Any = "auto"
+    family: str, name: str, method: str, intervals: int, **options: Any
 ) -> tm.Solution:
     """The library's solution."""
-    options = tm.Options(
-        method=method, intervals=intervals, grid=GRIDS[family], refine=refine
-    )
-    return tm.plan(CASES[family][name].problem(), options)
+    usual = tm.Options(method=method, intervals=intervals, grid=GRIDS[family])
+    return tm.plan(CASES[family][name].problem(), usual, **options)
 
 
 def excess(case: Case, T: float) -> float:
@@ -309,8 +307,9 @@ def test_halving_the_intervals(
     family: str, name: str, lower: float, upper: float
 ) -> None:
     case = CASES[family][name]
+    options = {"refine": None, "control": "constant"}
     coarse, fine = (
-        excess(case, planned(family, name, "inverse", intervals, None).T)
+        excess(case, planned(family, name, "inverse", intervals, **options).T)
         for intervals in (INTERVALS // 2, INTERVALS)
     )
     assert lower < fine / coarse < upper

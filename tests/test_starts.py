@@ -33,7 +33,7 @@ class Table:
         self.shot = float(rng.choice([np.inf, rng.uniform(1.0, 3.0)]))
         self.tried = []
         monkeypatch.setattr(starts, "guesses_of", self.guesses)
-        monkeypatch.setattr(starts, "solve_and_verify", self.solve)
+        monkeypatch.setattr(starts, "descended", self.solve)
         monkeypatch.setattr(starts, "shots", self.shots)
         # Nothing is judged on coarse grids before.
         monkeypatch.setattr(starts, "suits", lambda system, options: False)

@@ -160,7 +160,7 @@ def test_a_later_stage_that_fails_keeps_the_motion(monkeypatch, error):
     def failing(*arguments):
         raise error
 
-    monkeypatch.setattr(finer_grid, "refined", failing)
+    monkeypatch.setattr(finer_grid, "_refined", failing)
     solution = tm.plan(reach(), tm.Options(refine="grid"))
     assert solution.success and solution.verification.ok
     assert "later stage failed" in solution.message

@@ -54,7 +54,8 @@ def test_free_space_motions_do_not_run_a_link_through_another() -> None:
 
 
 def test_a_motion_through_itself_is_not_verified() -> None:
-    blind = tm.plan(through_itself(self_collision=False))
+    straight = {"control": "constant", "effort": "quick", "refine": None}
+    blind = tm.plan(through_itself(self_collision=False), **straight)
     problem = through_itself()
     assert blind.success
     assert meshes_touch(problem, blind.trajectory)

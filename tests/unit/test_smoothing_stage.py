@@ -65,7 +65,7 @@ def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
     path = tmp_path / "slider.urdf"
     path.write_text(SLIDER)
     problem = tm.Problem(tm.load_robot(path), [0.0], tm.JointGoal([1.0]))
-    options = tm.Options(grid="uniform", intervals=20)
+    options = tm.Options(grid="uniform", intervals=20, control="constant")
     solution = plan_quickly(problem, options)
     assert solution.T == pytest.approx(np.sqrt(2.0), rel=1e-3)  # bang-bang, a = 2
     quiet = tm.smooth(solution, 0.1)

@@ -304,18 +304,18 @@ class CoarseSearch:
     def _replayed(self, rough: Rough, status: Status) -> Attempt:
         """A coarse motion, as slow as it has to be, replayed in a little time."""
         attempt = replace(rough.attempt, status=status)
-        slow = slowed_down(rough.kept)
-        if attempt.found or slow is None:
-            return attempt
-        attempt = replace(attempt, layout=None, feasible=True)
         with self.progress.saving():
             try:
+                slow = None if attempt.found else slowed_down(rough.kept)
+                if slow is None:
+                    return attempt
+                attempt = replace(attempt, layout=None, feasible=True)
                 for factor in TIME_SCALINGS:
                     z = slow.program.stretch(slow.iterate.z, factor)
                     tried = replace(attempt, trajectory=slow.program.trajectory(z))
                     attempt = tried.verified(self.system.problem, self.options)
                     if attempt.found:
-                        break
+                        return attempt
             except (Stop, KeyboardInterrupt) as stop:
                 self.progress.stopped(stop)
                 attempt = replace(attempt, verification=None)

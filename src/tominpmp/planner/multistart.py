@@ -57,8 +57,6 @@ TOO_SLOW = 1.6
 FEW_MOTORS, FEW_MOTORS_RESCUE_STARTS = 3, 2
 # More guesses are made, up to this number, while none has led to a motion.
 RESCUE_STARTS = 8
-# So many motions on grids of constant torques whose replays fail are enough.
-REFUTED = 2
 # Processes that are started at least where several are asked for; beyond the number of
 # cores they would only wait for each other.
 LEAST_PROCESSES = 2
@@ -195,11 +193,7 @@ def _in_full(
     left = progress.left
     if options.processes > 1 and (left is None or left > TO_START or ready()):
         source = _SourceOfMany(system, options, progress, guesses)
-    swings, kept, refuted = count.swings, options.method == "collocation", 0
     for number in itertools.count():
-        if number >= count.rescues and swings and progress.best == np.inf:
-            swings = False
-            yield from shots(system, replace(options, **SHOOTING), progress)
         enough = progress.best < np.inf or number >= count.rescues
         if number >= count.wanted and enough:
             break
@@ -222,11 +216,7 @@ def _in_full(
             yield from (_noted(progress, attempt) for attempt in source.left())
             raise
         yield _noted(progress, attempt)
-        if kept and attempt is not None:
-            refuted += attempt.feasible and not attempt.found
-        if refuted >= REFUTED:
-            return  # the grid is too rough for the arm, whatever the start
-    if swings and progress.best == np.inf:
+    if count.swings and progress.best == np.inf:
         yield from shots(system, replace(options, **SHOOTING), progress)
 
 

@@ -68,7 +68,8 @@ def plan(
         SolverNotFound: If the solver of linear programs is not installed.
     """
     instance(problem, Problem, "problem")
-    asked = options = resolve_options(problem, Options.of(options).changed(changes))
+    given = Options.of(options).changed(changes)
+    asked = options = resolve_options(problem, given)
     stands = standing(problem, options)
     if stands is not None:
         return stands
@@ -79,7 +80,8 @@ def plan(
     with progress.deadline.in_force():
         solution = _plan(problem, options, progress, start)
         if asked.energy_weight and solution.status not in STOPPED:
-            return with_remarks(economical(solution, asked), progress)
+            free = given.control == "auto"
+            return with_remarks(economical(solution, asked, free=free), progress)
     return solution
 
 
