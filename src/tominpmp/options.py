@@ -108,8 +108,7 @@ class Options(Record):
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
             runs over an interval: "constant", or for "inverse" also "linear"
             (continuous accelerations) and "spline" (smooth ones); "auto" takes
-            "linear" for "inverse", unless torques are to switch exactly, else
-            "constant".
+            "linear" for "inverse", but "constant" where switches are to be exact.
         objective: "time" for the fastest motion, or "feasible" for the first one that
             keeps all constraints, in its replay too; its time is not minimised.
         effort: How far the best motion is looked for, rather than the nearest: "quick"
@@ -126,16 +125,16 @@ class Options(Record):
             neither given back nor counted.
         slack: Share of T to give away for quiet torques: the motion that was found is
             handed to :func:`tominpmp.smooth`. None leaves it as it is.
-        refine: What is made of the best motion: "auto" (intervals are halved where its
-            controls bend, as long as that promises 0.3 % of T; not for "adjoint" and
-            "penalty"); None, for a motion on the grid of the search; "grid" (the same
-            as long as it promises 0.03 %); "switching"
+        refine: What follows the first solve: "auto" (intervals of the best motion are
+            halved where its controls bend, as long as that promises 0.3 % of T; not for
+            "adjoint" and "penalty"); None, for a motion on the grid of the search;
+            "grid" (the same, as long as that promises 0.03 % of T); "switching"
             (the instants at which torques switch are placed exactly, for small arms,
             and other orders of the switches are looked for unless ``starts`` is 1).
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes those controls quiet that the minimum time leaves
-            free. None takes 1e-4 T for "inverse" and "collocation", but on fine grids
-            none where torques rule, where it costs 0.1 % of T; and 0 for "adjoint".
+            free. None takes 1e-4 T for "inverse" and "collocation", but none on fine
+            grids where torques rule, where it costs 0.1 % of T; and 0 for "adjoint".
         starts: Number of initial guesses; None lets the planner choose. More make the
             same attempts as fewer would and others after these, and while none has led
             to a motion, more are made in any case.

@@ -193,7 +193,12 @@ def _in_full(
     left = progress.left
     if options.processes > 1 and (left is None or left > TO_START or ready()):
         source = _SourceOfMany(system, options, progress, guesses)
+    swings = count.swings
     for number in itertools.count():
+        if number >= count.rescues and swings and progress.best == np.inf:
+            # Fewer starts than are asked for would try them now.
+            swings = False
+            yield from shots(system, replace(options, **SHOOTING), progress)
         enough = progress.best < np.inf or number >= count.rescues
         if number >= count.wanted and enough:
             break
@@ -216,7 +221,7 @@ def _in_full(
             yield from (_noted(progress, attempt) for attempt in source.left())
             raise
         yield _noted(progress, attempt)
-    if count.swings and progress.best == np.inf:
+    if swings and progress.best == np.inf:
         yield from shots(system, replace(options, **SHOOTING), progress)
 
 
