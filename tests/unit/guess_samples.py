@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 import tominpmp as tm
+from tominpmp.initial_guess.path import RoundedPath
+from tominpmp.initial_guess.timing import time_path
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 GANTRY = """<robot name="gantry"><link name="base"/>
@@ -54,3 +56,10 @@ def fine(corners: np.ndarray, step: float = 0.01) -> np.ndarray:
         for a, b in itertools.pairwise(corners)
     ]
     return np.concatenate(pieces)
+
+
+def time_straight_line(system, q_start, q_end):
+    """Traverse a straight line from rest to rest in minimum time."""
+    velocity = system.problem.robot.limits.velocity
+    line = RoundedPath.through(np.stack([q_start, q_end]), velocity)
+    return time_path(system, line)

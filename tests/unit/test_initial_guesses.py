@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from guess_samples import END, maze, wall
+from guess_samples import END, maze, time_straight_line, wall
 from scipy.optimize import brentq
 
 import tominpmp as tm
@@ -20,7 +20,6 @@ from tominpmp.initial_guess.inverse_kinematics import (
     goal_configurations,
 )
 from tominpmp.initial_guess.rrt import is_free, sampling_available
-from tominpmp.initial_guess.timing import time_straight_line
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 SLIDER = """<robot name="slider"><link name="base"/>

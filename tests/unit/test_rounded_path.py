@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from guess_samples import END, START, gantry, maze, wall
+from guess_samples import END, START, gantry, maze, time_straight_line, wall
 
 import tominpmp as tm
 from tominpmp.initial_guess.guess import path_guess
 from tominpmp.initial_guess.path import RoundedPath, speed_weights
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.initial_guess.timing import time_path, time_straight_line
+from tominpmp.initial_guess.timing import time_path
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.5], [1.5, -1.0], [2.0, 0.0]])

@@ -26,7 +26,7 @@ from tominpmp.initial_guess.rrt import (
     sample_paths,
     sampling_available,
 )
-from tominpmp.initial_guess.timing import PathTiming, time_path, time_straight_line
+from tominpmp.initial_guess.timing import time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -120,11 +120,10 @@ def straight_guess(
     system: ProblemFunctions, q_end: Array, name: str = "straight line"
 ) -> Guess:
     """Straight line in joint space, in minimum time where that can be told."""
-    problem = system.problem
-    timing = time_straight_line(system, problem.q_start, q_end)
-    if timing is not None:
-        return _timed_guess(system, timing, name)
-    return _smooth_guess(system, np.stack([problem.q_start, q_end]), name)
+    start = system.problem.q_start
+    if not np.any(np.abs(q_end - start) > 1e-12):
+        return _untimed_guess(system, np.linspace(start, q_end, SAMPLES), name)
+    return along_guess(system, np.stack([start, q_end]), name)
 
 
 def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
@@ -163,18 +162,19 @@ def path_guess(system: ProblemFunctions, corners: Array, name: str = SAMPLED) ->
 
 def _along(system: ProblemFunctions, path: RoundedPath, name: str) -> Guess:
     timing = time_path(system, path)
-    if timing is not None:
-        return _timed_guess(system, timing, name)
-    q, _, _ = path.evaluate(_quintic())
-    return _untimed_guess(system, q, name)
-
-
-def _timed_guess(system: ProblemFunctions, timing: PathTiming, name: str) -> Guess:
+    if timing is None:
+        return _untimed_guess(system, path.evaluate(_quintic())[0], name)
     times = np.linspace(0.0, timing.duration, SAMPLES)
-    q = timing.position(times)
-    factor = stretch(system, q, timing.duration)
+    return _paced(system, times, timing.position(times), name, timed=True)
+
+
+def _paced(
+    system: ProblemFunctions, times: Array, q: Array, name: str, *, timed: bool
+) -> Guess:
+    """A path over time, slower where further limits ask for it."""
+    factor = stretch(system, q, float(times[-1]))
     slower = load_stretch(system, factor * times, q)
-    return Guess(name, slower * factor * times, q, factor == 1.0)
+    return Guess(name, slower * factor * times, q, timed and factor == 1.0)
 
 
 def resting_guess(system: ProblemFunctions, duration: float) -> Guess:
@@ -184,9 +184,15 @@ def resting_guess(system: ProblemFunctions, duration: float) -> Guess:
 
 
 def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
-    """Path through a configuration halfway."""
-    corners = np.stack([system.problem.q_start, via, q_end])
-    return _smooth_guess(system, corners, "via point")
+    """Quadratic Bézier curve through a configuration halfway, from rest to rest."""
+    start, s = system.problem.q_start, _quintic()
+    # Passes the configuration at s = 1/2.
+    middle = 2.0 * via - 0.5 * (start + q_end)
+    weights = np.stack([(1.0 - s) ** 2, 2.0 * s * (1.0 - s), s**2], axis=1)
+    limits = system.problem.robot.limits
+    q = weights @ np.stack([start, middle, q_end])
+    q = np.clip(q, limits.position_lower, limits.position_upper)
+    return _untimed_guess(system, q, "via point")
 
 
 def _quintic() -> Array:
@@ -195,26 +201,10 @@ def _quintic() -> Array:
     return np.asarray(s**3 * (10.0 + s * (6.0 * s - 15.0)))
 
 
-def _smooth_guess(system: ProblemFunctions, corners: Array, name: str) -> Guess:
-    """Quadratic Bezier curve or line, with a quintic time law from rest to rest."""
-    s = _quintic()
-    if corners.shape[0] == 2:
-        q = corners[0] + s[:, None] * (corners[1] - corners[0])
-    else:
-        # Passes the middle configuration at s = 1/2.
-        middle = 2.0 * corners[1] - 0.5 * (corners[0] + corners[2])
-        weights = np.stack([(1.0 - s) ** 2, 2.0 * s * (1.0 - s), s**2], axis=1)
-        q = weights @ np.stack([corners[0], middle, corners[2]])
-        limits = system.problem.robot.limits
-        q = np.clip(q, limits.position_lower, limits.position_upper)
-    return _untimed_guess(system, q, name)
-
-
 def _untimed_guess(system: ProblemFunctions, q: Array, name: str) -> Guess:
     duration = DURATION_FACTOR * _least_time(system, q)
-    duration *= stretch(system, q, duration)
     times = duration * np.linspace(0.0, 1.0, SAMPLES)
-    return Guess(name, load_stretch(system, times, q) * times, q, False)
+    return _paced(system, times, q, name, timed=False)
 
 
 def _least_time(system: ProblemFunctions, q: Array) -> float:

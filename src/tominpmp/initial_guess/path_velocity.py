@@ -60,7 +60,8 @@ def guesses_of(
     """
     passes = system.problem.scene.moving or _passing(system)
     make = waiting_guesses if passes else initial_guesses
-    yield from make(system, count, rng, duration, deadline)
+    made = make(system, count, rng, duration, deadline)
+    yield from itertools.islice(made, count)
 
 
 def _passing(system: ProblemFunctions) -> list[PathConstraint]:
@@ -76,24 +77,14 @@ def waiting_guesses(
     duration: float | None = None,
     deadline: float | None = None,
 ) -> Iterator[Guess]:
-    """Initial guesses where something passes, the most promising first.
+    """Initial guesses where something passes, the most promising first, without end.
 
     Those for the scene without what moves come first, each beside the same path
     traversed in such a way that all that passes is let pass. Then paths follow that are
     free where obstacles stand still at some instant. For the arguments see
-    :func:`~tominpmp.initial_guess.guess.initial_guesses`.
+    :func:`~tominpmp.initial_guess.guess.initial_guesses`; there are up to so many of
+    each kind.
     """
-    found = _guesses(system, count, rng, duration, deadline)
-    yield from itertools.islice(found, count)
-
-
-def _guesses(
-    system: ProblemFunctions,
-    count: int,
-    rng: np.random.Generator,
-    duration: float | None,
-    deadline: float | None,
-) -> Iterator[Guess]:
     alone = initial_guesses(system.resting(), count, rng, duration, deadline)
     first: Guess | None = None
     last: Guess | None = None
@@ -125,19 +116,13 @@ def _with_passages(system: ProblemFunctions, guess: Guess) -> Iterator[Guess]:
     obstacles move. Where constraints hold for a while, most motions find their way.
     """
     passed = let_pass(system, guess)
-    if passed is guess:
-        passed = None
+    passages = [] if passed is None or passed is guess else [passed]
     if not system.problem.scene.moving:
-        yield guess
-        if passed is not None:
-            yield passed
+        yield from (guess, *passages)
         return
-    if passed is not None:
-        yield passed
-    yield guess
+    yield from (*passages, guess)
     slower = let_pass(system, guess, CAUTION)
-    known = guess.duration if passed is None else passed.duration
-    if slower is not None and slower.duration > known:
+    if slower is not None and slower.duration > (*passages, guess)[0].duration:
         yield slower
 
 

@@ -60,40 +60,20 @@ class PathTiming:
         return self.path.evaluate(np.clip(s, 0.0, 1.0))[0]
 
 
-def time_straight_line(
-    system: ProblemFunctions, q_start: Array, q_end: Array
-) -> PathTiming | None:
-    """Traverse a straight line from rest to rest in minimum time.
-
-    None if the torque limits do not let the arm stand somewhere on it.
-    """
-    if not np.any(np.abs(q_end - q_start) > 1e-12):
-        return None
-    velocity = system.problem.robot.limits.velocity
-    corners = np.stack([q_start, q_end])
-    line = RoundedPath.through(corners, velocity)
-    return time_path(system, line, LINE_POINTS, LINE_SPEEDS)
-
-
-def time_path(
-    system: ProblemFunctions,
-    path: RoundedPath,
-    points: int = POINTS,
-    speeds: int = SPEEDS,
-) -> PathTiming | None:
+def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
     """Traverse a path from rest to rest in minimum time.
 
     Args:
         system: Dynamics and limits.
         path: The path; its corners are to be rounded, for a sharp one would have to be
             passed at rest.
-        points: Grid points of s.
-        speeds: Entries of the table of x at each of them.
 
     Returns:
         The timing; None if the torque limits do not let the arm stand somewhere on it.
     """
     limits = system.problem.robot.limits
+    straight = path.s.size == 2
+    points, speeds = (LINE_POINTS, LINE_SPEEDS) if straight else (POINTS, SPEEDS)
     s = path.grid(points, CORNER_POINTS)
     q, first, second = path.evaluate(s)
     zero = np.zeros_like(q)

@@ -18,6 +18,7 @@ from scipy.optimize import minimize_scalar
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import Guess
+from tominpmp.motion.joining import recorded_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription
@@ -128,6 +129,10 @@ class WarmStart(Guess):
         later = t[t > 1e-9 * self.duration]
         return np.concatenate([[0.0], later])
 
+    def _ends(self, shares: Array) -> Array:
+        """Times at which intervals of given shares, shape (N, 1), begin and end [s]."""
+        return self.duration * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
+
     def grid(self, intervals: int) -> Array | None:
         """Nodes of the motion, with some between them until there are enough [s].
 
@@ -167,8 +172,7 @@ class WarmStart(Guess):
         self, system: ProblemFunctions, shares: Array, duration: float
     ) -> tuple[NonlinearProgram, Array]:
         """Program in constant accelerations on intervals of given shares."""
-        T = self.duration
-        nodes = T * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
+        nodes = self._ends(shares)
         transcription = InverseTranscription(system, shares, duration)
         q = self.position(nodes)
         middle = self.position(0.5 * (nodes[1:] + nodes[:-1]))
@@ -209,8 +213,8 @@ class WarmStart(Guess):
         """Program in a B-spline on intervals of given shares."""
         transcription = BSplineTranscription(system, shares, degree)
         # As many in each interval, however short: each has a control point.
-        starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
-        fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
+        starts = self._ends(shares)[:-1, None] / self.duration
+        fit = (starts + shares * np.linspace(0.0, 1.0, FIT)).ravel()
         wanted = self.position(fit * self.duration)
         return _program(transcription, transcription.fitted(fit, wanted, duration))
 
@@ -237,8 +241,7 @@ class WarmStart(Guess):
         T, n = self.duration, system.n
         nodes = self.grid(intervals)
         if nodes is None:
-            shares = interval_shares(kind, intervals)
-            nodes = T * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
+            nodes = self._ends(interval_shares(kind, intervals))
         transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
         q = self.position(nodes)
         if not self.unchanged:
@@ -256,7 +259,7 @@ class WarmStart(Guess):
 
     def torque_program(self, system: ProblemFunctions, shares: Array) -> Array:
         """Iterate of the methods that shoot: torques and the duration."""
-        ends = np.concatenate([[0.0], np.cumsum(shares[:, 0])]) * self.duration
+        ends = self._ends(shares)
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
         z = torque_shares(system, u).ravel()
         return np.concatenate([z, [self.duration / shares.sum()]])
@@ -327,29 +330,16 @@ def _checked(system: ProblemFunctions, motion: Trajectory | Samples) -> Trajecto
             "start",
         )
     if isinstance(motion, Samples):
-        motion = _from_samples(system, motion)
+        problem = system.problem
+        motion = recorded_motion(
+            motion,
+            problem.robot,
+            start=problem.q_start,
+            start_velocity=problem.v_start,
+        )
     if not all(np.all(np.isfinite(part)) for part in (motion.q, motion.v, motion.u)):
         raise ProblemError("start: the motion has values that are no numbers", "start")
     return motion
-
-
-def _from_samples(system: ProblemFunctions, samples: Samples) -> Trajectory:
-    """Cubic pieces through sampled positions, with what is not there filled in."""
-    t, q, v = samples.t, samples.q, samples.v
-    if t.size < 2 or not np.all(np.isfinite(q)):
-        raise ProblemError(
-            "start: the motion has fewer than two rows, or positions that are no "
-            "numbers",
-            "start",
-        )
-    if not np.all(np.isfinite(v)):
-        v = np.gradient(q, t, axis=0)
-    a = samples.a if np.all(np.isfinite(samples.a)) else np.gradient(v, t, axis=0)
-    u = samples.u
-    if not np.all(np.isfinite(u)):
-        u = system.motor_dynamics.inverse(q, v, a)
-    inverse = system.motor_dynamics.inverse
-    return Trajectory(samples.joint_names, t - t[0], q, v, u, holding=inverse)
 
 
 def _entry(motion: Trajectory, q: Array, v: Array, scale: Array) -> float:

@@ -8,8 +8,7 @@ import numpy as np
 
 from tominpmp.bounds import lower_bound
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.former_segments import former_segments
-from tominpmp.initial_guess.segments import SegmentedGuess
+from tominpmp.initial_guess.segments import SegmentedGuess, former_segments
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
