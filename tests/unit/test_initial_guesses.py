@@ -17,7 +17,6 @@ from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
     SPREAD,
     find_configurations,
-    goal_configurations,
 )
 from tominpmp.initial_guess.rrt import is_free, sampling_available
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -102,11 +101,10 @@ def test_inverse_kinematics_finds_several_distinct_configurations():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
-    found, least = goal_configurations(
-        system, problem.goal, 20, np.random.default_rng(0)
-    )
+    search = find_configurations(system, problem.goal, 20, np.random.default_rng(0))
+    found = search.best
     assert len(found) >= 5
-    assert least == 0.0
+    assert search.least == 0.0
     limits = robot.limits
     for q in found:
         error = np.linalg.norm(problem.goal.place_residual(system.kinematics, q)[0])
@@ -158,9 +156,8 @@ def test_configurations_are_told_apart_by_collision():
     assert len(search.free) + len(search.blocked) == len(every.free)
     assert all(is_free(system, q) for q in search.free)
     assert not any(is_free(system, q) for q in search.blocked)
-    again, least = goal_configurations(system, goal, 20, np.random.default_rng(0))
-    np.testing.assert_array_equal(again, search.free)
-    assert least == 0.0
+    np.testing.assert_array_equal(search.best, search.free)
+    assert search.least == 0.0
 
 
 def test_configurations_in_collision_are_better_than_none():
@@ -173,9 +170,8 @@ def test_configurations_in_collision_are_better_than_none():
     goal = system.problem.goal
     search = find_configurations(system, goal, 5, np.random.default_rng(0))
     assert not search.free and search.blocked
-    found, least = goal_configurations(system, goal, 5, np.random.default_rng(0))
-    np.testing.assert_array_equal(found, search.blocked)
-    assert least == 0.0
+    np.testing.assert_array_equal(search.best, search.blocked)
+    assert search.least == 0.0
 
 
 def test_configurations_spread_before_they_crowd():

@@ -17,7 +17,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import OptimisedArcs, solve_lengths
-from tominpmp.initial_guess.inverse_kinematics import goal_configurations
+from tominpmp.initial_guess.inverse_kinematics import find_configurations
 from tominpmp.linear_programs import LpSolver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
@@ -118,7 +118,7 @@ def _goal_ends(
     goal = system.problem.goal
     if goal.configuration is not None:
         return [plan.q[-1]]
-    free = goal_configurations(system, goal, ENDS, rng)[0]
+    free = find_configurations(system, goal, ENDS, rng).best
     return [plan.q[-1], *free]
 
 

@@ -127,14 +127,17 @@ class GoalSearch(NamedTuple):
     blocked: list[Array]
     least: float
 
+    @property
+    def best(self) -> list[Array]:
+        """Those in collision only if there are no others."""
+        return self.free or self.blocked
+
 
 def solve_inverse_kinematics(
     system: ProblemFunctions,
     goal: Goal,
     q: Array,
     *,
-    alone: bool = False,
-    beyond: Sequence[PathConstraint] = (),
     apart: bool = False,
 ) -> tuple[Array, float]:
     """Bring the placement residual of a goal to zero within the position limits.
@@ -145,14 +148,12 @@ def solve_inverse_kinematics(
         system: Kinematics and limits.
         goal: The goal.
         q: Where to begin, shape (n,) [rad or m].
-        alone: Whether nothing but the goal is asked for.
-        beyond: Constraints on positions that hold from there on.
         apart: Whether bodies are to keep their distances, too.
 
     Returns:
         Configuration, shape (n,), and the norm of the residual left there.
     """
-    asked = AtGoal(system, goal, alone=alone, beyond=beyond, apart=apart)
+    asked = AtGoal(system, goal, apart=apart)
     (q,), _ = _solved(asked, q[None])
     return q, asked.missing(q)
 
@@ -203,9 +204,11 @@ def find_configurations(
         found += _led(asked, led_nearer(asked, movable), found)[0]
     weights = speed_weights(limits.velocity)
     found.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
-    clear = [is_free(system, q) for q in found]
-    free = _spread(asked, [q for q, ok in zip(found, clear, strict=True) if ok])
-    blocked = _spread(asked, [q for q, ok in zip(found, clear, strict=True) if not ok])
+    clear: list[Array] = []
+    others: list[Array] = []
+    for q in found:
+        (clear if is_free(system, q) else others).append(q)
+    free, blocked = _spread(asked, clear), _spread(asked, others)
     if not free and system.clearance is not None:
         apart = AtGoal(system, goal, alone=alone, beyond=beyond, apart=True)
         movable = [q for q in blocked[:LED_OUT] if not isolated(asked, q)]
@@ -311,23 +314,6 @@ def shut_out(system: ProblemFunctions, blocked: Sequence[Array]) -> bool:
     return all(
         isolated(asked, q) and not problem.checker.is_free(q, margins) for q in blocked
     )
-
-
-def goal_configurations(
-    system: ProblemFunctions,
-    goal: Goal,
-    count: int,
-    rng: np.random.Generator,
-    *,
-    beyond: Sequence[PathConstraint] = (),
-) -> tuple[list[Array], float]:
-    """As :func:`find_configurations`, those in collision only if there are no others.
-
-    Returns:
-        Configurations, and the smallest residual seen if there are none (else 0).
-    """
-    free, blocked, least = find_configurations(system, goal, count, rng, beyond=beyond)
-    return free or blocked, least
 
 
 def _near(asked: AtGoal, q: Array, others: list[Array], distance: float) -> bool:

@@ -55,20 +55,20 @@ def is_free(system: ProblemFunctions, q: Array) -> bool:
 
 def check_of(system: ProblemFunctions) -> Callable[[Array], bool]:
     """What tells the same of many configurations, for samplers that ask very often."""
-    checker = system.problem.checker
     if system.watched is None:
         return lambda _: True
+    checker = system.problem.checker
+
+    def of_pieces() -> Callable[[Array], bool]:
+        clearance = system.clearance
+        if clearance is None:
+            return lambda _: True
+        return partial(clearance.checker.is_free, margin=clearance.margin)
+
     if not checker.lone:
-        return _check_of_pieces(system)
+        return of_pieces()
     # Pieces need not be known where the links are clear as one hull each.
-    return lambda q: checker.hulls_clear(q, PADDING) or _check_of_pieces(system)(q)
-
-
-def _check_of_pieces(system: ProblemFunctions) -> Callable[[Array], bool]:
-    clearance = system.clearance
-    if clearance is None:
-        return lambda _: True
-    return partial(clearance.checker.is_free, margin=clearance.margin)
+    return lambda q: checker.hulls_clear(q, PADDING) or of_pieces()(q)
 
 
 def sample_paths(
@@ -108,14 +108,8 @@ def sample_paths(
         end = ends[number % len(ends)]
         reach = RANGES[number // len(ends) % len(RANGES)]
         number += 1
-        path = sample_path(
-            system,
-            end,
-            int(rng.integers(1, 2**31)),
-            reach=reach,
-            checks=checks,
-            deadline=deadline,
-        )
+        seed, limits = int(rng.integers(1, 2**31)), (checks, deadline)
+        path = sample_path(system, end, seed, reach, *limits)
         in_vain += 1
         if path is None or any(alike(system, path, other) for other in found):
             continue
@@ -128,7 +122,6 @@ def sample_path(
     system: ProblemFunctions,
     q_end: Array,
     seed: int,
-    *,
     reach: float = RANGES[0],
     checks: int = CHECKS,
     deadline: float | None = None,
@@ -157,16 +150,15 @@ def sample_path(
     util.setLogLevel(util.LogLevel.LOG_NONE)
     try:
         util.RNG.setSeed(seed)
-        validity = _Validity(system, deadline)
+        validity = _Validity(system, checks, deadline)
         definition = _definition(base, system, q_end, validity)
         info = definition.getSpaceInformation()
         planner = geometric.RRTConnect(info)
         planner.setRange(reach)
         planner.setProblemDefinition(definition)
         planner.setup()
-        enough = _Enough(validity, checks)
         try:
-            planner.solve(base.PlannerTerminationCondition(enough))
+            planner.solve(base.PlannerTerminationCondition(validity.enough))
         except _OutOfTime:
             return None
         if not definition.hasExactSolution():
@@ -194,9 +186,11 @@ class _Validity:
     free such a ring.
     """
 
-    def __init__(self, system: ProblemFunctions, deadline: float | None) -> None:
+    def __init__(
+        self, system: ProblemFunctions, most: int, deadline: float | None
+    ) -> None:
         self.system, self.deadline, self.free = system, deadline, check_of(system)
-        self.checks = 0
+        self.most, self.checks, self.asked = most, 0, 0
 
     def __call__(self, state: Any) -> bool:
         self.checks += 1
@@ -204,20 +198,13 @@ class _Validity:
             raise _OutOfTime
         return self.free(_configuration(self.system, state))
 
+    def enough(self) -> bool:
+        """Whether the work that was allowed is done; to ask is work too.
 
-class _Enough:
-    """Whether the work that was allowed is done; to ask is work too.
-
-    A search that never comes to check anything ends as well by this.
-    """
-
-    def __init__(self, validity: _Validity, checks: int) -> None:
-        self.validity, self.checks = validity, checks
-        self.asked = 0
-
-    def __call__(self) -> bool:
+        A search that never comes to check anything ends as well by this.
+        """
         self.asked += 1
-        return self.validity.checks + self.asked >= self.checks
+        return self.checks + self.asked >= self.most
 
 
 def _configuration(system: ProblemFunctions, state: Any) -> Array:
