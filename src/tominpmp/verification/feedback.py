@@ -101,8 +101,13 @@ class Tracking(Integration):
         trajectory: The plan.
         rate: How fast the feedback is [1/s].
         integrator: Which integrator to use.
+
+    Attributes:
+        feedback: Its torques at the times of the replay, once that is run, shape (m, n)
+            [N m or N].
     """
 
+    feedback: Array
     # Feedback lets no error grow, and what the motion is off by stays next to nothing:
     # the first step that is tried is a whole piece, and a nanoradian is exact enough.
     lsoda_tightness, hurried, atol = 1.0, True, 1e-9
@@ -115,30 +120,24 @@ class Tracking(Integration):
         integrator: Integrator | None = None,
     ) -> None:
         robot = stages[0].problem.robot
-        breaks = torque_breaks(trajectory, robot.friction)
 
         def curve(times: Array) -> Array:
             found = trajectory(times)
             return np.concatenate([found.u, found.q, found.v], axis=1)
 
-        pieces = Pieces.of(curve, breaks)
+        pieces = Pieces.of(curve, torque_breaks(trajectory, robot.friction))
         rates = pieces.derivatives()[:, robot.n :]
         both = np.concatenate([pieces.coefficients, rates], axis=1)
         pieces = replace(pieces, coefficients=both)
         self._stages = stages
         self._plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
-        super().__init__(
-            robot,
-            trajectory,
-            pieces,
-            integrator,
-            plants=self._plants,
-        )
+        super().__init__(robot, trajectory, pieces, integrator, self._plants)
 
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
         """Integrate from a state of shape (2n,) to the end; u has the feedback too."""
         found = super().run(start, time_step)
-        return replace(found, u=found.u[:, : found.q.shape[1]] + self._feedback(found))
+        self.feedback = self._feedback(found)
+        return replace(found, u=found.u[:, : found.q.shape[1]] + self.feedback)
 
     def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
         """Integrate over a piece what the motion is off by, on top of the plan."""
@@ -148,7 +147,6 @@ class Tracking(Integration):
         return rows + plan[1 : 1 + len(rows)], way
 
     def _feedback(self, found: Replay) -> Array:
-        """Torque of the feedback at the times of a replay, shape (m, n) [N m or N]."""
         n = found.q.shape[1]
         plan = self.pieces(found.t)[:, n : 3 * n]
         demand = self._plants[0].demand(np.hstack([found.q, found.v]) - plan)

@@ -69,14 +69,13 @@ class LimitViolation:
     def clause(self) -> str:
         """What there is, without the segment."""
         amount = f"{abs(self.amount):.3g} {self.unit}"
-        if self.kind in ("goal", "speed") and self.amount == np.inf:
-            what = "is at" if self.kind == "goal" else "has the velocity of"
+        if self.kind in ("goal", "speed"):
+            of = "" if self.kind == "goal" else "the velocity of "
+            if self.amount < np.inf:
+                return f"{self.name} ends {amount} from {of}the goal"
+            what = f"has {of}" if of else "is at "
             lost = f"the replay is lost at {self.time:.3f} s"
-            return f"{lost}, before {self.name} {what} the goal"
-        if self.kind == "goal":
-            return f"{self.name} ends {amount} from the goal"
-        if self.kind == "speed":
-            return f"{self.name} ends {amount} from the velocity of the goal"
+            return f"{lost}, before {self.name} {what}the goal"
         if self.kind == "arrival":
             verb = f"too {self.name}" if self.amount > 0.0 else "in time"
             return f"the goal is reached {amount} {verb}, at {self.time:.3f} s"

@@ -99,16 +99,10 @@ class Replay(Record):
     def between(self, begin: float, end: float) -> Replay:
         """Its rows between two times [s], those among them."""
         mine = np.flatnonzero((self.t >= begin) & (self.t <= end))
-        nodes = self.nodes[np.isin(self.nodes, mine)]
-        return replace(
-            self,
-            t=self.t[mine],
-            q=self.q[mine],
-            v=self.v[mine],
-            u=self.u[mine],
-            way=self.way[mine[:-1]],
-            nodes=np.searchsorted(mine, nodes),
-        )
+        nodes = np.searchsorted(mine, self.nodes[np.isin(self.nodes, mine)])
+        t, q, v, u = (rows[mine] for rows in (self.t, self.q, self.v, self.u))
+        way = self.way[mine[:-1]]
+        return replace(self, t=t, q=q, v=v, u=u, way=way, nodes=nodes)
 
 
 def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:

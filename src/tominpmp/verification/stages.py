@@ -7,8 +7,9 @@ first start to the last end.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -146,10 +147,9 @@ def _found(
         tolerances: What counts as met.
         about: About when they do [s], at nodes, shape (k,); None if nobody knows.
     """
-    plain = replace(motion, inverse_dynamics=None)
-    step = max(TIME_STEP, motion.duration / MOST_LOOKS)
-    steps = np.arange(0.0, motion.duration, step)
-    times = np.unique(np.concatenate([steps, motion.t]))
+    plain, T = replace(motion, inverse_dynamics=None), motion.duration
+    step = max(TIME_STEP, T / MOST_LOOKS)
+    times = np.unique(np.concatenate([np.arange(0.0, T, step), motion.t]))
     ends: list[float] = []
     first, last = 0, times.size - 1
     each = zip(problem.phases[:-1], problem.segments[:-1], strict=True)
@@ -161,81 +161,63 @@ def _found(
             earliest = motion.t[row] - segment.dwell
             begin = max(first, int(np.searchsorted(times, earliest - step)))
             behind = max(int(np.searchsorted(times, about[number])) + 1, begin + 1)
-        look = _Look(plain, phase, tolerances)
-        met = look.first(times[begin:behind])
+        missed = partial(_missed, plain, phase, tolerances)
+        met = _first_met(missed, times[begin:behind])
         if segment.stop and segment.arrival is not None:
-            met = look.not_before(segment.arrival[0], met)
+            # It may be met earlier already, and still is.
+            allowed = segment.arrival[0]
+            if met < allowed <= T and next(missed(np.array([allowed]))) <= MET:
+                met = allowed
         end = met
         if segment.dwell > 0.0:
             later = np.searchsorted(times, met + segment.dwell - SAME)
             end = float(times[min(int(later), last)])
-            if about is not None and look.rests(end, about[number]):
+            if about is not None and _rests(plain, end, about[number]):
                 end = float(about[number])  # it stays for longer
         first = min(int(np.searchsorted(times, end)), last)
         ends.append(end)
-    return np.array([*ends, motion.duration])
+    return np.array([*ends, T])
 
 
-class _Look:
-    """Looks for when a motion meets a goal.
+def _missed(
+    motion: Trajectory, phase: Problem, tolerances: Tolerances, times: Array
+) -> Iterator[float]:
+    """What a motion misses a goal by at times, in units of what is tolerated."""
+    kinematics, state = RobotKinematics(phase.robot), motion(times)
+    units = tolerances.goal, tolerances.speed
+    for q, v in zip(state.q, state.v, strict=True):
+        misses = phase.goal.nearest(kinematics, q, v).misses(kinematics, q, v)
+        yield max((miss.amount / units[miss.moving] for miss in misses), default=0.0)
 
-    Args:
-        motion: The motion.
-        phase: The problem of the segment.
-        tolerances: What counts as met.
-    """
 
-    def __init__(
-        self, motion: Trajectory, phase: Problem, tolerances: Tolerances
-    ) -> None:
-        self.motion, self.goal, self.tolerances = motion, phase.goal, tolerances
-        self.kinematics = RobotKinematics(phase.robot)
+def _rests(motion: Trajectory, begin: float, end: float) -> bool:
+    """Whether the arm rests from a time to a later one, where it still is."""
+    if begin > end:
+        return False
+    state = motion(np.array([begin, end]))
+    off = np.maximum(np.abs(state.q[1] - state.q[0]), np.abs(state.v[1]))
+    return bool(np.all(off <= SAME))
 
-    def missed(self, times: Array) -> Iterator[float]:
-        """What states miss the goal by, in units of what is tolerated."""
-        state = self.motion(times)
-        tolerances = self.tolerances.goal, self.tolerances.speed
-        for q, v in zip(state.q, state.v, strict=True):
-            misses = self.goal.nearest(self.kinematics, q, v).misses(
-                self.kinematics, q, v
-            )
-            shares = (miss.amount / tolerances[miss.moving] for miss in misses)
-            yield max(shares, default=0.0)
 
-    def not_before(self, earliest: float, met: float) -> float:
-        """When it is met that was met earlier already, if it still is [s]."""
-        if not met < earliest <= self.motion.duration:
-            return met
-        (missed,) = self.missed(np.array([earliest]))
-        return earliest if missed <= MET else met
-
-    def rests(self, begin: float, end: float) -> bool:
-        """Whether the arm rests from a time to a later one, where it still is."""
-        if begin > end:
-            return False
-        state = self.motion(np.array([begin, end]))
-        off = np.maximum(np.abs(state.q[1] - state.q[0]), np.abs(state.v[1]))
-        return bool(np.all(off <= SAME))
-
-    def first(self, times: Array) -> float:
-        """When it is met first, or missed by least, at times or between two of them."""
-        best, least = 0, np.inf
-        for k, missed in enumerate(self.missed(times)):
-            nearer = missed < least
-            if nearer:
-                best, least = k, missed
-            # What is tolerated is met before the goal is: it ends where it is nearest.
-            if least <= MET or (least <= 1.0 and not nearer):
-                break
-        if least <= MET:
-            return float(times[best])
-        low, high = times[max(best - 1, 0)], times[min(best + 1, times.size - 1)]
-        for _ in range(CLOSER):
-            near = np.linspace(low, high, PLACES)
-            each = [*self.missed(near)]
-            k = int(np.argmin(each))
-            low, high = near[max(k - 1, 0)], near[min(k + 1, PLACES - 1)]
-        return float(near[k]) if each[k] < least else float(times[best])
+def _first_met(missed: Callable[[Array], Iterator[float]], times: Array) -> float:
+    """When a goal is met first, or missed by least, at times or between two [s]."""
+    best, least = 0, np.inf
+    for k, off in enumerate(missed(times)):
+        nearer = off < least
+        if nearer:
+            best, least = k, off
+        # What is tolerated is met before the goal is: it ends where it is nearest.
+        if least <= MET or (least <= 1.0 and not nearer):
+            break
+    if least <= MET:
+        return float(times[best])
+    low, high = times[max(best - 1, 0)], times[min(best + 1, times.size - 1)]
+    for _ in range(CLOSER):
+        near = np.linspace(low, high, PLACES)
+        each = [*missed(near)]
+        k = int(np.argmin(each))
+        low, high = near[max(k - 1, 0)], near[min(k + 1, PLACES - 1)]
+    return float(near[k]) if each[k] < least else float(times[best])
 
 
 def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:

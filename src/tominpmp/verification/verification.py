@@ -197,10 +197,9 @@ def verify(
     if rate is not None:
         tracking = Tracking(stages, trajectory, rate, integrator)
         tracked = tracking.run(start)
-        trace = tracked.u - tracking.pieces(tracked.t)[:, : robot.n]
-        feedback = frozen_array(np.max(np.abs(trace), axis=0))
+        feedback = frozen_array(np.max(np.abs(tracking.feedback), axis=0))
         findings = judge(stages, tracked, torque, tolerances, checkers)
-        taken = needed(robot, tracked.t, trace, tolerances.limits)
+        taken = needed(robot, tracked.t, tracking.feedback, tolerances.limits)
         findings.limits.extend([] if taken is None else [taken])
     assert findings is not None  # noqa: S101
     if findings.violations:
