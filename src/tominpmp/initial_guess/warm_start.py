@@ -213,8 +213,8 @@ class WarmStart(Guess):
         """Program in a B-spline on intervals of given shares."""
         transcription = BSplineTranscription(system, shares, degree)
         # As many in each interval, however short: each has a control point.
-        starts = self._ends(shares)[:-1, None] / self.duration
-        fit = (starts + shares * np.linspace(0.0, 1.0, FIT)).ravel()
+        starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
+        fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
         wanted = self.position(fit * self.duration)
         return _program(transcription, transcription.fitted(fit, wanted, duration))
 
