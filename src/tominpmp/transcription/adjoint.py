@@ -11,7 +11,6 @@ everything else is a bound on a variable.
 from __future__ import annotations
 
 from copy import copy
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -45,24 +44,6 @@ SHORTEST = 0.1
 NEAR = 0.2
 
 
-class Sources(NamedTuple):
-    """What values depend on directly.
-
-    Attributes:
-        rows: Indices of values that depend on states at ends of steps, shape (s,).
-        nodes: These ends, shape (s,).
-        seeds: Derivatives by the states there, shape (s, 2n).
-        by_control: Derivatives of all values by the torque of their interval, (k, n).
-        by_length: Derivatives by its length, shape (k,).
-    """
-
-    rows: IntArray
-    nodes: IntArray
-    seeds: Array
-    by_control: Array
-    by_length: Array
-
-
 class AdjointTranscription(TorqueTranscription):
     """A problem in z = (torques, lengths); with one length as in the paper.
 
@@ -84,12 +65,13 @@ class AdjointTranscription(TorqueTranscription):
         *,
         substeps: int = 1,
         ways: Ways | None = None,
-        centre: tuple[Array, SteppedMotion] | None = None,
     ) -> None:
         super().__init__(system, shares, duration, ways)
-        self.substeps, self.centre = substeps, centre
+        self.substeps = substeps
+        self.centre: tuple[Array, SteppedMotion] | None = None
         self._start = np.concatenate([system.problem.q_start, system.v_start])
-        self._last = centre  # the last motion asked for: it is asked for many times
+        # The last motion asked for: it is asked for many times.
+        self._last: tuple[Array, SteppedMotion] | None = None
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -201,65 +183,32 @@ class AdjointTranscription(TorqueTranscription):
         self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns: one costate sweep for all rows together."""
-        which, n, N = partials.at, self._n, self._N
-        found = self._sources(motion, at, partials)
-        swept = sweep_adjoint(motion.sensitivities, found.nodes, found.seeds)
-        by_control, by_length = np.zeros((which.size, N, n)), np.zeros((which.size, N))
-        # Steps of an interval have its torque, and shares of its length.
-        np.add.at(by_control, found.rows, self._by_interval(swept[0]))
-        np.add.at(by_length, found.rows, self._by_interval(swept[1]))
-        rows, interval = np.arange(which.size), at.interval[which]
-        by_control[rows, interval] += found.by_control
-        by_length[rows, interval] += found.by_length
-        by_share = (by_control * self.system.effort_half).reshape(which.size, -1)
-        by_eta = by_length @ self.shares
-        if partials.by_t is not None:
-            by_eta += partials.by_t[:, None] * at.times(self.shares)[which]
-        return sp.csr_matrix(np.hstack([by_share, by_eta]))
-
-    def _by_interval(self, by_step: Array) -> Array:
-        """Sums over the steps of the intervals, shape (k, N, ...)."""
-        shape = by_step.shape
-        parts = by_step.reshape(shape[0], self._N, self.substeps, *shape[2:])
-        return np.asarray(parts.sum(axis=2))
+        rows = np.arange(partials.at.size)
+        return sp.csr_matrix(self._swept(motion, at, partials, rows))
 
     def pull_back_sum(
         self, motion: SteppedMotion, at: Instants, partials: Partials, weights: Array
     ) -> Array:
         """Gradient of a weighted sum of values, by one sweep for the sum."""
-        which, by = partials.at, motion.sensitivities
-        found = self._sources(motion, at, partials)
-        push = np.zeros_like(motion.ends)
-        np.add.at(push, found.nodes, weights[found.rows, None] * found.seeds)
-        steps, n = by.A.shape[0], self._n
-        swept_control, swept_length = np.empty((1, steps, n)), np.empty((1, steps))
-        costate = np.zeros(2 * n)
-        for j in range(steps - 1, -1, -1):
-            costate = costate + push[j + 1]
-            swept_control[0, j], swept_length[0, j] = (
-                costate @ by.B[j],
-                costate @ by.c[j],
-            )
-            costate = costate @ by.A[j]
-        by_control = self._by_interval(swept_control)[0]
-        by_length = self._by_interval(swept_length)[0]
-        np.add.at(by_control, at.interval[which], weights[:, None] * found.by_control)
-        np.add.at(by_length, at.interval[which], weights * found.by_length)
-        by_share = by_control * self.system.effort_half
-        by_eta = by_length @ self.shares
-        if partials.by_t is not None:
-            by_eta += (weights * partials.by_t) @ at.times(self.shares)[which]
-        return np.concatenate([by_share.ravel(), by_eta])
+        weighted, one = partials.times(weights[:, None]), np.zeros(weights.size, int)
+        return np.asarray(self._swept(motion, at, weighted, one)[0])
 
-    def _sources(
-        self, motion: SteppedMotion, at: Instants, partials: Partials
-    ) -> Sources:
-        """What values depend on directly: states at ends of steps, torques, lengths."""
-        n, which = self._n, partials.at
-        seeds, by_control = self.by_states(motion, at, partials)
+    def _swept(
+        self, motion: SteppedMotion, at: Instants, partials: Partials, rows: IntArray
+    ) -> Array:
+        """Derivatives by the unknowns of sums of values, shape (k, size).
+
+        Args:
+            motion: The motion.
+            at: Instants.
+            partials: Partial derivatives of values there.
+            rows: The sum that each value belongs to.
+        """
+        n, N, interval = self._n, self._N, at.interval[partials.at]
+        seeds, direct = self.by_states(motion, at, partials)
         step, share = motion.steps(at)
-        step, weights = step[which], stage_weights(share[which])
-        by_length = np.zeros(which.size)
+        step, weights = step[partials.at], stage_weights(share[partials.at])
+        along = np.zeros(rows.size)
         first, last = weights[:, :1] * seeds, weights[:, 2:] * seeds
         inside = np.flatnonzero(weights[:, 1])
         if inside.size:
@@ -267,16 +216,27 @@ class AdjointTranscription(TorqueTranscription):
             stage = weights[inside, 1:2] * np.einsum("kj,kji->ki", seeds[inside], inner)
             first[inside] += stage[:, : 2 * n]
             last[inside] += stage[:, 2 * n : 4 * n]
-            by_control[inside] += stage[:, 4 * n : 5 * n]
-            by_length[inside] += stage[:, 5 * n] / self.substeps
-        begins, ends = (np.flatnonzero(np.any(part, axis=1)) for part in (first, last))
-        return Sources(
-            np.concatenate([begins, ends]),
-            np.concatenate([step[begins], step[ends] + 1]),
-            np.concatenate([first[begins], last[ends]]),
-            by_control,
-            by_length,
+            direct[inside] += stage[:, 4 * n : 5 * n]
+            along[inside] += stage[:, 5 * n] / self.substeps
+        # States at the ends of the steps, torques, and lengths.
+        swept = sweep_adjoint(
+            motion.sensitivities,
+            np.concatenate([step, step + 1]),
+            np.concatenate([first, last]),
+            np.tile(rows, 2),
         )
+        # Steps of an interval have its torque, and shares of its length.
+        each = (len(swept[0]), N, self.substeps)
+        by_control = swept[0].reshape(*each, n).sum(axis=2)
+        by_length = swept[1].reshape(each).sum(axis=2)
+        np.add.at(by_control, (rows, interval), direct)
+        np.add.at(by_length, (rows, interval), along)
+        by_share = (by_control * self.system.effort_half).reshape(len(by_control), -1)
+        by_eta = by_length @ self.shares
+        if partials.by_t is not None:
+            by_time = partials.by_t[:, None] * at.times(self.shares)[partials.at]
+            np.add.at(by_eta, rows, by_time)
+        return np.hstack([by_share, by_eta])
 
     def attention(self, steps: StepBounds) -> float:
         """Distances are costly to differentiate; the others wait."""

@@ -378,12 +378,6 @@ def _on_segment(
     if constraint.order > 2:  # pairs of instants
         return at
     first, end = within
-    known = set(zip(at.interval.tolist(), at.share.tolist(), strict=True))
-    ends = [(first, 0.0)] if first else []
+    known, ends = set(at.pairs), [(first, 0.0)] if first else []
     missing = [one for one in (*ends, (end - 1, 1.0)) if one not in known]
-    return at.joined(
-        Instants(
-            np.array([k for k, _ in missing], dtype=np.int64),
-            np.array([share for _, share in missing]),
-        )
-    )
+    return at.joined(Instants.of_pairs(missing))

@@ -41,11 +41,10 @@ from tominpmp.transcription.base import (
 from tominpmp.transcription.curve import (
     KnotVector,
     SplineMotion,
-    by_points,
     clamped,
     nodes_of,
     of_each_joint,
-    with_breaks,
+    places,
 )
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -73,19 +72,21 @@ MAX_ATTENTION = 0.05
 
 
 class Hung(NamedTuple):
-    """How control points hang on the unknowns.
+    """How the coordinates of control points hang on the unknowns.
 
     Attributes:
-        free: Number of free control points.
-        column: The free point that moves each, shape (M,); -1 for none.
-        offset: What they are for unknowns of zero, shape (M, n).
-        slopes: How they change with the durations, shape (M, n, m).
+        column: The unknown that moves each, shape (M n,); -1 for none.
+        offset: What they are for unknowns of zero, shape (M n,).
+        slopes: How they change with the durations, shape (M n, m).
+        alone: Whether no two of them are one unknown.
+        moving: Whether any of them changes with the durations.
     """
 
-    free: int
     column: IntArray
     offset: Array
     slopes: Array
+    alone: bool
+    moving: bool
 
 
 class BSplineTranscription(Transcription[SplineMotion]):
@@ -121,8 +122,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         self.breaks = breaks
         self._n, self._m = system.n, int(shares.shape[1])
         self.acceleration_range = np.ones(self._n)
-        nodes = with_breaks(nodes_of(shares), breaks)
-        self.knots_by_durations = clamped(nodes, degree)
+        self.knots_by_durations = clamped(shares, degree, breaks)
         self.hung = self._eliminated()
         # With one duration they keep their proportions.
         self._knots = KnotVector(shares[:, 0], degree, breaks) if self._m == 1 else None
@@ -156,12 +156,16 @@ class BSplineTranscription(Transcription[SplineMotion]):
         if last and v_end is not None:
             back = _reach((t[-1] - t)[::-1], p, last)[::-1]
             slopes[M - last :] = -v_end[:, None] * back
-        return Hung(int(column.max()) + 1, column, offset, slopes)
+        columns = self._n * column[:, None] + np.arange(self._n)
+        columns = np.where(column[:, None] >= 0, columns, -1).ravel()
+        free, moved = int(column.max()) + 1, np.count_nonzero(column >= 0)
+        by_coordinate, moving = slopes.reshape(-1, self._m), bool(np.any(slopes))
+        return Hung(columns, offset.ravel(), by_coordinate, moved == free, moving)
 
-    @property
+    @cached_property
     def point_unknowns(self) -> int:
         """All but the durations."""
-        return self.hung.free * self._n
+        return int(self.hung.column.max()) + 1
 
     @property
     def size(self) -> int:
@@ -170,11 +174,10 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     def points(self, z: Array) -> Array:
         """Control points, shape (M, n)."""
-        free, column, offset, slopes = self.hung
-        own, moved = z[: self.point_unknowns].reshape(free, self._n), column >= 0
-        found = offset + slopes @ z[self.point_unknowns :]
-        found[moved] += own[column[moved]]
-        return np.asarray(found)
+        hung, moved = self.hung, self.hung.column >= 0
+        found = hung.offset + hung.slopes @ z[self.point_unknowns :]
+        found[moved] += z[hung.column[moved]]
+        return np.asarray(found.reshape(-1, self._n))
 
     def by_unknowns(
         self, by_points: Array, points: IntArray, by_durations: Array
@@ -186,35 +189,21 @@ class BSplineTranscription(Transcription[SplineMotion]):
             points: Which of all coordinates these are, ascending, shape (k, w).
             by_durations: By the durations alone, shape (k, m).
         """
-        column, slopes, alone = self._coordinates
-        if slopes is not None:
+        hung = self.hung
+        if hung.moving:
             by_durations = by_durations + np.einsum(
-                "kw,kwm->km", by_points, slopes[points]
+                "kw,kwm->km", by_points, hung.slopes[points]
             )
         durations = np.arange(self.point_unknowns, self.size)
         columns = np.broadcast_to(durations, by_durations.shape)
         matrix = Compressed.of_table(
             np.concatenate([by_points, by_durations], axis=1),
-            np.concatenate([column[points], columns], axis=1),
+            np.concatenate([hung.column[points], columns], axis=1),
             self.size,
         ).rows()
-        if not alone:
+        if not hung.alone:
             matrix.sum_duplicates()
         return matrix
-
-    @cached_property
-    def _coordinates(self) -> tuple[IntArray, Array | None, bool]:
-        """How coordinates of control points hang on the unknowns.
-
-        The unknown of each, shape (M n,), -1 for none; their slopes, shape (M n, m), or
-        None for zeros; and whether no two hang on one unknown.
-        """
-        free, column, _, slopes = self.hung
-        unknown = self._n * column[:, None] + np.arange(self._n)
-        unknown = np.where(column[:, None] >= 0, unknown, -1).ravel()
-        alone = np.count_nonzero(column >= 0) == free
-        moving = slopes.reshape(-1, self._m) if np.any(slopes) else None
-        return unknown, moving, alone
 
     def unknowns(self, points: Array, eta: Array) -> Array:
         """Unknowns whose control points come nearest to given ones.
@@ -225,12 +214,11 @@ class BSplineTranscription(Transcription[SplineMotion]):
             points: Control points, shape (M, n).
             eta: Durations, shape (m,).
         """
-        free, column, offset, slopes = self.hung
-        wanted, moved = points - offset - slopes @ eta, column >= 0
-        sums = np.zeros((free, self._n))
-        np.add.at(sums, column[moved], wanted[moved])
-        counts = np.bincount(column[moved], minlength=free)
-        return np.concatenate([(sums / counts[:, None]).ravel(), eta])
+        hung, moved = self.hung, self.hung.column >= 0
+        wanted = (points.ravel() - hung.offset - hung.slopes @ eta)[moved]
+        column, size = hung.column[moved], self.point_unknowns
+        sums = np.bincount(column, wanted, minlength=size)
+        return np.concatenate([sums / np.bincount(column, minlength=size), eta])
 
     def start(
         self, position: Callable[[Array], Array], guessed: float, eta: Array
@@ -242,8 +230,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
             guessed: Duration of the guess [s].
             eta: Durations of the iterate, shape (m,).
         """
-        basis = self._knots_for(np.ones(self._m)).basis
-        return self.unknowns(position(guessed * basis.greville / basis.knots[-1]), eta)
+        knots = self._knots_for(np.ones(self._m))
+        return self.unknowns(position(guessed * knots.greville / knots.knots[-1]), eta)
 
     def interpolated(self, eta: Array, position: Callable[[Array], Array]) -> Array:
         """Iterate that goes through positions at the Greville abscissae.
@@ -253,23 +241,25 @@ class BSplineTranscription(Transcription[SplineMotion]):
             position: Configurations at times [s], shape (k,) to (k, n); they are met at
                 all times if they are those of such a spline.
         """
-        basis = self._knots_for(eta).basis
-        sites = basis.greville
-        points = spsolve(basis.at(sites).tocsc(), position(sites * eta[-1]))
-        return self.unknowns(np.reshape(points, (basis.count, -1)), eta)
+        knots = self._knots_for(eta)
+        sites = knots.greville
+        points = spsolve(knots.design(sites).tocsc(), position(sites * eta[-1]))
+        return self.unknowns(np.reshape(points, (knots.count, -1)), eta)
 
     def fitted(self, times: Array, q: Array, duration: float) -> Array:
         """Iterate that is nearest to positions at shares of T, in least squares."""
-        free, column, offset, slopes = self.hung
-        eta, moved = np.array([duration]), np.flatnonzero(column >= 0)
-        basis = self._knots_for(eta).basis
-        design = basis.at(times * basis.knots[-1])
-        pick = np.ones(moved.size), (moved, column[moved])
-        by_free = design @ sp.csr_matrix(pick, shape=(basis.count, free))
-        rest = q - design @ (offset + slopes @ eta)
+        hung, moved = self.hung, np.flatnonzero(self.hung.column >= 0)
+        eta = np.array([duration])
+        knots = self._knots_for(eta)
+        design = knots.design(times * knots.knots[-1])
+        design = sp.kron(design, sp.identity(self._n), format="csr")
+        pick = np.ones(moved.size), (moved, hung.column[moved])
+        shape = hung.column.size, self.point_unknowns
+        by_free = design @ sp.csr_matrix(pick, shape=shape)
+        rest = q.ravel() - design @ (hung.offset + hung.slopes @ eta)
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
         limits = self.system.problem.robot.limits
-        points = np.reshape(points, (free, self._n))
+        points = np.reshape(points, (-1, self._n))
         points = np.clip(points, limits.position_lower, limits.position_upper)
         return np.concatenate([points.ravel(), eta])
 
@@ -323,13 +313,14 @@ class BSplineTranscription(Transcription[SplineMotion]):
         self, motion: SplineMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by the states."""
-        which, parts = partials.at, []
+        which, n, width = partials.at, self._n, self.degree + 1
+        by_points = np.zeros((which.size, width, n))
         by_durations = np.zeros((which.size, self._m))
         for order, part in enumerate((partials.by_q, partials.by_v, partials.by_a)):
             if part is None:
                 continue
             weights = motion.knots.weights(at, order)[which]
-            parts.append((weights, part / motion.unit**order))
+            by_points += weights[:, :, None] * (part / motion.unit**order)[:, None]
             if order or self._m > 1:
                 one = partial(SplineMotion.values, at=at, order=order, which=which)
                 changes = motion.by_durations(one, order)
@@ -337,7 +328,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
         if partials.by_t is not None:
             by_durations += partials.by_t[:, None] * at.times(self.shares)[which]
         first = motion.knots.first[at.interval[which]]
-        return self.by_unknowns(*by_points(first, parts, self._n), by_durations)
+        by_coordinates, points = by_points.reshape(-1, width * n), n * first
+        return self.by_unknowns(by_coordinates, places(points, width * n), by_durations)
 
     def hull(
         self, limit: JointLimit, within: tuple[int, int] | None = None
@@ -390,7 +382,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
             lasting = np.mean(of.h) if order == 3 else 1.0
             return np.asarray(lasting * np.diff(of.derivative(order), axis=0) / scale)
 
-        rows = motion.knots.basis.bands(order) / motion.unit**order
+        rows = motion.knots.bands(order) / motion.unit**order
         after = np.pad(rows[1:], ((0, 0), (1, 0)))
         between = after - np.pad(rows[:-1], ((0, 0), (0, 1)))
         if order == 3:
@@ -462,7 +454,8 @@ class DerivativeHull(Hull[SplineMotion]):
         ends = np.searchsorted(intervals, point, side="right")
         mine = (begins < end) & (ends > first)
         if limit.order == 0:
-            mine &= np.any(of.hung.slopes, axis=(1, 2))
+            moving = of.hung.slopes.reshape(mine.size, -1)
+            mine &= np.any(moving, axis=1)
         self._points = np.flatnonzero(mine)
         self.lower = np.tile(limit.lower / limit.scale, self._points.size)
         self.upper = np.tile(limit.upper / limit.scale, self._points.size)
@@ -476,7 +469,7 @@ class DerivativeHull(Hull[SplineMotion]):
     def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
         """By the unknowns."""
         limit, points, of = self._limit, self._points, self._of
-        bands = motion.knots.basis.bands(limit.order)[points]
+        bands = motion.knots.bands(limit.order)[points]
         by_points, places = of_each_joint(bands, points, limit.joints, of.system.n)
         by_points /= np.tile(limit.scale, points.size)[:, None]
         by_points /= motion.unit**limit.order

@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
+from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.transcription.base import LENGTH_STEP, Hull, StepBounds
 from tominpmp.transcription.controls import (
     TorqueTranscription,
@@ -58,6 +59,16 @@ class CollocationTranscription(TorqueTranscription):
         velocity = SPEED_FACTOR / duration * system.step_scale
         self.scale = np.concatenate([system.step_scale, velocity])
         self._columns = self._interval_columns()
+        limits = system.problem.robot.limits
+        self._low = np.concatenate([limits.position_lower, -limits.velocity])
+        self._high = np.concatenate([limits.position_upper, limits.velocity])
+        # States that are known beforehand; NaN for others.
+        self._given = np.full((self._N + 1, 2 * self._n), np.nan)
+        self._given[0] = np.concatenate([system.problem.q_start, system.v_start])
+        if system.final_configuration is not None:
+            self._given[-1, : self._n] = system.final_configuration
+        if system.final_velocity is not None:
+            self._given[-1, self._n :] = system.final_velocity
 
     # -- unknowns ----------------------------------------------------------------------
 
@@ -79,17 +90,9 @@ class CollocationTranscription(TorqueTranscription):
         Returns:
             z, with the torques as shares of their limits.
         """
-        system, n = self.system, self._n
-        limits = system.problem.robot.limits
-        high = np.concatenate([limits.position_upper, limits.velocity])
-        low = np.concatenate([limits.position_lower, -limits.velocity])
-        x = np.clip(x, low, high)
-        x[0] = np.concatenate([system.problem.q_start, system.v_start])
-        if system.final_configuration is not None:
-            x[-1, :n] = system.final_configuration
-        if system.final_velocity is not None:
-            x[-1, n:] = system.final_velocity
-        return np.concatenate([x.ravel(), torque_shares(system, u).ravel(), eta])
+        free, shares = np.isnan(self._given), torque_shares(self.system, u)
+        x = np.where(free, np.clip(x, self._low, self._high), self._given)
+        return np.concatenate([x.ravel(), shares.ravel(), eta])
 
     def start(self, q: Array, eta: Array) -> Array:
         """Turn positions at the nodes into unknowns; the dynamics need not hold.
@@ -105,11 +108,8 @@ class CollocationTranscription(TorqueTranscription):
             z.
         """
         system, lengths = self.system, self.shares @ eta
-        problem, h = system.problem, lengths[:, None]
-        q = q.copy()
-        q[0] = problem.q_start
-        if system.final_configuration is not None:
-            q[-1] = system.final_configuration
+        h, given = lengths[:, None], self._given[:, : self._n]
+        q = np.where(np.isnan(given), q, given)
         slope = np.diff(q, axis=0) / h
         inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])
         end = system.final_velocity
@@ -128,22 +128,12 @@ class CollocationTranscription(TorqueTranscription):
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within the limits, fixed ends and positive lengths."""
-        system, n = self.system, self._n
-        limits = system.problem.robot.limits
-        x, _, h = self.split(z)
-        box = radius * np.concatenate(
-            [system.step_scale, SPEED_FACTOR / h.sum() * system.step_scale]
-        )
-        low = np.concatenate([limits.position_lower, -limits.velocity])
-        high = np.concatenate([limits.position_upper, limits.velocity])
-        lower = np.maximum(-box, np.minimum(low - x, 0.0))
-        upper = np.minimum(box, np.maximum(high - x, 0.0))
-        lower[0] = upper[0] = 0.0
-        if system.final_configuration is not None:
-            lower[-1, :n] = upper[-1, :n] = 0.0
-        if system.final_velocity is not None:
-            lower[-1, n:] = upper[-1, n:] = 0.0
-        less, more = self.torque_steps(z, np.full(n, 2.0))
+        scale, (x, _, h) = self.system.step_scale, self.split(z)
+        box = radius * np.concatenate([scale, SPEED_FACTOR / h.sum() * scale])
+        box = np.where(np.isnan(self._given), box, 0.0)
+        lower = np.maximum(-box, np.minimum(self._low - x, 0.0))
+        upper = np.minimum(box, np.maximum(self._high - x, 0.0))
+        less, more = self.torque_steps(z, np.full(self._n, 2.0))
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(
             np.concatenate([lower.ravel(), less.ravel(), -length]),
@@ -193,25 +183,17 @@ class CollocationTranscription(TorqueTranscription):
         self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by the states."""
-        which, count = partials.at, partials.at.size
-        k, (by_x, by_u) = at.interval[which], self.by_states(motion, at, partials)
-        weights = stage_weights(at.share[which])
-        parts = [
-            weights[:, :1] * by_x,
-            weights[:, 2:] * by_x,
-            by_u,
-            np.zeros((count, 1)),
-        ]
-        data = np.concatenate(parts, axis=1)
+        which, (by_x, by_u) = partials.at, self.by_states(motion, at, partials)
+        k, weights = at.interval[which], stage_weights(at.share[which])
+        parts = [weights[:, :1] * by_x, weights[:, 2:] * by_x, by_u]
+        data = np.concatenate([*parts, np.zeros((which.size, 1))], axis=1)
         if np.any(weights[:, 1]):
             inner = motion.derivatives.inner[k]
             data += weights[:, 1:2] * np.einsum("kj,kji->ki", by_x, inner)
-        matrix = self.interval_rows(data, k)
-        if partials.by_t is None:
-            return matrix
-        by_eta = partials.by_t[:, None] * (at.times(self.shares)[which])
-        empty = sp.csr_matrix((count, self.size - self._m))
-        return sp.csr_matrix(matrix + sp.hstack([empty, by_eta]))
+        by_eta = np.zeros((which.size, self._m))
+        if partials.by_t is not None:
+            by_eta += partials.by_t[:, None] * at.times(self.shares)[which]
+        return self.interval_rows(data, k, by_eta)
 
     def attention(self, steps: StepBounds) -> float:
         """What a step of the states can use up."""
@@ -238,27 +220,24 @@ class CollocationTranscription(TorqueTranscription):
             axis=1,
         )
 
-    def interval_rows(self, entries: Array, interval: IntArray) -> sp.csr_matrix:
+    def interval_rows(
+        self, entries: Array, interval: IntArray, by_eta: Array | float = 0.0
+    ) -> sp.csr_matrix:
         """Rows from derivatives with respect to (ends, torques, length) of an interval.
 
         Args:
             entries: Shape (k, 5n + 1).
             interval: The intervals, shape (k,).
+            by_eta: Derivatives by the last unknowns on top of them, shape (k, m).
 
         Returns:
             Shape (k, size).
         """
-        n = self._n
-        entries[:, 4 * n : 5 * n] *= self.system.effort_half
-        by_eta = entries[:, 5 * n :] * self.shares[interval]
-        entries = np.concatenate([entries[:, : 5 * n], by_eta], axis=1)
-        columns = self._columns[interval]
-        ends = np.arange(interval.size + 1) * columns.shape[1]
-        matrix = sp.csr_matrix(
-            (entries.ravel(), columns.ravel(), ends), shape=(interval.size, self.size)
-        )
-        matrix.eliminate_zeros()
-        return matrix
+        ends, torques, length = np.split(entries, [4 * self._n, 5 * self._n], axis=1)
+        by_eta = length * self.shares[interval] + by_eta
+        parts = [ends, torques * self.system.effort_half, by_eta]
+        data = np.concatenate(parts, axis=1)
+        return Compressed.of_table(data, self._columns[interval], self.size).rows()
 
     # -- the rest of the interface -----------------------------------------------------
 

@@ -11,7 +11,7 @@ and Trapp, 1998), which are exact to rounding.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -28,25 +28,30 @@ from tominpmp.transcription.instants import Instants
 COMPLEX_STEP = 1e-30
 
 
-@dataclass(frozen=True, eq=False)
-class Basis:
-    """Matrices of a clamped B-spline and its derivatives.
+class KnotVector:
+    """Knots of a clamped B-spline between intervals, and what hangs on these alone.
+
+    Args:
+        h: Lengths of the intervals, shape (N,).
+        degree: p.
 
     Attributes:
         degree: p.
-        knots: With multiplicity at the ends, from 0, shape (N + 2p + 1,).
+        breaks: Numbers of intervals before nodes that are knots twice, so that the
+            derivative below the highest may jump there.
+        knots: With multiplicity at the ends, from 0, shape (N + 2p + 1 + breaks,).
+        first: Number of the first control point that each interval depends on, (N,).
     """
 
-    degree: int
-    knots: Array
-
-    @classmethod
-    def on(cls, nodes: Array, degree: int) -> Basis:
-        """Basis on nodes that increase from 0, shape (N + 1,).
-
-        At a node that is there twice a derivative less is continuous.
-        """
-        return cls(degree, clamped(nodes, degree))
+    def __init__(self, h: Array, degree: int, breaks: tuple[int, ...] = ()) -> None:
+        self._h, self.degree, self.breaks = h, degree, breaks
+        self._begins = nodes_of(h)[:-1]
+        self.knots = clamped(h, degree, breaks)
+        every = np.arange(h.size)
+        self.first: IntArray = every + np.searchsorted(breaks, every, side="right")
+        self._bands = {0: np.ones((self.count, 1))}
+        self._known: WeakKeyDictionary[Instants, dict[tuple[int, bool], Array]]
+        self._known = WeakKeyDictionary()
 
     @property
     def count(self) -> int:
@@ -61,7 +66,7 @@ class Basis:
         return np.asarray(np.clip(means, self.knots[0], self.knots[-1]))
 
     def bands(self, order: int) -> Array:
-        """Control points of a derivative from those of the curve.
+        """Control points of a derivative from those of the curve, remembered.
 
         Rows of the matrix from the diagonal on, shape (M - order, order + 1).
         """
@@ -70,11 +75,6 @@ class Basis:
             steps = below[1:, :-1] - below[:-1, 1:]
             self._bands[order] = self.slopes(order)[:, None] * steps
         return self._bands[order]
-
-    @cached_property
-    def _bands(self) -> dict[int, Array]:
-        """Those that were asked for: they are, again and again."""
-        return {0: np.ones((self.count, 1))}
 
     def slopes(self, order: int) -> Array:
         """What differences of control points one order below are multiplied by.
@@ -88,23 +88,23 @@ class Basis:
         wide = spans.real > 0.0
         return np.where(wide, p / np.where(wide, spans, 1.0), 0.0)
 
-    def at(self, times: Array) -> sp.csr_matrix:
+    def design(self, times: Array) -> sp.csr_matrix:
         """Values at times on the scale of the knots, from the control points."""
         inside = np.clip(times, self.knots[0], self.knots[-1])
         return sp.csr_matrix(BSpline.design_matrix(inside, self.knots, self.degree))
 
-    def functions(self, times: Array, first: IntArray, order: int) -> Array:
+    def functions(self, at: Instants, order: int) -> Array:
         """Basis functions of a derivative that are not zero, shape (m, p + 1 - order).
 
-        By the recursion of Cox (1972) and de Boor (1972).
-
-        Args:
-            times: Instants, on the scale of the knots, shape (m,).
-            first: The first control point that matters at each, shape (m,).
-            order: Of the derivative.
+        By the recursion of Cox (1972) and de Boor (1972); remembered as long as the
+        instants.
         """
+        known = self._known.setdefault(at, {})
+        if (order, False) in known:
+            return known[order, False]
+        times = self._begins[at.interval] + at.share * self._h[at.interval]
         p, t = self.degree - order, self.knots[order : self.knots.size - order]
-        span = first + p
+        span = self.first[at.interval] + p
         left = [times - t[span + 1 - j] for j in range(p + 1)]
         right = [t[span + j] - times for j in range(p + 1)]
         found = [np.ones(times.size)]
@@ -115,39 +115,7 @@ class Basis:
                 found[r] = saved + right[r + 1] * part
                 saved = left[j - r] * part
             found.append(saved)
-        return np.stack(found, axis=1)
-
-
-class KnotVector:
-    """Knots between intervals of given lengths, and what hangs on these alone.
-
-    Args:
-        h: Lengths of the intervals, shape (N,).
-        degree: Of the spline.
-
-    Attributes:
-        basis: The basis on them.
-        breaks: Numbers of intervals before nodes that are knots twice, so that the
-            derivative below the highest may jump there.
-        first: Number of the first control point that each interval depends on, (N,).
-    """
-
-    def __init__(self, h: Array, degree: int, breaks: tuple[int, ...] = ()) -> None:
-        self._h, self.breaks, nodes = h, breaks, nodes_of(h)
-        self._begins = nodes[:-1]
-        self.basis = Basis.on(with_breaks(nodes, breaks), degree)
-        every = np.arange(h.size)
-        self.first: IntArray = every + np.searchsorted(breaks, every, side="right")
-        self._known: WeakKeyDictionary[Instants, dict[tuple[int, bool], Array]]
-        self._known = WeakKeyDictionary()
-
-    def functions(self, at: Instants, order: int) -> Array:
-        """Basis functions of a derivative, remembered as long as the instants."""
-        known = self._known.setdefault(at, {})
-        if (order, False) not in known:
-            times = self._begins[at.interval] + at.share * self._h[at.interval]
-            first = self.first[at.interval]
-            known[order, False] = self.basis.functions(times, first, order)
+        known[order, False] = np.stack(found, axis=1)
         return known[order, False]
 
     def weights(self, at: Instants, order: int) -> Array:
@@ -158,7 +126,7 @@ class KnotVector:
             for k in range(order, 0, -1):
                 # A control point of a derivative is a difference of two one order
                 # below.
-                along = self.basis.slopes(k)
+                along = self.slopes(k)
                 scaled = found * along[places(first, found.shape[1])]
                 found = np.pad(scaled, ((0, 0), (1, 0)))
                 found[:, :-1] -= scaled
@@ -198,7 +166,7 @@ class SplineMotion:
         known = self._derivatives
         if order not in known:
             steps = np.diff(self.derivative(order - 1), axis=0)
-            slopes = self.knots.basis.slopes(order) / self.unit
+            slopes = self.knots.slopes(order) / self.unit
             known[order] = slopes[:, None] * steps
         return known[order]
 
@@ -218,7 +186,7 @@ class SplineMotion:
 
     def positions(self, times: Array) -> Array:
         """Positions at times [s], shape (k, n)."""
-        return np.asarray(self.knots.basis.at(times / self.unit) @ self.points)
+        return np.asarray(self.knots.design(times / self.unit) @ self.points)
 
     def by_durations(
         self, quantity: Callable[[SplineMotion], Array], order: int
@@ -239,7 +207,7 @@ class SplineMotion:
     @cached_property
     def _stepped(self) -> list[SplineMotion]:
         """Curves of the same points after a step of each duration but the last."""
-        degree, breaks = self.knots.basis.degree, self.knots.breaks
+        degree, breaks = self.knots.degree, self.knots.breaks
         out = []
         for j in range(self.eta.size - 1):
             eta: Any = self.eta.astype(np.complex128)
@@ -254,15 +222,17 @@ def nodes_of(h: Array) -> Array:
     return np.concatenate([np.zeros((1, *h.shape[1:])), np.cumsum(h, axis=0)])
 
 
-def with_breaks(nodes: Array, breaks: tuple[int, ...]) -> Array:
-    """Nodes, some of them twice."""
-    if not breaks:
-        return nodes
-    return np.insert(nodes, breaks, nodes[list(breaks)], axis=0)
+def clamped(h: Array, degree: int, breaks: tuple[int, ...] = ()) -> Array:
+    """Knots of a spline that begins and ends at its outer control points.
 
-
-def clamped(nodes: Array, degree: int) -> Array:
-    """KnotVector of a spline that begins and ends at its outer control points."""
+    Args:
+        h: Lengths of the intervals, shape (N, ...).
+        degree: Of the spline.
+        breaks: Numbers of intervals before nodes that are knots twice.
+    """
+    nodes = nodes_of(h)
+    if breaks:
+        nodes = np.insert(nodes, breaks, nodes[list(breaks)], axis=0)
     first, last = (np.repeat(nodes[[end]], degree, axis=0) for end in (0, -1))
     return np.concatenate([first, nodes, last])
 
@@ -270,28 +240,6 @@ def clamped(nodes: Array, degree: int) -> Array:
 def places(first: IntArray, width: int) -> IntArray:
     """Numbers of the control points that matter at instants, shape (m, width)."""
     return first[:, None] + np.arange(width)
-
-
-def by_points(
-    first: IntArray, parts: Sequence[tuple[Array, Array]], joints: int
-) -> tuple[Array, IntArray]:
-    """Derivatives of values by the coordinates of the control points that matter.
-
-    Args:
-        first: The first control point that matters for each value, shape (k,).
-        parts: Weights of the control points in a derivative of the curve, shape
-            (k, p + 1), and derivatives of the values by that, shape (k, n); none for
-            values that depend on the time alone.
-        joints: Number n of joints.
-
-    Returns:
-        The derivatives, shape (k, (p + 1) n), and which coordinates of all they are by.
-    """
-    if not parts:
-        return np.zeros((first.size, 0)), np.zeros((first.size, 0), dtype=np.int64)
-    total = sum(weights[:, :, None] * part[:, None, :] for weights, part in parts)
-    data = np.reshape(total, (first.size, -1))
-    return data, places(joints * first, data.shape[1])
 
 
 def of_each_joint(

@@ -191,7 +191,7 @@ class _Continuous:
         worst = np.max(missing, axis=1)
         found: list[tuple[int, float]] = []
         taken: dict[int, list[float]] = {}
-        for k, share in zip(known.interval.tolist(), known.share.tolist(), strict=True):
+        for k, share in known.pairs:
             taken.setdefault(k, []).append(share)
         for k in np.unique(at.interval[worst > 0.0]).tolist():
             inside = np.flatnonzero(at.interval == k)
@@ -207,7 +207,7 @@ class _Continuous:
                 if all(abs(share - other) > apart for other in near):
                     near.append(share)
                     found.append((k, share))
-        return listed(found)
+        return Instants.of_pairs(found)
 
     def _missing(self, at: Instants, attention: float) -> Array:
         """What is beyond the bounds and what may be used beyond them, shape (m, p)."""
@@ -369,8 +369,8 @@ def with_rows(
         ignored = np.zeros((block.fixed.size, wanted.shape[1]), dtype=bool)
         if block.ignored is not None:
             ignored[: len(block.ignored)] = block.ignored
-        places = {one: place for place, one in enumerate(_pairs(block.fixed))}
-        found = np.array([places.get(one, -1) for one in _pairs(new)], dtype=np.int64)
+        places = {one: place for place, one in enumerate(block.fixed.pairs)}
+        found = np.array([places.get(one, -1) for one in new.pairs], dtype=np.int64)
         known = found >= 0
         lacking = ignored[found[known]] & wanted[known]
         ignored[found[known]] &= ~wanted[known]
@@ -382,18 +382,6 @@ def with_rows(
         constraint = constraint.joined(assumed(constraint, of, motion, new))
         block = replace(block, constraint=constraint, fixed=block.fixed.joined(new))
     return replace(block, ignored=ignored), count + new.size
-
-
-def _pairs(at: Instants) -> list[tuple[int, float]]:
-    return list(zip(at.interval.tolist(), at.share.tolist(), strict=True))
-
-
-def listed(found: list[tuple[int, float]]) -> Instants:
-    """Instants from pairs of an interval and a share of it."""
-    return Instants(
-        np.array([k for k, _ in found], dtype=np.int64),
-        np.array([share for _, share in found]),
-    )
 
 
 def excess_at(
@@ -453,13 +441,13 @@ def jumping(
         if at.size:
             excess = excess_at(constraint, of, motion, at)
             over = np.any(excess > tolerance, axis=1)
-            for place, one in enumerate(_pairs(at)):
+            for place, one in enumerate(at.pairs):
                 if over[place]:
                     found[one] = excess[place] > -ROOM
     instants = sorted(found)
     wanted = [found[one] for one in instants]
     shape = len(instants), constraint.count
-    return Missing(listed(instants), np.reshape(wanted, shape).astype(bool))
+    return Missing(Instants.of_pairs(instants), np.reshape(wanted, shape).astype(bool))
 
 
 def _looked_at(
@@ -525,7 +513,7 @@ def rising(
     excess = excess.reshape(of.intervals, len(RATES_INSPECTED) // 2, -1)
     worst, over = np.argmax(excess, axis=1), np.max(excess, axis=1) > tolerance
     found = {(int(k), int(worst[k, j])) for k, j in np.argwhere(over)}
-    return listed(
+    return Instants.of_pairs(
         [
             (k, share)
             for k, pair in sorted(found)

@@ -53,9 +53,7 @@ def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
     elif not extra or intervals < 4 * extra:
         nodes = _cosine_nodes(intervals)
     else:
-        inner = _cosine_nodes(intervals - 2 * extra)
-        ends = inner[1] * np.array(END_NODES)
-        nodes = np.sort(np.concatenate([inner, ends, 1.0 - ends]))
+        return _cosine_shares(intervals, True, True)[:, None]
     return np.asarray(np.diff(nodes))[:, None]
 
 

@@ -29,6 +29,17 @@ class Instants:
         return cls(np.zeros(0, dtype=np.int64), np.zeros(0))
 
     @classmethod
+    def of_pairs(cls, pairs: Sequence[tuple[int, float]]) -> Instants:
+        """Instants from pairs of an interval and a share of it."""
+        interval = np.array([k for k, _ in pairs], dtype=np.int64)
+        return cls(interval, np.array([share for _, share in pairs]))
+
+    @property
+    def pairs(self) -> list[tuple[int, float]]:
+        """Pairs of the interval and the share of it."""
+        return list(zip(self.interval.tolist(), self.share.tolist(), strict=True))
+
+    @classmethod
     def spread(cls, intervals: int, shares: Sequence[float]) -> Instants:
         """The same shares of all intervals, interval by interval."""
         return _spread(intervals, tuple(shares))

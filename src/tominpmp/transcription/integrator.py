@@ -438,7 +438,10 @@ def _follow(parts: Array) -> Array:
 
 
 def sweep_adjoint(
-    sensitivities: Sensitivities, nodes: IntArray, seeds: Array
+    sensitivities: Sensitivities,
+    nodes: IntArray,
+    seeds: Array,
+    functionals: IntArray | None = None,
 ) -> tuple[Array, Array]:
     r"""Differentiate functionals of the state at nodes with respect to the controls.
 
@@ -456,27 +459,34 @@ def sweep_adjoint(
     :math:`g_{u_j} = B_j^T \lambda_{j+1}` and :math:`g_{h_j} = c_j^T \lambda_{j+1}`.
 
     Args:
-        sensitivities: A, B and c of the intervals.
-        nodes: Node of each functional, shape (m,).
-        seeds: Its gradient with respect to the state there, shape (m, 2n).
+        sensitivities: A, B and c of the steps.
+        nodes: End of a step that a functional depends on, shape (s,).
+        seeds: Its gradient with respect to the state there, shape (s, 2n).
+        functionals: Which functional each of these belongs to, shape (s,); None for one
+            each.
 
     Returns:
-        Derivatives with respect to torques, shape (m, N, n), and lengths, shape (m, N).
+        Derivatives with respect to torques, shape (m, M, n), and lengths, shape (m, M).
     """
     A, B, c = sensitivities
     count, _, n = B.shape
-    by_control = np.zeros((nodes.size, count, n))
-    by_length = np.zeros((nodes.size, count))
-    order = np.argsort(-nodes, kind="stable")
-    first = np.searchsorted(-nodes[order], -np.arange(count + 1), side="right")
-    costate = seeds[order].copy()
+    every = np.arange(nodes.size)
+    functionals = every if functionals is None else functionals
+    number = int(functionals.max(initial=-1)) + 1
+    last = np.zeros(number, dtype=np.int64)
+    np.maximum.at(last, functionals, nodes)
+    order = np.argsort(-last, kind="stable")
+    live = np.searchsorted(-last[order], -np.arange(count + 1), side="right")
+    row = np.empty_like(order)
+    row[order] = np.arange(number)
+    by_control, by_length = np.zeros((number, count, n)), np.zeros((number, count))
+    costate = np.zeros((number, A.shape[1]))
     for j in range(count - 1, -1, -1):
-        # Rows whose node lies behind interval j.
-        live = slice(0, first[j + 1])
-        rows = costate[live]
-        by_control[live, j] = rows @ B[j]
-        by_length[live, j] = rows @ c[j]
-        costate[live] = rows @ A[j]
-    back = np.empty_like(order)
-    back[order] = np.arange(order.size)
-    return by_control[back], by_length[back]
+        here = every[nodes == j + 1]
+        np.add.at(costate, row[functionals[here]], seeds[here])
+        # Rows that depend on what lies behind step j.
+        rows = costate[: live[j + 1]]
+        by_control[: live[j + 1], j] = rows @ B[j]
+        by_length[: live[j + 1], j] = rows @ c[j]
+        costate[: live[j + 1]] = rows @ A[j]
+    return by_control[row], by_length[row]
