@@ -305,11 +305,7 @@ def blocks_of(of: Transcription[Any]) -> list[Block]:
     Those of the arm hold on all segments, and so do those that all segments share;
     others hold on theirs.
     """
-    parts = of.system.segments
-    if len(parts) == 1:
-        found = [block_of(of, constraint) for constraint in parts[0].constraints]
-        return [block for block in found if block is not None]
-    found = []
+    parts, found = of.system.segments, []
     for constraint in parts[0].constraints:
         if constraint.field in ("q", "v") or _shared(constraint, parts):
             found.append(block_of(of, constraint))

@@ -511,15 +511,12 @@ def rising(
     pairs = Instants.spread(of.intervals, RATES_INSPECTED)
     excess = excess_at(constraint, of, motion, pairs)
     excess = excess.reshape(of.intervals, len(RATES_INSPECTED) // 2, -1)
-    worst, over = np.argmax(excess, axis=1), np.max(excess, axis=1) > tolerance
-    found = {(int(k), int(worst[k, j])) for k, j in np.argwhere(over)}
-    return Instants.of_pairs(
-        [
-            (k, share)
-            for k, pair in sorted(found)
-            for share in RATES_INSPECTED[2 * pair : 2 * pair + 2]
-        ]
-    )
+    worst = np.argmax(excess, axis=1)
+    interval, value = np.nonzero(np.max(excess, axis=1) > tolerance)
+    found = np.stack([interval, worst[interval, value]], axis=1)
+    interval, pair = np.unique(found, axis=0).T
+    shares = np.reshape(RATES_INSPECTED, (-1, 2))[pair]
+    return Instants(np.repeat(interval, 2), shares.ravel())
 
 
 def turning(

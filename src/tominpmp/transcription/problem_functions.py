@@ -166,8 +166,7 @@ class ProblemFunctions:
     @property
     def sudden(self) -> bool:
         """Whether accelerations may begin and end suddenly, on all segments."""
-        limits = self.problem.motion_limits
-        own = limits is None or not limits.continuous
+        own = not self.motion_limits.continuous
         return own and all(part.sudden for part in self.parts)
 
     @property
@@ -199,8 +198,8 @@ class ProblemFunctions:
         """The same problem without limits that need continuous accelerations."""
 
         def loosened(system: ProblemFunctions) -> ProblemFunctions:
-            limits = system.problem.motion_limits
-            if limits is None or not limits.continuous:
+            limits = system.motion_limits
+            if not limits.continuous:
                 return system
             problem = copy.copy(system.problem)
             loose = replace(limits, jerk=None, effort_rate=None)
@@ -232,33 +231,32 @@ class ProblemFunctions:
     def constraints(self) -> tuple[Constraint, ...]:
         """All that holds along a motion."""
         problem, names = self.problem, self.problem.robot.joint_names
-        limits, extra = problem.robot.limits, problem.motion_limits
+        limits, extra = problem.robot.limits, self.motion_limits
         lower, upper = limits.position_lower, limits.position_upper
         found: list[Constraint | None] = [TorqueLimit(self.motors)]
-        if extra is not None:
-            found += self._motor_limits(extra)
-        found.append(VelocityLimit.symmetric(limits.velocity))
-        if extra is not None:
-            acceleration = extra.by_joint("acceleration", names)
-            found.append(AccelerationLimit.symmetric(acceleration))
-            found.append(JerkLimit.symmetric(extra.by_joint("jerk", names)))
-        found.append(PositionLimit.between(lower, upper, self.step_scale))
-        found += [self.clearance, *problem.ready_constraints]
-        return tuple(item for item in found if item is not None)
-
-    def _motor_limits(self, limits: MotionLimits) -> list[Constraint | None]:
-        names = self.problem.robot.joint_names
-        found: list[Constraint | None] = []
-        rate = limits.by_joint("effort_rate", names)
+        rate = extra.by_joint("effort_rate", names)
         rated = np.flatnonzero(np.isfinite(rate))
         if rated.size:
             found.append(TorqueRate(self.motors, rated, rate[rated]))
-        curves = sorted((limits.effort_curves or {}).items())
+        curves = sorted((extra.effort_curves or {}).items())
         if curves:
             joints = np.array([names.index(joint) for joint, _ in curves])
             every = tuple(curve for _, curve in curves)
             found.append(TorqueOverSpeed(self.motors, joints, every))
-        return found
+        found += [
+            VelocityLimit.symmetric(limits.velocity),
+            AccelerationLimit.symmetric(extra.by_joint("acceleration", names)),
+            JerkLimit.symmetric(extra.by_joint("jerk", names)),
+            PositionLimit.between(lower, upper, self.step_scale),
+            self.clearance,
+            *problem.ready_constraints,
+        ]
+        return tuple(item for item in found if item is not None)
+
+    @property
+    def motion_limits(self) -> MotionLimits:
+        """Limits beyond those of the robot; without any where none are given."""
+        return self.problem.motion_limits or MotionLimits()
 
     @property
     def n(self) -> int:
@@ -299,8 +297,7 @@ class ProblemFunctions:
         """Half the torque range, shape (n,); 1 where it is empty."""
         limits = self.problem.robot.limits
         half = 0.5 * (limits.effort_upper - limits.effort_lower)
-        if self.problem.motion_limits is not None:
-            half = self.problem.motion_limits.effort_scale * half
+        half = self.motion_limits.effort_scale * half
         return np.where(half > 0.0, half, 1.0)
 
     @property

@@ -73,8 +73,7 @@ class NonlinearProgram:
         if transcription.equations is not None:
             blocks.append(Always("dynamics", transcription.equations))
         blocks += [block for block in blocks_of(transcription) if block.lower.size]
-        blocks += _goals_on_the_way(transcription)
-        blocks += _arrivals(transcription)
+        blocks += _at_ends_of_segments(transcription)
         scale = transcription.goal_scale
         if scale is not None:
             goal = GoalReached(system.problem.goal, system.kinematics, scale)
@@ -311,31 +310,24 @@ class NonlinearProgram:
         return self.transcription.trajectory(z)
 
 
-def _goals_on_the_way(of: Transcription[Any]) -> list[Block]:
-    """Rows of the goals of all segments but the last."""
-    found: list[Block] = []
-    parts = of.system.segments
-    for number, (part, (first, end)) in enumerate(
-        zip(parts[:-1], of.segments[:-1], strict=True)
-    ):
-        scale = np.ones(part.goal_bounds[0].size)
-        goal = GoalReached(part.problem.goal, part.kinematics, scale)
-        suffix = f" of segment {number + 1}"
-        found.append(Sampled(goal, Instants.end(end), (first, end), suffix))
-        stays = of.system.problem.segments[number].dwell > 0.0
-        sudden = part.sudden and parts[number + 1].sudden
-        if stays and not sudden and of.highest > 2:
-            rest = Standstill(BRAKING * part.problem.robot.limits.velocity)
-            found.append(Sampled(rest, Instants.end(end), (first, end), suffix))
-    return found
-
-
-def _arrivals(of: Transcription[Any]) -> list[Block]:
-    """Rows of the times at which segments end, where these are limited."""
-    found: list[Block] = []
-    for number, segment in enumerate(of.system.problem.segments):
+def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
+    """Rows where segments end: their goals, but for the last, and times of arrival."""
+    goals: list[Block] = []
+    arrivals: list[Block] = []
+    parts, segments = of.system.segments, of.system.problem.segments
+    # A motion without segments has no end but its own.
+    each = zip(segments, of.segments, strict=False)
+    for number, (segment, within) in enumerate(each):
+        at, suffix = Instants.end(within[1]), f" of segment {number + 1}"
         if segment.arrival is not None:
-            within = of.segments[number]
-            at, suffix = Instants.end(within[1]), f" of segment {number + 1}"
-            found.append(Sampled(Arrival(*segment.arrival), at, within, suffix))
-    return found
+            arrivals.append(Sampled(Arrival(*segment.arrival), at, within, suffix))
+        if number + 1 == len(parts):
+            break
+        part, scale = parts[number], np.ones(parts[number].goal_bounds[0].size)
+        goal = GoalReached(part.problem.goal, part.kinematics, scale)
+        goals.append(Sampled(goal, at, within, suffix))
+        sudden = part.sudden and parts[number + 1].sudden
+        if segment.dwell > 0.0 and not sudden and of.highest > 2:
+            rest = Standstill(BRAKING * part.problem.robot.limits.velocity)
+            goals.append(Sampled(rest, at, within, suffix))
+    return [*goals, *arrivals]
