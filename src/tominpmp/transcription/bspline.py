@@ -99,7 +99,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         segment_ends: Number of intervals up to the end of each segment.
         breaks: Numbers of intervals before nodes at which the derivative below the
             highest may jump: accelerations of degree 3.
-        knots_by_durations: KnotVector by each of the durations, shape (K, m).
+        knots_by_durations: Knots by each of the durations, shape (K, m).
         hung: How control points hang on the unknowns.
         acceleration_range: What the full torque range of each joint brings about, shape
             (n,), which controls are measured in; ones before a motion was looked at.
@@ -284,7 +284,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return SplineMotion(self.points(z), eta, self.shares, self._knots_for(eta))
 
     def _knots_for(self, eta: Array) -> KnotVector:
-        """KnotVector in units of the last duration."""
+        """Knots in units of the last duration."""
         if self._knots is not None:
             return self._knots
         return KnotVector(self.shares @ (eta / eta[-1]), self.degree, self.breaks)

@@ -50,7 +50,7 @@ class KnotVector:
         every = np.arange(h.size)
         self.first: IntArray = every + np.searchsorted(breaks, every, side="right")
         self._bands = {0: np.ones((self.count, 1))}
-        self._known: WeakKeyDictionary[Instants, dict[tuple[int, bool], Array]]
+        self._known: WeakKeyDictionary[Instants, dict[tuple[str, int], Array]]
         self._known = WeakKeyDictionary()
 
     @property
@@ -99,9 +99,9 @@ class KnotVector:
         By the recursion of Cox (1972) and de Boor (1972); remembered as long as the
         instants.
         """
-        known = self._known.setdefault(at, {})
-        if (order, False) in known:
-            return known[order, False]
+        known, key = self._known.setdefault(at, {}), ("functions", order)
+        if key in known:
+            return known[key]
         times = self._begins[at.interval] + at.share * self._h[at.interval]
         p, t = self.degree - order, self.knots[order : self.knots.size - order]
         span = self.first[at.interval] + p
@@ -115,13 +115,14 @@ class KnotVector:
                 found[r] = saved + right[r + 1] * part
                 saved = left[j - r] * part
             found.append(saved)
-        known[order, False] = np.stack(found, axis=1)
-        return known[order, False]
+        known[key] = np.stack(found, axis=1)
+        return known[key]
 
     def weights(self, at: Instants, order: int) -> Array:
         """Weights of the control points in a derivative, (m, p + 1), remembered too."""
-        known, found = self._known.setdefault(at, {}), self.functions(at, order)
-        if (order, True) not in known:
+        known, key = self._known.setdefault(at, {}), ("weights", order)
+        found = self.functions(at, order)
+        if key not in known:
             first = self.first[at.interval]
             for k in range(order, 0, -1):
                 # A control point of a derivative is a difference of two one order
@@ -130,8 +131,8 @@ class KnotVector:
                 scaled = found * along[places(first, found.shape[1])]
                 found = np.pad(scaled, ((0, 0), (1, 0)))
                 found[:, :-1] -= scaled
-            known[order, True] = found
-        return known[order, True]
+            known[key] = found
+        return known[key]
 
 
 @dataclass(frozen=True, eq=False)
