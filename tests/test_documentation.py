@@ -6,7 +6,7 @@ import inspect
 import re
 import sys
 import warnings
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -14,7 +14,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp import exceptions
-from tominpmp.arrays import Converted
+from tominpmp.arrays import Converted, field_type
 from tominpmp.cell.tours.tour_file import load_tour
 from tominpmp.description.files import robot_names
 
@@ -219,13 +219,11 @@ def test_public_functions_tell_of_their_arguments() -> None:
     assert unsaid == []
 
 
-def kept(kind: type, name: str) -> str:
-    """The type of a field as it is kept, by the name that its module has for it."""
-    modules = [vars(sys.modules[base.__module__]) for base in kind.__mro__]
-    found = next((known[name] for known in modules if name in known), None)
-    converted = getattr(found, "__origin__", None)
+def kept(kind: type, item: Field[Any]) -> str:
+    """The type of a field as it is kept."""
+    converted = getattr(field_type(kind, item.name), "__origin__", None)
     if get_origin(converted) is not Converted:
-        return name
+        return str(item.type)
     return str(get_args(converted)[1]).replace("ndarray", "Array")
 
 
@@ -242,7 +240,7 @@ def test_arrays_of_public_classes_tell_of_their_shapes() -> None:
         unsaid += [
             f"{name}.{item.name}"
             for item in fields(kind)
-            if "Array" in kept(kind, item.type)
+            if "Array" in kept(kind, item)
             and "shape" not in f"{head} {said[item.name]}"
         ]
     assert unsaid == []

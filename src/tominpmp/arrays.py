@@ -264,10 +264,19 @@ class Record:
         self.__dict__.update(state)
 
 
+def field_type(kind: type, name: str) -> Any:
+    """The type of a field; the text of its annotation where that is no mere name."""
+    for base in kind.__mro__:
+        declared = inspect.get_annotations(base).get(name)
+        if declared is not None:
+            known = vars(sys.modules[base.__module__])
+            named = isinstance(declared, str)
+            return known.get(declared, declared) if named else declared
+    return None
+
+
 def _checks_of(kind: type) -> Iterator[tuple[str, Check]]:
     """Fields that a class declares by types with a check, and these checks."""
-    known = vars(sys.modules[kind.__module__])
-    for name, declared in inspect.get_annotations(kind).items():
-        named = known.get(declared) if isinstance(declared, str) else declared
-        for check in getattr(named, "__metadata__", ()):
+    for name in inspect.get_annotations(kind):
+        for check in getattr(field_type(kind, name), "__metadata__", ()):
             yield name, check

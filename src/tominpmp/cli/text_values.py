@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, field_type
 from tominpmp.constraints import PathConstraint
 from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError, SceneError
 from tominpmp.files.records import classes
@@ -246,7 +246,9 @@ def _record(
             raise OptionsError(f"{item!r}: the keys of a {kind} are {keys}")
         if key in values:
             raise OptionsError(f"{SHORT.get(key, key)} is given twice")
-        values[key] = value if known[key].type == "str" else _entry(value, key)
+        declared = field_type(kinds[kind], key)
+        plain = getattr(declared, "__origin__", declared) in (str, "str")
+        values[key] = value if plain else _entry(value, key)
     bare = [k for k, f in known.items() if f.default is f.default_factory is MISSING]
     lacking = [SHORT.get(k, k) for k in (*bare, *needed) if k not in values]
     if lacking:
