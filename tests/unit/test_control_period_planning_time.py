@@ -18,7 +18,6 @@ from scipy.interpolate import BSpline
 
 import tominpmp as tm
 from tominpmp.initial_guess.warm_start import warm_start
-from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import attempt as attempts
 from tominpmp.planner import control_period as clock
 from tominpmp.planner import control_period_segments
@@ -30,7 +29,6 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE
 from tominpmp.verification.limit_violations import LimitViolation
-from tominpmp.verification.nearest import keeps_clear
 
 # A small problem, solved fast.
 QUICK: dict[str, Any] = {"control": "constant", "starts": 1, "intervals": 20}
@@ -125,20 +123,6 @@ def test_one_replay_on_the_clock_and_few_programs(ur5, calls, period):
     free = tm.plan(problem, **few)
     assert len(records) - len(free.history) <= 4
     assert solution.T <= ticks_of(free.T, period) * period + period * 1.001
-
-
-def test_clearance_of_planned_motions(planar3r):
-    """Between the rows too: the motion is there for a moment only."""
-    problem = planar_problem(planar3r)
-    motion = tm.plan(problem, **QUICK).trajectory
-    assert keeps_clear(problem, motion, 1e-5)
-    middle = motion(0.5 * motion.duration).q
-    link = planar3r.model.names[planar3r.n]
-    place = RobotKinematics(planar3r).placement(middle, link).translation
-    for away, clear in ((0.0, False), (20.0, True)):
-        ball = tm.Sphere("ball", radius=0.01, position=tuple(place + away))
-        there = planar_problem(planar3r, scene=tm.Scene([ball]))
-        assert keeps_clear(there, motion, 1e-5) is clear
 
 
 def test_a_motion_off_the_clock_is_one_that_was_replayed(planar3r, monkeypatch):

@@ -19,10 +19,6 @@ from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
 
-# Motions this much slower than the best one, as a share of T, are nearly as fast: what
-# grids cost differs by less.
-TIE = 0.01
-
 
 @dataclass(frozen=True, eq=False)
 class Attempt:

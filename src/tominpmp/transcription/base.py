@@ -218,7 +218,7 @@ class Transcription(ABC, Generic[M]):
         None for a configuration, which is a bound or built in.
         """
         given = self.system.final_configuration is not None
-        return None if given else np.ones(self.system.goal_bounds[0].size)
+        return None if given else self.system.goal_scale
 
     @abstractmethod
     def motion(self, z: Array) -> M:

@@ -274,6 +274,18 @@ class ProblemFunctions:
         return self.problem.goal.bounds(self.kinematics)
 
     @cached_property
+    def goal_scale(self) -> Array:
+        """What the goal residual is divided by, shape (k,).
+
+        Lengths count as they are, or for arms shorter than a metre as shares of their
+        reach.
+        """
+        scale = np.ones(self.goal_bounds[0].size)
+        place = self.problem.goal.place(self.kinematics, self.problem.q_start)
+        scale[: place.lengths.size][place.lengths] = min(self.reach, 1.0)
+        return scale
+
+    @cached_property
     def v_start(self) -> Array:
         """Velocities at the start, shape (n,)."""
         given = self.problem.v_start

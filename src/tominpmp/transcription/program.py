@@ -323,8 +323,8 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
             arrivals.append(Sampled(Arrival(*segment.arrival), at, within, suffix))
         if number + 1 == len(parts):
             break
-        part, scale = parts[number], np.ones(parts[number].goal_bounds[0].size)
-        goal = GoalReached(part.problem.goal, part.kinematics, scale)
+        part = parts[number]
+        goal = GoalReached(part.problem.goal, part.kinematics, part.goal_scale)
         goals.append(Sampled(goal, at, within, suffix))
         sudden = part.sudden and parts[number + 1].sudden
         if segment.dwell > 0.0 and not sudden and of.highest > 2:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,12 +9,11 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.selection import links_of, links_touching
-from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop, check
 from tominpmp.verification.closest_approach import Approach, Closest, HermitePath
 from tominpmp.verification.limit_violations import LimitViolation
-from tominpmp.verification.replay import TIME_STEP, Replay, planned
+from tominpmp.verification.replay import Replay
 
 # Where a start or a goal touches something, pairs may lack a trace of room as long as
 # no joint is farther from there than this [rad or m].
@@ -140,18 +138,6 @@ def _of_one_piece(checker: CollisionChecker, names: frozenset[str]) -> bool:
     cut = (checker.cut or frozenset()) | names
     pieces = links_of(checker.robot, checker.geometry, cut)
     return sum(body.name in names for body in pieces) == hulls
-
-
-def keeps_clear(problem: Problem, trajectory: Trajectory, tolerance: float) -> bool:
-    """Whether a motion touches nothing as it is planned, at any time.
-
-    The tolerance is for ends that are at the margin [m].
-    """
-    step = max(TIME_STEP, trajectory.duration / PLANNED_ROWS)
-    # Without the torques, which take most of the time.
-    motion = planned(replace(trajectory, inverse_dynamics=None), step)
-    found = closest(problem, motion, problem.checker, tolerance)
-    return found is None or not found.violation.violated
 
 
 def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Nearest:
