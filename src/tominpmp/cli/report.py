@@ -276,7 +276,7 @@ def robot_text(data: dict[str, Any]) -> str:
     """Write the data for people; fitted to the screen if there is one."""
     console = Console()
     width = console.width if console.is_terminal else None
-    count = len(data["joints"])
+    count, shapes = len(data["joints"]), data["collision_geometries"]
     locked = [f"{name}={value:g}" for name, value in data["locked_joints"].items()]
     rows = {
         "gravity": [f"{value:g}" for value in data["gravity"]],
@@ -285,7 +285,7 @@ def robot_text(data: dict[str, Any]) -> str:
         "passive": data["passive_joints"],
         "groups": list(data["groups"]),
         "group states": list(data["group_states"]) or ["none"],
-        "collision": [_counted(data["collision_geometries"])],
+        "collision": [f"{shapes} geometr{'y' if shapes == 1 else 'ies'}"],
         "frames": data["frames"],
         "URDF": [data["urdf"]],
         "SRDF": [data["srdf"] or "none"],
@@ -339,10 +339,6 @@ def _cell(key: str, value: Any) -> str:
     if value is None:
         return "-inf" if key.endswith("lower") else "inf"
     return value if isinstance(value, str) else f"{value:.5g}"
-
-
-def _counted(count: int) -> str:
-    return "1 geometry" if count == 1 else f"{count} geometries"
 
 
 def rows_text(message: str, rows: Sequence[tuple[str, str]]) -> str:

@@ -49,7 +49,8 @@ def guarded(
         The attempt; None if it led to nothing at all.
 
     Raises:
-        TominpmpError: If that is what the attempt ended with, and had found nothing.
+        TominpmpError: If that is what the attempt ended with, and nothing was found by
+            it or before.
     """
     try:
         attempt = work()
@@ -60,7 +61,7 @@ def guarded(
         return _rescued(problem, options, progress, name, progress.stopped(stop))
     except (*NUMERICAL, TominpmpError) as error:
         found = any(item.feasible for item in progress.kept)
-        if isinstance(error, TominpmpError) and not found:
+        if isinstance(error, TominpmpError) and not found and progress.best == np.inf:
             raise
         logger.warning("start %d failed: %r", progress.start, error)
         if not found:
