@@ -13,7 +13,8 @@ from tominpmp.initial_guess.bumps import HEIGHT, bumped, bumps
 from tominpmp.initial_guess.guess import SAMPLED, straight_guess
 from tominpmp.planner import search, thorough
 from tominpmp.planner.automatic_options import resolve_options
-from tominpmp.planner.coarse_search import CoarseSearch, torques_rule
+from tominpmp.planner.coarse_search import CoarseSearch
+from tominpmp.planner.descent import torques_rule
 from tominpmp.planner.progress import Progress
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

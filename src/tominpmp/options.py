@@ -108,7 +108,8 @@ class Options(Record):
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
             runs over an interval: "constant", or for "inverse" also "linear"
             (continuous accelerations) and "spline" (smooth ones); "auto" takes
-            "linear" for "inverse", but "constant" where switches are to be exact.
+            "linear" where torques rule the motion or its limits need it, else, where
+            speeds rule and with several segments, "constant".
         objective: "time" for the fastest motion, or "feasible" for the first one that
             keeps all constraints, in its replay too; its time is not minimised.
         effort: How far the best motion is looked for, rather than the nearest: "quick"

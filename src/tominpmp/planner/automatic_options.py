@@ -133,9 +133,12 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
         )
     if control != "auto":
         return control
-    # Torques that switch are read off accelerations that jump.
+    if smooth:
+        return "linear"
+    # Torques that switch are read off accelerations that jump. Else "auto" is left to
+    # the descents: linear ones where torques rule a motion.
     jumps = method != "inverse" or options.refine == "switching"
-    return "constant" if jumps and not smooth else "linear"
+    return "constant" if jumps else "auto"
 
 
 def _check_clock(problem: Problem, options: Options) -> None:

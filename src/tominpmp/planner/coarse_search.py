@@ -21,12 +21,11 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.friction import OVERLOAD
-from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Options
+from tominpmp.options import Control, Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.descent import descend, descended
 from tominpmp.planner.progress import Kept, Progress
@@ -51,9 +50,6 @@ RADIUS = 0.5
 # Intervals to finish one with, at most, where torques rule and the grid may follow the
 # motion, and joints times intervals: programs of thirty joints take a second each.
 TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
-# A guess is held by speed limits where a joint is at one for this share of the time,
-# from this share of it on: torques do not rule it then.
-SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # What a coarse grid costs, as a share of T, where torques rule and where speeds do.
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
 # Largest violation of a coarse motion that is finished.
@@ -86,15 +82,6 @@ def suits(system: ProblemFunctions, options: Options) -> bool:
         and options.intervals >= LEAST_INTERVALS
         and not system.parts
     )
-
-
-def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
-    """Whether torques rule a motion along a guess, rather than speed limits."""
-    if not guess.timed:
-        return True
-    v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
-    used = speed_used(system.problem, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
-    return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
 
 
 def shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
@@ -162,6 +149,9 @@ class CoarseSearch:
         *,
         torques: bool,
     ) -> None:
+        if options.control == "auto":
+            control: Control = "linear" if torques else "constant"
+            options = replace(options, control=control)
         self.system, self.options, self.progress = system, options, progress
         self.coarse = replace(
             options,

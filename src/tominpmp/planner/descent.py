@@ -10,13 +10,14 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.segments import (
     SegmentedGuess,
     at_rest_on_the_way,
     solved_guess,
 )
-from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -44,6 +45,9 @@ FIRST_ITERATIONS = 10
 # Doublings of the grid, or of the steps, of a motion whose replay does not hold; swift
 # motions on grids of constant torques need more of them, which take little time.
 REPAIRS, REPAIRS_OF_COLLOCATION = 2, 4
+# A guess is held by speed limits where a joint is at one for this share of the time,
+# from this share of it on: torques do not rule it then.
+SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # An iteration is hopeless after so many steps if it breaks limits by more than is near
 # to a motion, and that has not fallen to this share of it in the last ones.
 PATIENCE, LATELY, FALLING = 10, 5, 0.9
@@ -74,10 +78,34 @@ def hopeless(duration: float, near: float = FAR) -> Judge:
     return judge
 
 
+def with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Options:
+    """The options, with accelerations that fit a guess where that was left open.
+
+    Linear ones are 3 to 4 % faster where torques rule. Where speeds do they bring next
+    to nothing: constant ones take half the programs there, and no ramps that are too
+    short for the clock of a controller.
+    """
+    if options.control != "auto":
+        return options
+    smooth = isinstance(guess, WarmStart) and guess.continuous
+    smooth = smooth or (not system.parts and torques_rule(system, guess))
+    return replace(options, control="linear" if smooth else "constant")
+
+
+def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
+    """Whether torques rule a motion along a guess, rather than speed limits."""
+    if not guess.timed and not isinstance(guess, WarmStart):
+        return True
+    v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
+    used = speed_used(system.problem, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
+    return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
+
+
 def descended(
     system: ProblemFunctions, options: Options, guess: Guess, progress: Progress
 ) -> Attempt:
     """Improve a guess, and repair the motion until its replay holds."""
+    options = with_control(system, options, guess)
 
     def make(
         tried: ProblemFunctions, doublings: int, former: Attempt | None

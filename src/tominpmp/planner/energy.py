@@ -46,13 +46,12 @@ UNITS = {"torque_squared": "N^2 m^2 s", "work": "J"}
 NO_CHEAPER = "none of less cost was found."
 
 
-def economical(solution: Solution, options: Options, *, free: bool) -> Solution:
+def economical(solution: Solution, options: Options) -> Solution:
     """The motion of least T + k times its energy.
 
     Args:
         solution: The fastest motion that was found.
         options: Options of the plan.
-        free: Whether its accelerations may run as suits the energy.
 
     Returns:
         The motion, or the fastest one with a message that says why there is none.
@@ -67,14 +66,14 @@ def economical(solution: Solution, options: Options, *, free: bool) -> Solution:
         return replace(solution, status=Status.FEASIBLE, message=message)
 
     return bettered(
-        solution, partial(_best, solution, former, free), left, "weighing its energy"
+        solution, partial(_best, solution, former), left, "weighing its energy"
     )
 
 
-def _best(solution: Solution, former: Trajectory, free: bool) -> Solution | str:
+def _best(solution: Solution, former: Trajectory) -> Solution | str:
     """The solution with the motion of least cost, or why there is none."""
     options, found = solution.options, None
-    fits = options.control in DEGREES and not free
+    fits = options.control in DEGREES
     if options.energy == "work":
         fits = fits or former.degree == QUADRATIC
     if options.method == "collocation" or not fits:

@@ -68,8 +68,7 @@ def plan(
         SolverNotFound: If the solver of linear programs is not installed.
     """
     instance(problem, Problem, "problem")
-    given = Options.of(options).changed(changes)
-    asked = options = resolve_options(problem, given)
+    asked = options = resolve_options(problem, Options.of(options).changed(changes))
     stands = standing(problem, options)
     if stands is not None:
         return stands
@@ -80,8 +79,7 @@ def plan(
     with progress.deadline.in_force():
         solution = _plan(problem, options, progress, start)
         if asked.energy_weight and solution.status not in STOPPED:
-            free = given.control == "auto"
-            return with_remarks(economical(solution, asked, free=free), progress)
+            return with_remarks(economical(solution, asked), progress)
     return solution
 
 

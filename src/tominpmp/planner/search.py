@@ -16,7 +16,8 @@ from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_search import NEARLY, CoarseSearch, torques_rule
+from tominpmp.planner.coarse_search import NEARLY, CoarseSearch
+from tominpmp.planner.descent import torques_rule
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.torque_starts import SHOOTING, shots
 from tominpmp.status import STOPPED, IterationRecord, Status

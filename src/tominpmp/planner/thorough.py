@@ -22,7 +22,8 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_search import CoarseSearch, suits, torques_rule
+from tominpmp.planner.coarse_search import CoarseSearch, suits
+from tominpmp.planner.descent import torques_rule
 from tominpmp.planner.exact_switches import with_exact_switches
 from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.optimality import certified
@@ -128,7 +129,8 @@ def exactly(
     """
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
     small = system.alone and system.n <= FEW_MOTORS
-    plain = problem.motion_limits is None and options.refine == "auto"
+    plain = problem.motion_limits is None and options.control == "auto"
+    plain = plain and options.refine == "auto"
     if small and plain and not options.control_period:
         one = replace(options, starts=1)
         for attempt in with_exact_switches(problem, one, progress, [best]):
