@@ -41,7 +41,7 @@ def states(
         for term in terms[-2::-1]:
             value = term + s * value
         found.append(value)
-        terms = [power * term for power, term in enumerate(terms)][1:]
+        terms = [power * term for power, term in enumerate(terms) if power]
     position, velocity, acceleration = found
     return position, velocity, acceleration
 

@@ -90,7 +90,7 @@ class Hung(NamedTuple):
 
 
 class BSplineTranscription(Transcription[SplineMotion]):
-    """A problem in z = (free control points, durations).
+    """A problem in z = (free control points from the start on, durations).
 
     Attributes:
         system: The functions of the problem.
@@ -121,6 +121,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         self.segment_ends = segment_ends or (len(shares),)
         self.breaks = breaks
         self._n, self._m = system.n, int(shares.shape[1])
+        self._base = system.problem.q_start
         self.acceleration_range = np.ones(self._n)
         self.knots_by_durations = clamped(shares, degree, breaks)
         self.hung = self._eliminated()
@@ -144,9 +145,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
             last = int(goal is not None)
         inner = M - known - last
         column: IntArray = np.full(M, -1)
-        offset, slopes = np.zeros((M, self._n)), np.zeros((M, self._n, self._m))
+        offset, slopes = np.tile(self._base, (M, 1)), np.zeros((M, self._n, self._m))
         column[known : known + inner] = np.arange(inner)
-        offset[:known] = system.problem.q_start
         slopes[:known] = system.v_start[:, None] * _reach(t, p, known)
         if last and goal is not None:
             offset[M - last :] = goal
@@ -174,8 +174,13 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     def points(self, z: Array) -> Array:
         """Control points, shape (M, n)."""
+        return self._from_base(z) + self._base
+
+    def _from_base(self, z: Array) -> Array:
+        """Control points from the start on, shape (M, n)."""
         hung, moved = self.hung, self.hung.column >= 0
-        found = hung.offset + hung.slopes @ z[self.point_unknowns :]
+        found = (hung.offset.reshape(-1, self._n) - self._base).ravel()
+        found += hung.slopes @ z[self.point_unknowns :]
         found[moved] += z[hung.column[moved]]
         return np.asarray(found.reshape(-1, self._n))
 
@@ -259,14 +264,14 @@ class BSplineTranscription(Transcription[SplineMotion]):
         rest = q.ravel() - design @ (hung.offset + hung.slopes @ eta)
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
         limits = self.system.problem.robot.limits
-        points = np.reshape(points, (-1, self._n))
+        points = np.reshape(points, (-1, self._n)) + self._base
         points = np.clip(points, limits.position_lower, limits.position_upper)
-        return np.concatenate([points.ravel(), eta])
+        return np.concatenate([(points - self._base).ravel(), eta])
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within position limits and positive durations."""
         limits = self.system.problem.robot.limits
-        points = z[: self.point_unknowns].reshape(-1, self._n)
+        points = z[: self.point_unknowns].reshape(-1, self._n) + self._base
         box = np.broadcast_to(radius * self.system.step_scale, points.shape)
         lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
         upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
@@ -281,7 +286,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def motion(self, z: Array) -> SplineMotion:
         """Spline of an iterate."""
         eta = z[self.point_unknowns :]
-        return SplineMotion(self.points(z), eta, self.shares, self._knots_for(eta))
+        knots = self._knots_for(eta)
+        return SplineMotion(self._from_base(z), self._base, eta, self.shares, knots)
 
     def _knots_for(self, eta: Array) -> KnotVector:
         """Knots in units of the last duration."""

@@ -140,13 +140,16 @@ class SplineMotion:
     """A B-spline of an iterate.
 
     Attributes:
-        points: Control points, shape (M, n).
+        points: Control points from the base on, shape (M, n): of motions by micrometres
+            the differences of whole ones would be rounded.
+        base: What is added to them, shape (n,).
         eta: Durations by which the shares are multiplied, shape (m,).
         shares: Lengths of the intervals by eta, shape (N, m).
         knots: Its knots, in units of the last duration.
     """
 
     points: Array
+    base: Array
     eta: Array
     shares: Array
     knots: KnotVector
@@ -166,7 +169,8 @@ class SplineMotion:
         """Control points of a derivative, shape (M - order, n)."""
         known = self._derivatives
         if order not in known:
-            steps = np.diff(self.derivative(order - 1), axis=0)
+            former = self.points if order == 1 else self.derivative(order - 1)
+            steps = np.diff(former, axis=0)
             slopes = self.knots.slopes(order) / self.unit
             known[order] = slopes[:, None] * steps
         return known[order]
@@ -174,7 +178,7 @@ class SplineMotion:
     @cached_property
     def _derivatives(self) -> dict[int, Array]:
         """Those that were asked for: they are, again and again."""
-        return {0: self.points}
+        return {0: self.points + self.base}
 
     def values(
         self, at: Instants, order: int, which: IntArray | slice = slice(None)
@@ -187,7 +191,7 @@ class SplineMotion:
 
     def positions(self, times: Array) -> Array:
         """Positions at times [s], shape (k, n)."""
-        return np.asarray(self.knots.design(times / self.unit) @ self.points)
+        return np.asarray(self.knots.design(times / self.unit) @ self.derivative(0))
 
     def by_durations(
         self, quantity: Callable[[SplineMotion], Array], order: int

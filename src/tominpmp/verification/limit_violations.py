@@ -20,6 +20,9 @@ from tominpmp.verification.replay import TIME_STEP, Replay
 # Joints slower than this may stop, turn or set out at another time than in a replay
 # [rad/s or m/s]: a tenth of what is tolerated where they are to be at rest.
 SLOW = 1e-3
+# Positions are known to this share of the largest one, and accelerations to what that
+# makes of them within a step of the replay: within microseconds it looks like a jerk.
+ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 # Units of the kinds, for turning and sliding joints.
 UNITS = {
     "position": ("rad", "m"),
@@ -142,7 +145,13 @@ def limit_violations(
     if limited:
         beyond, jumps = (
             np.min(np.abs(a), axis=0) - highest,
-            _rates(replay.t, ends, a[0], steepest),
+            _rates(
+                replay.t,
+                ends,
+                a[0],
+                steepest,
+                rounding=ROUNDING * np.max(np.abs(q), axis=0),
+            ),
         )
         found.append(
             worst_of_joints(robot, "acceleration", t, beyond, highest, tolerance)
@@ -265,7 +274,12 @@ def _ways(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:
 
 
 def _rates(
-    t: Array, ends: IntArray, values: Array, limit: Array, own: Array | None = None
+    t: Array,
+    ends: IntArray,
+    values: Array,
+    limit: Array,
+    own: Array | None = None,
+    rounding: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Jerks or effort rates; a jump counts as if it took a millisecond.
 
@@ -276,6 +290,7 @@ def _rates(
         limit: The largest rates, shape (n,).
         own: Values whose jumps are no fault: of dry friction where a joint turns,
             which no rate of a motor can follow. Shape (k, m + P, n).
+        rounding: Of what the values are second derivatives of, shape (n,).
 
     Returns:
         Times, and amounts beyond the limit.
@@ -288,7 +303,8 @@ def _rates(
         return before, after
 
     before, after = sides(values)
-    steps = np.abs(before[1:] - after[:-1]) / np.diff(t)[:, None]
+    dt = np.diff(t)[:, None]
+    steps = np.maximum(np.abs(before[1:] - after[:-1]) - rounding / dt**2, 0.0) / dt
     jumps = after - before
     if own is not None:
         (low, later), (high, latest) = map(sides, (own.min(0), own.max(0)))
