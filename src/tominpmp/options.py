@@ -108,8 +108,8 @@ class Options(Record):
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
             runs over an interval: "constant", or for "inverse" also "linear"
             (continuous accelerations) and "spline" (smooth ones); "auto" takes
-            "linear" where torques rule the motion or its limits need it, else, where
-            speeds rule and with several segments, "constant".
+            "linear" where limits need it, or torques rule on 24 intervals or more, and
+            else, where speeds rule and with several segments, "constant".
         objective: "time" for the fastest motion, or "feasible" for the first one that
             keeps all constraints, in its replay too; its time is not minimised.
         effort: How far the best motion is looked for, rather than the nearest: "quick"

@@ -17,18 +17,18 @@ def test_the_rounded_cone_is_within_the_cone(load):
     rng = np.random.default_rng(0)
     part, most = rng.normal(size=(500, 2)), np.abs(rng.normal(size=500))
     part, most = part * load, most * load
-    value, _ = _cone(part, most, np.eye(6)[:2], np.eye(6)[2], TIP)
+    value, _ = _cone(np.column_stack([part, most]), np.eye(6)[:3], TIP)
     beyond = np.linalg.norm(part, axis=1) - most
     assert np.all(value[:, 0] >= beyond)
     assert np.all(beyond[value[:, 0] <= 0.0] < 0.0)
 
 
 def test_slopes_at_the_tip_are_those_of_a_smooth_function():
-    ways = np.eye(6)[:2], 0.3 * np.eye(6)[2]
+    ways = np.eye(6)[:3] * np.array([[1.0], [1.0], [0.3]])
     small = 1e-3 * TIP
     for part in ((small, 0.0), (-small, small)):
-        _, here = _cone(np.array([part]), np.array([small]), *ways, TIP)
-        _, there = _cone(-np.array([part]), np.array([small]), *ways, TIP)
+        _, here = _cone(np.array([[*part, small]]), ways, TIP)
+        _, there = _cone(np.array([[-part[0], -part[1], small]]), ways, TIP)
         assert np.max(np.abs(here - there)) < 10.0 * small / TIP
 
 

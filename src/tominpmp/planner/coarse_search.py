@@ -27,7 +27,7 @@ from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
 from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.descent import descend, descended
+from tominpmp.planner.descent import MANY_INTERVALS, descend, descended
 from tominpmp.planner.progress import Kept, Progress
 from tominpmp.planner.rescue import guarded, slowed_down
 from tominpmp.solvers.slp import TIME_SCALINGS
@@ -37,8 +37,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-# Intervals of grids from which on a coarser one pays, and of a coarse grid.
-LEAST_INTERVALS, INTERVALS = 24, 16
+# Intervals of a coarse grid.
+INTERVALS = 16
 # How exactly a coarse motion is found, and in how many iterations.
 TOLERANCE, ITERATIONS = 2e-3, 30
 # Excess of torques between the rows of coarse grids that is let pass, where the asked
@@ -79,7 +79,7 @@ def suits(system: ProblemFunctions, options: Options) -> bool:
     return (
         options.method == "inverse"
         and options.objective == "time"
-        and options.intervals >= LEAST_INTERVALS
+        and options.intervals >= MANY_INTERVALS
         and not system.parts
     )
 

@@ -45,6 +45,9 @@ FIRST_ITERATIONS = 10
 # Doublings of the grid, or of the steps, of a motion whose replay does not hold; swift
 # motions on grids of constant torques need more of them, which take little time.
 REPAIRS, REPAIRS_OF_COLLOCATION = 2, 4
+# Intervals of grids from which on coarser ones pay, and linear accelerations: on fewer
+# they lose more where torques switch than constant ones do.
+MANY_INTERVALS = 24
 # A guess is held by speed limits where a joint is at one for this share of the time,
 # from this share of it on: torques do not rule it then.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
@@ -88,7 +91,8 @@ def with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Op
     if options.control != "auto":
         return options
     smooth = isinstance(guess, WarmStart) and guess.continuous
-    smooth = smooth or (not system.parts and torques_rule(system, guess))
+    many = options.intervals >= MANY_INTERVALS and not system.parts
+    smooth = smooth or (many and torques_rule(system, guess))
     return replace(options, control="linear" if smooth else "constant")
 
 
