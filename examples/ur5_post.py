@@ -56,7 +56,7 @@ def main() -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     solution.plot(arguments.out / "ur5_post.png")
     solution.play(arguments.out / "ur5_post.html", ghosts=5)
-    solution.export(arguments.out / "ur5_post.csv", dt=0.001)
+    solution.export(arguments.out / "ur5_post.csv")
     for ending in ("png", "html", "csv"):
         print(arguments.out / f"ur5_post.{ending}")
     return 0 if solution.success else 1

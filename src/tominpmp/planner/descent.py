@@ -134,6 +134,17 @@ def descended(
     return repaired(system, progress, make, repairs)
 
 
+def quieting(system: ProblemFunctions, options: Options, duration: float) -> float:
+    """Weight of the total variation on a grid finer than the search's [s].
+
+    With nothing in the way proximal steps keep controls quiet enough. Among obstacles
+    torques that nothing holds would jump for less than the clock of a controller.
+    """
+    if options.smoothing is not None:
+        return options.smoothing
+    return 0.0 if system.alone else SMOOTHING_SHARE * duration
+
+
 def repaired(
     system: ProblemFunctions, progress: Progress, make: Make, repairs: int = REPAIRS
 ) -> Attempt:

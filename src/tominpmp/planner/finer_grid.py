@@ -21,7 +21,7 @@ from tominpmp.arrays import Array
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt, fastest
-from tominpmp.planner.descent import repaired
+from tominpmp.planner.descent import quieting, repaired
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
 from tominpmp.problem import Problem
@@ -245,7 +245,8 @@ def _solve(
     watch: Watch,
 ) -> tuple[NonlinearProgram, SlpResult]:
     """A few programs on a new grid, with the rows of distances that there were."""
-    lp, smoothing = make_solver(options.lp_solver), options.smoothing or 0.0
+    lp = make_solver(options.lp_solver)
+    smoothing = quieting(of.system, options, float(of.cost @ z))
     few = replace(
         options,
         trust_region=RADIUS * options.trust_region,
