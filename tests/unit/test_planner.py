@@ -141,9 +141,10 @@ def test_smoothing_quiets_the_controls(planar3r):
     problem = tm.Problem(planar3r, START, tm.JointGoal((1.2, 0.3, 0.4)))
 
     def variation(smoothing):
-        options = tm.Options(control="constant", smoothing=smoothing)
+        options = tm.Options(control="linear", smoothing=smoothing)
         solution = plan_quickly(problem, options)
-        return np.abs(np.diff(solution.trajectory.a, axis=0)).sum(), solution.T
+        a = solution.trajectory(solution.trajectory.t).a
+        return np.abs(np.diff(a, 2, axis=0)).sum(), solution.T
 
     rough, fastest = variation(0.0)
     smooth, slower = variation(3e-3)

@@ -122,8 +122,8 @@ class Rough:
 class CoarseSearch:
     """Starts on coarse grids, and what is made of them.
 
-    Where torques rule, linear accelerations on even intervals lose least; where speeds
-    and obstacles do, short ones at both ends. A weight on the variation of torques
+    Where torques rule, even intervals lose least; where speeds and obstacles do, short
+    ones at both ends. A weight on the variation of torques
     leads to better optima on the coarse grid; on the fine one it costs 0.1 % of T. If
     the grid may follow the motion anyway, torques get twice the intervals at once: that
     ends 0.1 to 0.5 % lower (six goals).
@@ -164,10 +164,7 @@ class CoarseSearch:
         if torques:
             self.fine = replace(self.fine, smoothing=options.smoothing or 0.0)
         if torques and system.alone:
-            linear: Control = (
-                "linear" if options.control == "constant" else options.control
-            )
-            self.coarse = replace(self.coarse, grid="uniform", control=linear)
+            self.coarse = replace(self.coarse, grid="uniform")
             if options.refine == "auto":
                 most = min(TORQUE_INTERVALS, TORQUE_VARIABLES // system.n)
                 finer = max(options.intervals, min(2 * options.intervals, most))

@@ -25,7 +25,6 @@ from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt, fastest
-from tominpmp.planner.descent import quieting
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
@@ -296,7 +295,7 @@ class Settling:
             trust_region=RADIUS * options.trust_region,
             max_iterations=min(ITERATIONS, options.max_iterations),
         )
-        smoothing = quieting(self.system, options, float(program.cost @ z))
+        smoothing = options.smoothing or 0.0
 
         def solve(
             program: NonlinearProgram, z: Array, few: Options, after: SlpResult | None
