@@ -187,13 +187,13 @@ def test_a_motion_of_segments_becomes_no_slower():
 def test_a_plan_that_is_cut_short_brings_no_more_than_a_longer_one(monkeypatch):
     """What a whole stage would let go of is let go of, and the plan was cut short."""
 
-    def cut_short(problem, options, progress, name, work):
+    def cut_short(problem, options, progress, best, work):
         progress.cut_short = Status.TIME_LIMIT
         before.append(progress.best)
         return SimpleNamespace(duration=(1.0 - 0.5 * USUAL.gain) * before[0])
 
     before = []
-    monkeypatch.setattr(finer_grid, "guarded", cut_short)
+    monkeypatch.setattr(finer_grid, "improvement_of", cut_short)
     solution = tm.plan(planar(), **MODES["auto"])
     assert [solution.T] == before
     assert solution.status is Status.TIME_LIMIT

@@ -84,14 +84,14 @@ def suits(system: ProblemFunctions, options: Options) -> bool:
     )
 
 
-def shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
+def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
     """Configurations at even shares of the duration, scaled, shape (SAMPLES, n)."""
     times = np.linspace(0.0, 1.0, SAMPLES) * motion.duration
     q, _, _ = states(motion.t, motion.q, motion.v, motion.a, times)
     return np.asarray(q / system.step_scale)
 
 
-def is_among(shape: Array, others: Iterable[Array]) -> bool:
+def _is_among(shape: Array, others: Iterable[Array]) -> bool:
     """Whether a shape is that of one of other motions."""
     return any(np.max(np.abs(shape - other)) < SAME for other in others)
 
@@ -123,10 +123,10 @@ class CoarseSearch:
     """Starts on coarse grids, and what is made of them.
 
     Where torques rule, even intervals lose least; where speeds and obstacles do, short
-    ones at both ends. A weight on the variation of torques
-    leads to better optima on the coarse grid; on the fine one it costs 0.1 % of T. If
-    the grid may follow the motion anyway, torques get twice the intervals at once: that
-    ends 0.1 to 0.5 % lower (six goals).
+    ones at both ends. A weight on the variation of torques leads to better optima on
+    the coarse grid; on the fine one it costs 0.1 % of T. If the grid may follow the
+    motion anyway, torques get twice the intervals at once: that ends 0.1 to 0.5 % lower
+    (six goals).
 
     Args:
         system: The problem.
@@ -195,7 +195,7 @@ class CoarseSearch:
             attempt = guarded(system.problem, self.options, progress, guess.name, solve)
         if attempt is None:
             return None
-        shape = shape_of(system, attempt.trajectory)
+        shape = _shape_of(system, attempt.trajectory)
         rough = Rough(attempt, guess, shape, progress.kept[-1])
         self.stopped = attempt.status in STOPPED
         if not self.stopped and (rough.duration == np.inf or self._knows(shape)):
@@ -214,14 +214,17 @@ class CoarseSearch:
             return Status.STALLED if over else None
         if self._outdone():
             return Status.STALLED
+        known = bool(self.known) and self._knows(self._shape)
+        return Status.STALLED if known else None
+
+    @property
+    def _shape(self) -> Array:
+        """Shape of the motion that the present start has come to."""
         program, iterate, _ = self.progress.kept[-1]
-        if not self.known:
-            return None
-        shape = shape_of(self.system, program.trajectory(iterate.z))
-        return Status.STALLED if self._knows(shape) else None
+        return _shape_of(self.system, program.trajectory(iterate.z))
 
     def _knows(self, shape: Array) -> bool:
-        return is_among(shape, (one.shape for one in self.known))
+        return _is_among(shape, (one.shape for one in self.known))
 
     def _outdone(self) -> bool:
         """Whether a start will end no faster than one that went before.
@@ -260,7 +263,7 @@ class CoarseSearch:
         self.stopped = attempt.status in STOPPED
         if attempt.found:
             self._gains.append(rough.duration / attempt.duration - 1.0)
-            self.ends.append(shape_of(system, attempt.trajectory))
+            self.ends.append(_shape_of(system, attempt.trajectory))
         elif self.stopped and progress.best == np.inf:
             attempt = self._replayed(rough, attempt.status)
         progress.best = min(progress.best, attempt.duration)
@@ -272,17 +275,10 @@ class CoarseSearch:
 
         Among obstacles it may still get away from there, and past them.
         """
-        progress = self.progress
-        faster = record.duration < (1.0 - PROMISE) * progress.best
-        if (
-            not self.ends
-            or faster
-            or record.violation > NEARLY
-            or not self.system.alone
-        ):
+        faster = record.duration < (1.0 - PROMISE) * self.progress.best
+        if faster or record.violation > NEARLY or not self.system.alone:
             return False
-        program, iterate, _ = progress.kept[-1]
-        return is_among(shape_of(self.system, program.trajectory(iterate.z)), self.ends)
+        return bool(self.ends) and _is_among(self._shape, self.ends)
 
     def saved(self) -> Iterator[Attempt]:
         """What there is when it is time to stop: the best coarse motion, replayed."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from importlib import import_module
 
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.rescue import guarded
+from tominpmp.planner.rescue import improvement_of
 from tominpmp.problem import Problem
 from tominpmp.status import STOPPED
 from tominpmp.transcription.bspline import DEGREES
@@ -45,10 +44,11 @@ def with_exact_switches(
         return
     # An add-on: loaded by name, so that the core works without it.
     exact = import_module("tominpmp.exact.switching_refinement")
-    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    progress.share(1)
-    progress.begin()
-    solve = partial(exact.exact_switches, system, options, best, progress)
-    found = guarded(problem, options, progress, best.name, solve)
+
+    def work(system: ProblemFunctions) -> Attempt:
+        placed: Attempt = exact.exact_switches(system, options, best, progress)
+        return placed
+
+    found = improvement_of(problem, options, progress, best, work)
     if found is not None:
         yield found

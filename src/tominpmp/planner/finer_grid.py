@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt, fastest
 from tominpmp.planner.descent import quieting, repaired
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.rescue import guarded
+from tominpmp.planner.rescue import KEPT, improvement_of
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.solvers.restoration import LIGHT, cured
@@ -33,10 +32,7 @@ from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
-from tominpmp.transcription.layout import (
-    Gridded,
-    split_intervals,
-)
+from tominpmp.transcription.layout import Gridded, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -111,9 +107,6 @@ def on_finer_grid(
             yield replace(best, history=(), remark=f"{best.remark} {remark}".strip())
         return
     thrift = USUAL if options.refine == "auto" else LAVISH
-    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    progress.share(1)
-    progress.begin()
     made = sum(r.programs for attempt in attempts for r in attempt.history)
     programs = max(thrift.work * made, LEAST_PROGRAMS)
 
@@ -121,10 +114,12 @@ def on_finer_grid(
         watch = Watch(progress, options, thrift, best.duration, programs)
         return _refined(tried, options, best, watch) or best
 
-    # Links that rows have kept apart would touch without them.
-    progress.links_touched = best.apart
-    solve = partial(repaired, system, progress, make, repairs=0)
-    faster = guarded(problem, options, progress, best.name, solve)
+    def work(system: ProblemFunctions) -> Attempt:
+        # Links that rows have kept apart would touch without them.
+        progress.links_touched = best.apart
+        return repaired(system, progress, make, repairs=0)
+
+    faster = improvement_of(problem, options, progress, best, work)
     # One that is cut short brings as much as one that is not, or nothing: a plan with
     # more time would have let go of less.
     if faster is not None and faster.duration < (1.0 - thrift.gain) * best.duration:
@@ -132,8 +127,7 @@ def on_finer_grid(
     elif progress.cut_short is not None:
         yield replace(best, history=(), status=progress.cut_short)
     elif faster is None:
-        failure = type(progress.failures[-1]).__name__
-        remark = f"A later stage failed ({failure}), and this was kept."
+        remark = KEPT.format(type(progress.failures[-1]).__name__)
         yield replace(best, history=(), remark=f"{best.remark} {remark}".strip())
     progress.deadline.check()
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt, fastest
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.progress import Progress
-from tominpmp.planner.rescue import guarded
+from tominpmp.planner.rescue import improvement_of
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.rounds import solve_in_rounds
@@ -95,18 +94,17 @@ def certified(
         # No motion at all is faster by more than that.
         yield replace(best, status=Status.CONVERGED, history=())
         return
-    progress.share(1)
-    progress.begin()
-    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    system = system if best.apart else system.first_tried
     # As many iterations as the search has had, some at least, and none too many.
     had = sum(len(attempt.history) for attempt in attempts)
     limit = min(max(had, FEWEST), options.max_iterations)
     if (1.0 - NEARLY_THERE) * best.duration <= bound:
         limit = min(limit, FEW)
-    settling = Settling(system, options, progress, tolerance, limit)
-    settle = partial(settling.run, best)
-    settled = guarded(problem, options, progress, best.name, settle)
+
+    def work(system: ProblemFunctions) -> Attempt:
+        system = system if best.apart else system.first_tried
+        return Settling(system, options, progress, tolerance, limit).run(best)
+
+    settled = improvement_of(problem, options, progress, best, work)
     if settled is None or settled.duration > best.duration:
         settled = replace(best, history=())
         if best.status is Status.CONVERGED:
@@ -210,7 +208,7 @@ class Settling:
         iterations: int,
     ) -> None:
         self.system, self.progress = system, progress
-        self.tolerance, self.padding = tolerance, 1.0
+        self.tolerance = tolerance
         self.budget = Budget(progress, iterations)
         self.options = options
 
@@ -260,13 +258,12 @@ class Settling:
         promised = max(seen.certificate.stationarity, self.tolerance)
         spent = gained > PADDING_SHARE * promised
         if spent:
-            self.padding *= LESS_PADDING
+            self.system = self.system.padded(LESS_PADDING)
         return spent
 
     def _further(self, best: Attempt, layout: Layout) -> Attempt:
         """A faster motion, replayed; the same where there is none."""
-        system = self.system.padded(self.padding)
-        of, z = layout.taken_up(system, best.trajectory)
+        of, z = layout.taken_up(self.system, best.trajectory)
         program, z = rested(NonlinearProgram.of(of).at(z), z)
         for _ in range(CLOSER_LOOKS):
             program, result = self._solved(program, z)

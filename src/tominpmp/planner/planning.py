@@ -138,8 +138,7 @@ def _attempts(
         yield attempt
         if options.objective == "feasible" and attempt.found:
             return
-    searched = tuple(attempts)
-    for attempt in improved(problem, options, progress, searched):
+    for attempt in improved(problem, options, progress, tuple(attempts)):
         attempts.append(attempt)
         yield attempt
 
@@ -152,11 +151,12 @@ def _attempts(
 class Improvement(NamedTuple):
     """What is made of the best motion of a search.
 
+    What each brings tells ``python -m benchmarks.ablation``, which leaves them out.
+
     Attributes:
         name: Its name.
         wanted: Whether options ask for it.
         improve: Yields faster motions, or the best one with the status it deserves.
-        brings: What it brings by ``python -m benchmarks.ablation``.
     """
 
     name: str
@@ -164,7 +164,6 @@ class Improvement(NamedTuple):
     improve: Callable[
         [Problem, Options, Progress, Sequence[Attempt]], Iterator[Attempt]
     ]
-    brings: str
 
 
 IMPROVEMENTS = (
@@ -172,19 +171,16 @@ IMPROVEMENTS = (
         "exact switches",
         lambda options: options.refine == "switching",
         with_exact_switches,
-        "known optima of small arms to 1e-6 of T",
     ),
     Improvement(
         "finer grid",
         lambda options: options.refine is not None,
         on_finer_grid,
-        "0.1 to 0.5 % of T",
     ),
     Improvement(
         "certificate",
         lambda options: True,
         certified,
-        "0.1 % of T among obstacles, and the status CONVERGED",
     ),
 )
 

@@ -6,6 +6,7 @@ import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import Status
 from tominpmp.stopping import Stop
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
@@ -25,6 +27,8 @@ logger = logging.getLogger(__name__)
 SLOWER = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 SLOW_ENOUGH = 1e-6
 
+# What is said of a motion that is kept, as something failed that followed.
+KEPT = "A later stage failed ({}), and this was kept."
 # What numerics may end with. A failure after a motion was found does not lose it.
 NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 
@@ -71,8 +75,30 @@ def guarded(
         attempt = _rescued(problem, options, progress, name, failed)
         if attempt is None or not attempt.found:
             return attempt
-        remark = f"A later stage failed ({type(error).__name__}), and this was kept."
-        return replace(attempt, status=Status.FEASIBLE, remark=remark)
+        kept = KEPT.format(type(error).__name__)
+        return replace(attempt, status=Status.FEASIBLE, remark=kept)
+
+
+def improvement_of(
+    problem: Problem,
+    options: Options,
+    progress: Progress,
+    best: Attempt,
+    work: Callable[[ProblemFunctions], Attempt | None],
+) -> Attempt | None:
+    """Make another attempt of a motion that was found; see :func:`guarded`.
+
+    Args:
+        problem: What it solves.
+        options: Options of the plan.
+        progress: Has kept what was found.
+        best: What led to the motion.
+        work: Makes the attempt, from the functions of the goal that the motion meets.
+    """
+    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
+    progress.share(1)
+    progress.begin()
+    return guarded(problem, options, progress, best.name, partial(work, system))
 
 
 def _rescued(

@@ -21,7 +21,7 @@ from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.attempt import Attempt, fastest
 from tominpmp.planner.coarse_search import CoarseSearch, suits
 from tominpmp.planner.descent import torques_rule
 from tominpmp.planner.exact_switches import with_exact_switches
@@ -76,9 +76,9 @@ def thorough_search(
     ]
     if not searches:
         return
-    best = min(attempts, key=lambda attempt: attempt.duration, default=None)
+    best = fastest(attempts)
     progress.best = np.inf if best is None else best.duration
-    if best is not None and best.found:
+    if best is not None:
         for last in exactly(problem, options, progress, best):
             best = last if _faster(last, best) else best
             yield last
@@ -87,8 +87,7 @@ def thorough_search(
         for number, search in itertools.product(range(most), searches):
             if _proven(problem, progress):
                 return
-            known = best if best is not None and best.found else None
-            for attempt in search.wave(number, known):
+            for attempt in search.wave(number, best):
                 if attempt.status in STOPPED and not _faster(attempt, best):
                     return
                 yield attempt

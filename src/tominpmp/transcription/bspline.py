@@ -76,7 +76,7 @@ class Hung(NamedTuple):
 
     Attributes:
         column: The unknown that moves each, shape (M n,); -1 for none.
-        offset: What they are for unknowns of zero, shape (M n,).
+        offset: What they are from the start on for unknowns of zero, shape (M n,).
         slopes: How they change with the durations, shape (M n, m).
         alone: Whether no two of them are one unknown.
         moving: Whether any of them changes with the durations.
@@ -145,11 +145,11 @@ class BSplineTranscription(Transcription[SplineMotion]):
             last = int(goal is not None)
         inner = M - known - last
         column: IntArray = np.full(M, -1)
-        offset, slopes = np.tile(self._base, (M, 1)), np.zeros((M, self._n, self._m))
+        offset, slopes = np.zeros((M, self._n)), np.zeros((M, self._n, self._m))
         column[known : known + inner] = np.arange(inner)
         slopes[:known] = system.v_start[:, None] * _reach(t, p, known)
         if last and goal is not None:
-            offset[M - last :] = goal
+            offset[M - last :] = goal - self._base
         elif last:
             # A free final configuration moves the points that hang on it together.
             column[M - last :] = inner
@@ -179,8 +179,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def _from_base(self, z: Array) -> Array:
         """Control points from the start on, shape (M, n)."""
         hung, moved = self.hung, self.hung.column >= 0
-        found = (hung.offset.reshape(-1, self._n) - self._base).ravel()
-        found += hung.slopes @ z[self.point_unknowns :]
+        found = hung.offset + hung.slopes @ z[self.point_unknowns :]
         found[moved] += z[hung.column[moved]]
         return np.asarray(found.reshape(-1, self._n))
 
@@ -220,7 +219,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
             eta: Durations, shape (m,).
         """
         hung, moved = self.hung, self.hung.column >= 0
-        wanted = (points.ravel() - hung.offset - hung.slopes @ eta)[moved]
+        wanted = (points - self._base).ravel() - hung.offset - hung.slopes @ eta
+        wanted = wanted[moved]
         column, size = hung.column[moved], self.point_unknowns
         sums = np.bincount(column, wanted, minlength=size)
         return np.concatenate([sums / np.bincount(column, minlength=size), eta])
@@ -261,7 +261,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         pick = np.ones(moved.size), (moved, hung.column[moved])
         shape = hung.column.size, self.point_unknowns
         by_free = design @ sp.csr_matrix(pick, shape=shape)
-        rest = q.ravel() - design @ (hung.offset + hung.slopes @ eta)
+        rest = (q - self._base).ravel() - design @ (hung.offset + hung.slopes @ eta)
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
         limits = self.system.problem.robot.limits
         points = np.reshape(points, (-1, self._n)) + self._base

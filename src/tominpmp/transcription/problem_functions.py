@@ -51,8 +51,8 @@ class Watched:
         self._problem, self._reach, self._share = problem, reach, share
 
     def padded(self, share: float) -> Watched:
-        """The same with a share of the clearance beyond the margin."""
-        return Watched(self._problem, self._reach, share)
+        """The same with a share of its clearance beyond the margin."""
+        return Watched(self._problem, self._reach, share * self._share)
 
     @cached_property
     def room(self) -> Array:
@@ -182,7 +182,7 @@ class ProblemFunctions:
         return replace(self, watched=None, parts=parts)
 
     def padded(self, share: float) -> ProblemFunctions:
-        """The same problem with a share of the clearance beyond the margin."""
+        """The same problem with a share of its clearance beyond the margin."""
         known: dict[int, Watched] = {}
 
         def padded(system: ProblemFunctions) -> ProblemFunctions:

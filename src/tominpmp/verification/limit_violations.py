@@ -143,16 +143,9 @@ def limit_violations(
         dynamics = RobotDynamics(robot)
         a = np.array([dynamics.forward_along(q, v, u, way) for way in ways])
     if limited:
-        beyond, jumps = (
-            np.min(np.abs(a), axis=0) - highest,
-            _rates(
-                replay.t,
-                ends,
-                a[0],
-                steepest,
-                rounding=ROUNDING * np.max(np.abs(q), axis=0),
-            ),
-        )
+        beyond = np.min(np.abs(a), axis=0) - highest
+        rounding = ROUNDING * np.max(np.abs(q), axis=0)
+        jumps = _rates(replay.t, ends, a[0], steepest, rounding=rounding)
         found.append(
             worst_of_joints(robot, "acceleration", t, beyond, highest, tolerance)
         )
