@@ -210,7 +210,9 @@ def measure(task: Task, *, judged: bool = True) -> dict[str, Any]:
 
     former = None if task.start is None else task.start()
     begin = _processor_time()
-    solution = tm.plan(task.problem, start=former, **task.options)
+    # The clock has no say in what is compared: budgets are another benchmark's.
+    options = {"max_planning_time": math.inf, **task.options}
+    solution = tm.plan(task.problem, start=former, **options)
     if task.slack is not None and solution.success:
         solution = tm.smooth(solution, task.slack)
     found: dict[str, Any] = {"seconds": _processor_time() - begin}

@@ -13,6 +13,7 @@ import pytest
 from clocks import Clock
 from hypothesis import settings
 
+from tominpmp.options import TIME_LIMITS
 from tominpmp.robot import Robot, load_robot
 
 # Figures are drawn without a screen.
@@ -22,6 +23,10 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
+
+# Planning times that slow machines, with several tests at a time, stay below.
+for _effort in TIME_LIMITS:
+    TIME_LIMITS[_effort] *= 10.0
 
 # Tests that take longest, often some of many cases of one, by pytest's names for them:
 # only `make test-all` runs these.

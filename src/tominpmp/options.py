@@ -54,6 +54,10 @@ MOST = {
     "slack": 10.0,
     "control_period": 1.0,
 }
+# Planning time that is allowed where a caller sets no limit, by effort [s]: ten times
+# the median of plans in clutter, and more than 95 of 100 of them take
+# (``python -m benchmarks.latency``).
+TIME_LIMITS = {"quick": 2.0, "standard": 10.0, "thorough": 60.0}
 # Likewise for all other numbers: longer than anybody waits, and squares still fit.
 LARGEST = 1e9
 # A motion on the clock of a controller, or a segment of one, has so many periods at
@@ -142,6 +146,8 @@ class Options(Record):
         seed: Seed of everything random.
         max_planning_time: Time limit [s], kept to 10 % and 0.2 s, from the call of the
             planner on; the best motion so far is returned, and verified in that time.
+            None takes the limit of the effort: 2 s for "quick", 10 s for "standard",
+            60 s for "thorough"; infinity is no limit.
         max_iterations: Largest number of iterations a start.
         tolerance: Relative progress below which the iteration stops: when the last
             three iterations together brought less than this share of T.
@@ -246,11 +252,20 @@ class Options(Record):
         value, most = getattr(self, name), MOST.get(name, LARGEST)
         if value is None and self._is_optional(name):
             return
+        if name == "max_planning_time" and value == np.inf:
+            return
         if number_or_nan(value) > most:
             expected = f"{expected}, at most {most:g}"
         error = OptionsError
         value = number(value, name, expected, 0.0, above, most, error=error)
         self._keep(**{name: value})
+
+    @property
+    def time_limit(self) -> float:
+        """Planning time that is allowed [s]; infinite without a limit."""
+        if self.max_planning_time is None:
+            return TIME_LIMITS[self.effort]
+        return self.max_planning_time
 
     @property
     def tolerances(self) -> Tolerances:

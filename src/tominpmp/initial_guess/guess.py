@@ -232,7 +232,7 @@ def initial_guesses(
     count: int,
     rng: np.random.Generator,
     duration: float | None = None,
-    deadline: float | None = None,
+    deadline: float = np.inf,
     *,
     beyond: Sequence[PathConstraint] = (),
 ) -> Iterator[Guess]:
@@ -284,7 +284,7 @@ def _guesses(
     ends: Sequence[Array],
     rng: np.random.Generator,
     duration: float | None,
-    deadline: float | None,
+    deadline: float,
 ) -> Iterator[Guess]:
     problem = system.problem
     final = problem.goal.configuration
@@ -330,7 +330,7 @@ def sampled_guesses(
     rng: np.random.Generator,
     *,
     known: Sequence[Array] = (),
-    deadline: float | None = None,
+    deadline: float = np.inf,
     enough: float = 0.0,
 ) -> Iterator[Guess]:
     """Paths that keep clear of obstacles, timed; of every few the fastest first.

@@ -52,7 +52,7 @@ def run_parallel(
     function: Callable[[Item], Result],
     items: Iterable[Item],
     processes: int,
-    seconds: float | None = None,
+    seconds: float = math.inf,
 ) -> Iterator[tuple[int, Result]]:
     """Apply a function to items in several processes.
 
@@ -80,10 +80,10 @@ def run_parallel(
         Exception: What the function raised first.
         Stop: If this process was told to stop.
     """
-    deadline = None if seconds is None else time.perf_counter() + seconds
+    deadline = time.perf_counter() + seconds
     if processes == 1:
         for number, item in enumerate(items):
-            if deadline is not None and time.perf_counter() > deadline:
+            if time.perf_counter() > deadline:
                 return
             yield number, function(item)
         return
@@ -99,8 +99,7 @@ def run_parallel(
                 crew.submit(*following)
             if not crew.pending:
                 return
-            late = None if deadline is None else deadline + LATE
-            done = crew.wait(late)
+            done = crew.wait(deadline + LATE)
             if not done:
                 return
             yield from crew.results(done)
@@ -155,7 +154,7 @@ class _Crew:
         """Give an item to the next process that is free."""
         self.pending[self._executor.submit(_apply, *self._function, item)] = number
 
-    def wait(self, until: float | None) -> set[Future[Any]]:
+    def wait(self, until: float) -> set[Future[Any]]:
         """Futures that are done; none at the end of the time [s].
 
         Raises:
@@ -163,7 +162,7 @@ class _Crew:
         """
         while True:
             done, _ = wait(self.pending, TICK, return_when=FIRST_COMPLETED)
-            if done or (until is not None and time.perf_counter() > until):
+            if done or time.perf_counter() > until:
                 return done
             check()
 

@@ -52,7 +52,7 @@ def guesses_of(
     count: int,
     rng: np.random.Generator,
     duration: float | None = None,
-    deadline: float | None = None,
+    deadline: float = np.inf,
 ) -> Iterator[Guess]:
     """Initial guesses for a problem, which wait where something passes.
 
@@ -75,7 +75,7 @@ def waiting_guesses(
     count: int,
     rng: np.random.Generator,
     duration: float | None = None,
-    deadline: float | None = None,
+    deadline: float = np.inf,
 ) -> Iterator[Guess]:
     """Initial guesses where something passes, the most promising first, without end.
 

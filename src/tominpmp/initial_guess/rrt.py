@@ -78,7 +78,7 @@ def sample_paths(
     *,
     known: Sequence[Array] = (),
     checks: int = CHECKS,
-    deadline: float | None = None,
+    deadline: float = np.inf,
 ) -> Iterator[Array]:
     """Paths that differ, from the start of a problem to given ends in turn.
 
@@ -103,7 +103,7 @@ def sample_paths(
     ends = [q for q in ends if is_free(system, q)]
     in_vain = number = 0
     while ends and in_vain < TRIES + len(ends):
-        if deadline is not None and time.perf_counter() > deadline:
+        if time.perf_counter() > deadline:
             return
         end = ends[number % len(ends)]
         reach = RANGES[number // len(ends) % len(RANGES)]
@@ -124,7 +124,7 @@ def sample_path(
     seed: int,
     reach: float = RANGES[0],
     checks: int = CHECKS,
-    deadline: float | None = None,
+    deadline: float = np.inf,
 ) -> Array | None:
     """A path that keeps clear of obstacles, simplified.
 
@@ -186,15 +186,13 @@ class _Validity:
     free such a ring.
     """
 
-    def __init__(
-        self, system: ProblemFunctions, most: int, deadline: float | None
-    ) -> None:
+    def __init__(self, system: ProblemFunctions, most: int, deadline: float) -> None:
         self.system, self.deadline, self.free = system, deadline, check_of(system)
         self.most, self.checks, self.asked = most, 0, 0
 
     def __call__(self, state: Any) -> bool:
         self.checks += 1
-        if self.deadline is not None and time.perf_counter() > self.deadline:
+        if time.perf_counter() > self.deadline:
             raise _OutOfTime
         return self.free(_configuration(self.system, state))
 

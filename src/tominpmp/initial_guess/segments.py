@@ -65,7 +65,7 @@ def segmented_guesses(
     count: int,
     rng: np.random.Generator,
     duration: float | None = None,
-    deadline: float | None = None,
+    deadline: float = np.inf,
     *,
     smooth: bool = False,
 ) -> Iterator[SegmentedGuess]:
@@ -93,7 +93,7 @@ def _guess(
     number: int,
     rng: np.random.Generator,
     duration: float | None,
-    deadline: float | None,
+    deadline: float,
 ) -> SegmentedGuess | None:
     """One guess; None if a goal cannot be reached."""
     found: list[Guess] = []

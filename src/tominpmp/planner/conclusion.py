@@ -9,16 +9,19 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.bounds import LowerBound
+from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
+from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.verification import explain
+from tominpmp.verification.limit_violations import UNITS
 from tominpmp.verification.verification import LONGEST
 
 # Methods whose torques are constant over intervals of the grid.
@@ -27,6 +30,8 @@ TORQUES_KEPT = ("collocation", "adjoint", "penalty")
 TORQUES_FIXED = ("adjoint", "penalty")
 # How accelerations run, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
+# A joint is named that is at this share of its effort limit for most of the motion.
+SATURATED, MOSTLY = 0.98, 0.5
 # Shorter times are given by their digits, not their decimals [s].
 BRIEF_TIME = 0.01
 
@@ -70,7 +75,8 @@ def conclude(
         options=options,
         status=ended,
         message=_message(problem, options, ended, best, attempts, bound)
-        + _advice(options, ended, best),
+        + _advice(options, ended, best)
+        + _more_time(problem, options, ended, best),
         feasible=best.found,
         trajectory=best.trajectory,
         initial=best.initial,
@@ -146,6 +152,39 @@ def _advice(options: Options, status: Status, best: Attempt) -> str:
         f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "
         "which errors may grow: more intervals make it shorter, and method 'inverse' "
         "does not depend on it."
+    )
+
+
+def _more_time(
+    problem: Problem, options: Options, status: Status, best: Attempt
+) -> str:
+    """What would help where the planning time was used up; else empty."""
+    if status is not Status.TIME_LIMIT:
+        return ""
+    advice = f" {options.time_limit:.3g} s were allowed; max_planning_time allows more"
+    if options.max_planning_time is None and options.effort != "thorough":
+        advice += f" than effort {options.effort!r} does"
+    return f"{advice}.{_saturated(problem.robot, best.trajectory)}"
+
+
+def _saturated(robot: Robot, motion: Trajectory) -> str:
+    """The joint whose effort is at its limit for most of a motion, as a sentence.
+
+    Empty if every joint has effort left for a good part of the motion.
+    """
+    low, high = robot.limits.effort_lower, robot.limits.effort_upper
+    half = np.maximum(0.5 * (high - low), 1e-300)
+    share = np.abs(motion.u - 0.5 * (high + low)) / half
+    often = np.mean(share >= SATURATED, axis=0)
+    most = int(np.argmax(often))
+    if often[most] < MOSTLY:
+        return ""
+    name = robot.joint_names[most]
+    unit = UNITS["effort"][int(prismatic_joints(robot)[most])]
+    return (
+        f" Joint {name} is at its effort limit of {high[most]:.3g} {unit} for "
+        f"{often[most]:.0%} of the motion: if it need not move, lock it "
+        f"(locked_joints)."
     )
 
 

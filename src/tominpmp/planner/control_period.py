@@ -74,10 +74,9 @@ MOST_INTERVALS = 400
 
 def searching(options: Options) -> Options:
     """Options for the search without a clock, which leaves some of the time."""
-    limit = options.max_planning_time
-    if options.control_period is None or limit is None:
+    if options.control_period is None:
         return options
-    return replace(options, max_planning_time=SEARCH_SHARE * limit)
+    return replace(options, max_planning_time=SEARCH_SHARE * options.time_limit)
 
 
 def on_clock(
@@ -176,8 +175,7 @@ class ClockCallback:
     def of(cls, options: Options, status: Status, progress: Progress) -> ClockCallback:
         """That of a stage that follows a search which has ended with a status."""
         deadline, now = Deadline(), time.perf_counter()
-        if options.max_planning_time is not None:
-            deadline.end = now - progress.seconds + options.max_planning_time
+        deadline.end = now - progress.seconds + options.time_limit
         if status is Status.INTERRUPTED:
             # Who interrupts wants the motion soon; without a clock it is none.
             deadline.end = min(now + PATIENCE, deadline.end)

@@ -63,7 +63,7 @@ def bettered(
     """
     begin, status = time.perf_counter(), None
     try:
-        with bounded(solution.options.max_planning_time):
+        with bounded(solution.options.time_limit):
             found = work()
     except (Stop, KeyboardInterrupt) as stop:
         if isinstance(stop, Stop) and not stop.requested:

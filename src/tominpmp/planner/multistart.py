@@ -191,7 +191,7 @@ def _in_full(
     """Improve guesses on the grid that is asked for."""
     source: _Source = _Source(system, options, progress, guesses)
     left = progress.left
-    if options.processes > 1 and (left is None or left > TO_START or ready()):
+    if options.processes > 1 and (left > TO_START or ready()):
         source = _SourceOfMany(system, options, progress, guesses)
     swings = count.swings
     for number in itertools.count():
@@ -308,9 +308,7 @@ class _SourceOfMany(_Source):
         start = self.progress.begin(len(batch))
         left = self.progress.left
         alone = replace(self.options, callback=None, processes=1)
-        ends = None
-        if left is not None:
-            ends = time.time() + (1.0 - HANDOVER_SHARE) * left - HANDOVER
+        ends = time.time() + (1.0 - HANDOVER_SHARE) * left - HANDOVER
         task = partial(solve_alone, self.system, alone, ends)
         numbered = [(start + k, guess) for k, guess in enumerate(batch)]
         self.run = run_parallel(task, numbered, self.processes, left)
@@ -356,7 +354,7 @@ _Result = tuple[Attempt | None, list[Exception]]
 def solve_alone(
     system: ProblemFunctions,
     options: Options,
-    ends: float | None,
+    ends: float,
     numbered: tuple[int, Guess],
 ) -> _Result:
     """Improve a guess in a process of its own.
@@ -371,9 +369,8 @@ def solve_alone(
         The attempt, if it led to anything, and what went wrong.
     """
     number, guess = numbered
-    if ends is not None:
-        left = max(ends - time.time(), 1e-3)
-        options = replace(options, max_planning_time=left)
+    left = max(ends - time.time(), 1e-3)
+    options = replace(options, max_planning_time=left)
     progress = Progress(options, first=number, asked=asked_to_stop)
     progress.begin()
     solve = partial(descended, system, options, guess, progress)

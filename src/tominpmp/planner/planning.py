@@ -108,7 +108,7 @@ def _plan(
         raise progress.failures[0]
     with progress.saving():
         solution = conclude(problem, options, progress, attempts, status)
-    progress.extend(options.max_planning_time)
+    progress.extend(options.time_limit)
     if options.control_period is not None:
         with progress.saving():
             solution = on_clock(solution, attempts, progress)

@@ -95,7 +95,7 @@ class Progress:
         self._bounds: list[tuple[Problem, LowerBound]] = []
         self._starts = first
         self._begin = time.perf_counter()
-        self._limit = options.max_planning_time
+        self._limit = options.time_limit
         self._until = self._limit
         self._replay = 0.0
         self._callback = options.callback
@@ -108,11 +108,6 @@ class Progress:
     def seconds(self) -> float:
         """Time since planning began [s]."""
         return time.perf_counter() - self._begin
-
-    @property
-    def share_used(self) -> float:
-        """Share of the time that is allowed which has gone by; none without a limit."""
-        return 0.0 if self._limit is None else self.seconds / self._limit
 
     def begin(self, count: int = 1) -> int:
         """Begin with one or several new guesses; returns the number of the first."""
@@ -130,29 +125,29 @@ class Progress:
         All of it once there is a motion: what comes after it can only be better.
         """
         self._until = self._limit
-        if self._limit is not None and self.best == np.inf:
+        if self._limit < np.inf and self.best == np.inf:
             self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
         self._set_deadline()
 
     def ended(self, status: Status) -> bool:
         """Whether planning ends when a start has ended with a status."""
-        used_up = self._until is self._limit or self.over
+        used_up = self._until == self._limit or self.over
         return status is Status.INTERRUPTED or (status is Status.TIME_LIMIT and used_up)
 
     @property
-    def ends(self) -> float | None:
+    def ends(self) -> float:
         """When the planning time is used up, on the clock of perf_counter [s]."""
-        return None if self._limit is None else self._begin + self._limit
+        return self._begin + self._limit
 
     @property
-    def left(self) -> float | None:
-        """Planning time that is left [s], a little at least; None without a limit."""
-        return None if self._until is None else max(self._until - self.seconds, 1e-3)
+    def left(self) -> float:
+        """Planning time that is left [s], a little at least."""
+        return max(self._until - self.seconds, 1e-3)
 
     @property
     def over(self) -> bool:
         """Whether the planning time is used up."""
-        return self._limit is not None and self.seconds >= self._limit
+        return self.seconds >= self._limit
 
     def lower_bound(self, problem: Problem) -> LowerBound:
         """Time that no motion can beat, found once for each goal and start.
@@ -200,7 +195,7 @@ class Progress:
         now = time.perf_counter()
         until = now + SAVING
         if not self.deadline.requested:
-            until = np.inf if self._limit is None else self._end(self._limit)
+            until = self._end(self._limit)
         with self.deadline.grace(until):
             yield
 
@@ -221,7 +216,7 @@ class Progress:
         finally:
             self._judges.pop()
 
-    def extend(self, limit: float | None) -> None:
+    def extend(self, limit: float) -> None:
         """Set another limit for what is still to be done, from the beginning on [s]."""
         self._limit = self._until = limit
         self.records, self.kept = [], []
@@ -232,7 +227,9 @@ class Progress:
 
     def _reserve(self) -> float:
         """Time to be left for the replay of what was found [s]."""
-        limit = self._limit or 0.0
+        limit = self._limit
+        if limit == np.inf:
+            return 0.0
         if not any(item.feasible for item in self.kept):
             # If there is nothing at all, what the attempt began with is slowed down.
             nothing = self.best == np.inf and self.begun is not None
@@ -240,7 +237,7 @@ class Progress:
         return min(max(RESERVE * limit, REPLAYS * self._replay), MOST_RESERVE * limit)
 
     def _set_deadline(self) -> None:
-        if self._until is None or self._limit is None:
+        if self._limit == np.inf:
             self.deadline.end = self.deadline.last = np.inf
             return
         more = STEP_SHARE * self._limit + STEP_SECONDS - self._reserve()
@@ -282,7 +279,7 @@ class Progress:
         self._show(record)
         if record.violation <= self._enough:
             return Status.FEASIBLE
-        if self._until is not None and self.seconds >= self._until - self._reserve():
+        if self.seconds >= self._until - self._reserve():
             raise Stop(requested=False)
         return None
 
