@@ -189,9 +189,9 @@ class PiqpSolver(LpSolver):
             h_l=np.maximum(row_lower[~equal], -HUGE),
             h_u=np.minimum(row_upper[~equal], HUGE),
         )
-        return self._run(begin)
+        return self._run(begin, by_simplex=False)
 
-    def _run(self, begin: float) -> LpSolution:
+    def _run(self, begin: float, *, by_simplex: bool = True) -> LpSolution:
         assert self._program is not None  # noqa: S101
         spent = self._try(begin, self._nearly.residual)
         if not self._solved and self._solver.settings.kkt_solver == STAGED:
@@ -204,14 +204,14 @@ class PiqpSolver(LpSolver):
             self._stages_fail = self._solved
         if not self._solved and (self._ended or self._program.cost.size > MANY_COLUMNS):
             spent += self._try(begin, RESIDUAL, refined=True)
-        if not self._solved:
+        if not self._solved and by_simplex:
             return self._solve_by_simplex(begin, spent)
         result = self._solver.result
         duals = np.zeros(self._equal.size)
         duals[self._equal] = self._scale * result.y
         duals[~self._equal] = result.z_u - result.z_l
         return LpSolution(
-            True,
+            self._solved,
             np.array(result.x),
             duals,
             spent,
