@@ -252,12 +252,14 @@ class Options(Record):
         value, most = getattr(self, name), MOST.get(name, LARGEST)
         if value is None and self._is_optional(name):
             return
-        if name == "max_planning_time" and value == np.inf:
-            return
+        endless = name == "max_planning_time" and isinstance(value, float)
+        most = np.inf if endless else most
         if number_or_nan(value) > most:
             expected = f"{expected}, at most {most:g}"
         error = OptionsError
-        value = number(value, name, expected, 0.0, above, most, error=error)
+        value = number(
+            value, name, expected, 0.0, above, most, infinite=endless, error=error
+        )
         self._keep(**{name: value})
 
     @property

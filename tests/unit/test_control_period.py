@@ -394,17 +394,17 @@ def test_an_interrupt_while_the_clock_is_sought(planar3r, monkeypatch):
     assert solution.trajectory is not None
 
 
-@pytest.mark.parametrize("looks", [20.0, 60.0, 200.0, 500.0])
+@pytest.mark.parametrize("looks", [20.0, 60.0, 200.0, 700.0])
 def test_part_of_the_time_is_kept_for_the_clock(planar3r, request, looks):
     """However short the time, what is called a success is on the clock.
 
-    Time goes by with every look at it, of which there would be 700.
+    Time goes by with every look at it, of which there would be 930.
     """
     request.getfixturevalue("clock").tick = 1.0
     problem = planar_problem(planar3r)
     solution = tm.plan(problem, max_planning_time=looks, control_period=0.01)
     assert solution.status is tm.Status.TIME_LIMIT
-    assert solution.success or looks < 500.0
+    assert solution.success or looks < 700.0
     if solution.success:
         check(solution, 0.01)
 

@@ -40,7 +40,10 @@ BAD = {
     "smoothing": [*(v for v in NO_NUMBERS if v is not None), -1e-9, np.nan, np.inf],
     "starts": [*(v for v in NO_INTEGERS if v is not None), 0, -1],
     "seed": [*NO_INTEGERS, -1],
-    "max_planning_time": [*(v for v in NO_NUMBERS if v is not None), *NOT_POSITIVE],
+    "max_planning_time": [
+        *(v for v in NO_NUMBERS if v is not None),
+        *(v for v in NOT_POSITIVE if v != np.inf),  # which is no limit
+    ],
     "max_iterations": [*NO_INTEGERS, 0, -1],
     "tolerance": [*NO_NUMBERS, *NOT_POSITIVE],
     "feasibility": [*NO_NUMBERS, *NOT_POSITIVE],
@@ -85,7 +88,7 @@ GOOD = {
     "smoothing": [(None, None), (0, 0.0), (np.float32(0.5), 0.5)],
     "starts": [(None, None), (1, 1), (np.int32(7), 7)],
     "seed": [(0, 0), (2**40, 2**40)],
-    "max_planning_time": [(None, None), (1, 1.0), (1e-3, 1e-3)],
+    "max_planning_time": [(None, None), (1, 1.0), (1e-3, 1e-3), (np.inf, np.inf)],
     "max_iterations": [(1, 1)],
     "tolerance": [(1e-12, 1e-12), (np.array(0.5), 0.5)],
     "feasibility": [(1e-3, 1e-3)],

@@ -164,10 +164,10 @@ def _more_time(
     advice = f" {options.time_limit:.3g} s were allowed; max_planning_time allows more"
     if options.max_planning_time is None and options.effort != "thorough":
         advice += f" than effort {options.effort!r} does"
-    return f"{advice}.{_saturated(problem.robot, best.trajectory)}"
+    return f"{advice}.{saturated(problem.robot, best.trajectory)}"
 
 
-def _saturated(robot: Robot, motion: Trajectory) -> str:
+def saturated(robot: Robot, motion: Trajectory) -> str:
     """The joint whose effort is at its limit for most of a motion, as a sentence.
 
     Empty if every joint has effort left for a good part of the motion.

@@ -1,0 +1,81 @@
+"""Plans without a time limit have that of their effort."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+
+import numpy as np
+import pytest
+from sample_arms import make_arm, rod
+
+import tominpmp as tm
+from tominpmp import options
+from tominpmp.files.scenario import load_scenario, save_scenario
+from tominpmp.planner.conclusion import saturated
+
+
+def reach():
+    robot = tm.load_robot("planar3r")
+    return tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((2.0, -1.0, 0.5)))
+
+
+def slow_down(monkeypatch, seconds):
+    """Every iteration takes a while, as on a slow machine."""
+    step = tm.solvers.slp.SlpSolver.step
+
+    def slow(self, *args):
+        time.sleep(seconds)
+        return step(self, *args)
+
+    monkeypatch.setattr(tm.solvers.slp.SlpSolver, "step", slow)
+
+
+@pytest.mark.parametrize("effort", options.EFFORTS)
+def test_a_plan_without_a_limit_ends_at_that_of_its_effort(monkeypatch, effort):
+    limit = 1.0
+    monkeypatch.setitem(options.TIME_LIMITS, effort, limit)
+    tm.plan(reach(), effort="quick", max_planning_time=math.inf)  # libraries load
+    slow_down(monkeypatch, 0.05)
+    begin = time.perf_counter()
+    found = tm.plan(reach(), effort=effort)
+    seconds = time.perf_counter() - begin
+    assert seconds < 1.1 * limit + 0.2
+    assert found.status is tm.Status.TIME_LIMIT
+    assert "1 s were allowed; max_planning_time allows more" in found.message
+
+
+def test_more_effort_is_allowed_more_time():
+    limits = [tm.Options(effort=effort).time_limit for effort in options.EFFORTS]
+    assert limits == sorted(limits)
+    assert len(set(limits)) == len(limits)
+
+
+def test_a_limit_that_is_given_goes_before_that_of_the_effort(monkeypatch):
+    monkeypatch.setitem(options.TIME_LIMITS, "standard", 1e-3)
+    assert tm.plan(reach(), max_planning_time=60.0).status is tm.Status.CONVERGED
+
+
+def test_infinity_is_no_limit(monkeypatch, tmp_path):
+    monkeypatch.setitem(options.TIME_LIMITS, "standard", 1e-3)
+    chosen = tm.Options(max_planning_time=math.inf)
+    for ending in ("toml", "yaml", "json"):
+        path = tmp_path / f"a.{ending}"
+        save_scenario(path, reach(), chosen)
+        assert load_scenario(path).options.max_planning_time == math.inf
+    assert tm.plan(reach(), chosen).status is tm.Status.CONVERGED
+
+
+def test_a_joint_that_is_always_at_its_limit_is_named():
+    arm = make_arm(rod(1.0, 0.1), effort=np.array([0.005]))
+    found = tm.plan(tm.Problem(arm, (0.0,), tm.JointGoal((1.0,))))
+    assert re.search(
+        rf"Joint {arm.joint_names[0]} is at its effort limit of 0\.005 N m for \d+% of "
+        "the motion: if it need not move, lock it",
+        saturated(arm, found.trajectory),
+    )
+    robot = tm.load_robot("ur5")  # speeds rule
+    problem = tm.Problem(robot, np.zeros(6), tm.JointGoal(np.full(6, 0.5)))
+    ruled = tm.plan(problem, effort="quick", refine=None)
+    assert saturated(robot, ruled.trajectory) == ""
