@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,12 +25,6 @@ from tominpmp.checks import names as joints_named
 from tominpmp.exceptions import JointNotFound, ProblemError, told_of
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
-
-UNITS = {
-    "acceleration": "rad/s^2 or m/s^2",
-    "jerk": "rad/s^3 or m/s^3",
-    "effort_rate": "N m/s or N/s",
-}
 
 
 Row: TypeAlias = Annotated[
@@ -105,6 +99,152 @@ class EffortCurve(Record):
         return value, slopes[np.minimum(piece, slopes.size - 1)]
 
 
+@dataclass(frozen=True)
+class LimitKind:
+    """A kind of limit that joints have one by one.
+
+    Planner, replay, certificate, sensitivities and files go through all kinds, and name
+    no kind. A new one is an instance of this class, or of a subclass with an excess of
+    its own, and the field of motion limits that holds its bounds.
+
+    Attributes:
+        name: Its name in messages, reports and records.
+        units: Units of its values, of a joint that turns and of one that slides.
+        of: What it bounds: "q", "v", "a" or "u" for positions, velocities,
+            accelerations or torques; "j" or "du" for rates of accelerations or
+            torques; "uv" for what depends on torques and velocities.
+        order: Power of a factor by which it falls where time is stretched by it; for
+            all that does not depend on torques the order of the derivative.
+        part_of: Name of the kind that a replay counts it as; empty for its own.
+        numbers: Whether its bounds are numbers.
+    """
+
+    name: str
+    units: tuple[str, str]
+    of: str
+    order: int
+    part_of: str = ""
+    numbers: ClassVar[bool] = True
+
+    @property
+    def smooth(self) -> bool:
+        """Whether only motions whose accelerations do not jump can keep the limit."""
+        return self.of in ("j", "du")
+
+    @property
+    def of_states(self) -> bool:
+        """Whether position, velocity and torque at an instant tell if it is kept."""
+        return self.of in ("q", "v", "u", "uv")
+
+    @property
+    def unit(self) -> str:
+        """Both units in words."""
+        return " or ".join(self.units)
+
+    def checked(self, value: object, key: str, joint: str | None = None) -> Any:
+        """The bound of a joint in checked form, or one for all or each of the joints.
+
+        Args:
+            value: What was given.
+            key: The field of motion limits.
+            joint: The joint; None for all of them.
+        """
+        bounds = array_or_nan(value)
+        few = bounds.ndim <= (joint is None)
+        if not few or np.any(np.isnan(bounds)) or np.any(bounds <= 0.0):
+            raise wrong(value, key, f"positive numbers [{self.unit}]")
+        return bounds if joint is None else float(bounds)
+
+    def excess(
+        self, bound: Any, u: Array, v: Array, side: float
+    ) -> tuple[Array, Array, Array]:
+        """How far torques and velocities of a joint are beyond a bound ("uv").
+
+        Args:
+            bound: The bound.
+            u: Torques, of any shape.
+            v: Velocities, of the same shape.
+            side: 1.0 for the upper side, -1.0 for the lower one.
+
+        Returns:
+            The excess, and its derivatives by torque and velocity.
+        """
+        raise NotImplementedError
+
+    def scale(self, bound: Any, half: float) -> float:
+        """What the excess is a share of: the bound, or half the range of torques."""
+        return float(bound) if self.numbers else half
+
+    def shifts(self, bound: Any, u: Array, v: Array) -> dict[str, Array]:
+        """By how much a larger bound lowers the excess, in shares of it ("uv").
+
+        Returns:
+            By the name that sensitivities have for what is changed.
+        """
+        excess = np.maximum(*(self.excess(bound, u, v, side)[0] for side in (1.0, -1)))
+        return {self.name: excess + bound}
+
+
+class EffortOverSpeed(LimitKind):
+    """Torques within curves over the speed."""
+
+    numbers = False
+
+    def checked(self, value: object, key: str, joint: str | None = None) -> Any:
+        """The curve of a joint."""
+        if joint is None:
+            raise wrong(value, key, "EffortCurves by joint name")
+        if not isinstance(value, EffortCurve):
+            raise ProblemError(
+                f"{key}: joint {joint!r} has a {type(value).__name__}, expected an "
+                "EffortCurve",
+                key,
+            )
+        return value
+
+    def excess(
+        self, bound: Any, u: Array, v: Array, side: float
+    ) -> tuple[Array, Array, Array]:
+        """Torques beyond the curve."""
+        most, slope = bound(v)
+        return side * u - most, np.full(u.shape, side), -slope * np.sign(v)
+
+    def shifts(self, bound: Any, u: Array, v: Array) -> dict[str, Array]:
+        """Both axes of the curve."""
+        falls = bound(v)[1] * np.abs(v)
+        return {self.name: np.abs(u), "speed of effort curve": -falls}
+
+
+# Limits that all robots have.
+POSITION = LimitKind("position", ("rad", "m"), "q", 0)
+VELOCITY = LimitKind("velocity", ("rad/s", "m/s"), "v", 1)
+EFFORT = LimitKind("effort", ("N m", "N"), "u", 2)
+# What a feedback adds to the torques in a replay.
+FEEDBACK = replace(EFFORT, name="feedback")
+# Those of motion limits.
+ACCELERATION = LimitKind("acceleration", ("rad/s^2", "m/s^2"), "a", 2)
+JERK = LimitKind("jerk", ("rad/s^3", "m/s^3"), "j", 3)
+EFFORT_RATE = LimitKind("effort rate", ("N m/s", "N/s"), "du", 3)
+OVER_SPEED = EffortOverSpeed("effort over speed", EFFORT.units, "uv", 2, EFFORT.name)
+
+
+def kinds_of(
+    limits: type[MotionLimits] | MotionLimits, *, numbers: bool = False
+) -> dict[str, LimitKind]:
+    """Kinds of limits by the fields with their bounds.
+
+    Args:
+        limits: The limits, or a class of them.
+        numbers: Whether those alone are told whose bounds are numbers.
+    """
+    known = {item.name: item.metadata.get("kind") for item in fields(limits)}
+    return {
+        name: kind
+        for name, kind in known.items()
+        if kind is not None and (kind.numbers or not numbers)
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class MotionLimits(Record):
     """Limits beyond those of a description file.
@@ -121,58 +261,55 @@ class MotionLimits(Record):
         effort_curves: Torque over speed by joint name.
     """
 
-    acceleration: PerJoint = None
-    jerk: PerJoint = None
-    effort_rate: PerJoint = None
+    acceleration: PerJoint = field(default=None, metadata={"kind": ACCELERATION})
+    jerk: PerJoint = field(default=None, metadata={"kind": JERK})
+    effort_rate: PerJoint = field(default=None, metadata={"kind": EFFORT_RATE})
     effort_scale: float = 1.0
-    effort_curves: Mapping[str, EffortCurve] | None = None
+    effort_curves: Mapping[str, EffortCurve] | None = field(
+        default=None, metadata={"kind": OVER_SPEED}
+    )
 
     def __post_init__(self) -> None:
         """Check what can be told without a robot."""
         expected = "a share in (0, 1]"
         scale = number(self.effort_scale, "effort_scale", expected, above=0.0, most=1.0)
-        object.__setattr__(self, "effort_scale", scale)
-        given = {} if self.effort_curves is None else self.effort_curves
-        instance(given, Mapping, "effort_curves", "EffortCurves by joint name")
-        curves = dict(given)
-        for joint, curve in curves.items():
-            if not isinstance(curve, EffortCurve):
-                raise ProblemError(
-                    f"effort_curves: joint {joint!r} has a {type(curve).__name__}, "
-                    "expected an EffortCurve",
-                    "effort_curves",
-                )
-        object.__setattr__(self, "effort_curves", curves)
-        for name in UNITS:
+        curves = {} if self.effort_curves is None else self.effort_curves
+        self._keep(effort_scale=scale, effort_curves=curves)
+        for name, kind in kinds_of(self).items():
             value = getattr(self, name)
-            if value is None or isinstance(value, Mapping):
-                continue
-            object.__setattr__(self, name, self._numbers(name, value))
-
-    @staticmethod
-    def _numbers(name: str, value: object, most: int = 1) -> Array:
-        """Positive numbers, with so many axes at most."""
-        array = array_or_nan(value)
-        if array.ndim > most or np.any(np.isnan(array)) or np.any(array <= 0.0):
-            raise wrong(value, name, f"positive numbers [{UNITS[name]}]")
-        return array
+            if isinstance(value, Mapping):
+                each = {k: kind.checked(v, name, k) for k, v in value.items()}
+                self._keep(**{name: each})
+            elif value is not None:
+                self._keep(**{name: kind.checked(value, name)})
 
     def _values(self) -> tuple[object, ...]:
-        def plain(value: object) -> object:
-            if isinstance(value, Mapping):
-                return tuple(sorted(value.items(), key=lambda item: str(item[0])))
-            return (
-                tuple(np.ravel(value).tolist())
-                if isinstance(value, np.ndarray)
-                else value
-            )
+        """What is compared: numbers whatever their shape, mappings in any order."""
 
-        curves = tuple(
-            (joint, tuple(curve.speed.tolist()), tuple(curve.effort.tolist()))
-            for joint, curve in sorted((self.effort_curves or {}).items())
-        )
-        rest = tuple(plain(getattr(self, name)) for name in UNITS)
-        return (*rest, self.effort_scale, curves)
+        def plain(value: Any) -> object:
+            if isinstance(value, Mapping):
+                return frozenset(value.items())
+            return tuple(np.ravel(value).tolist())
+
+        return tuple(plain(getattr(self, item.name)) for item in fields(self))
+
+    def _bounds_of(self, name: str, joint_names: Sequence[str]) -> dict[str, Any]:
+        """Bounds in a field by joint name, of the joints for which it has any."""
+        value, n = getattr(self, name, None), len(joint_names)
+        if value is None:
+            return {}
+        if isinstance(value, Mapping):
+            for joint in value:
+                if joint not in joint_names:
+                    raise JointNotFound(joint, joint_names)
+            return dict(value)
+        if value.ndim == 1 and value.size != n:
+            raise ProblemError(
+                f"{name} has {value.size} numbers, expected {n}, one for each of: "
+                f"{', '.join(joint_names)}",
+                name,
+            )
+        return dict(zip(joint_names, np.broadcast_to(value, n).tolist(), strict=True))
 
     def by_joint(self, name: str, joint_names: Sequence[str]) -> Array:
         """Values of a limit for the joints of a robot, infinite for none, shape (n,).
@@ -185,25 +322,11 @@ class MotionLimits(Record):
             ProblemError: If there are too many or too few values.
             JointNotFound: If a joint is unknown.
         """
-        choice(name, tuple(UNITS), "name", " or ".join(map(repr, UNITS)))
+        known = tuple(kinds_of(self, numbers=True))
+        choice(name, known, "name", " or ".join(map(repr, known)))
         joint_names = joints_named(joint_names)
-        value, n = getattr(self, name), len(joint_names)
-        if value is None:
-            return np.full(n, np.inf)
-        if isinstance(value, Mapping):
-            out = np.full(n, np.inf)
-            for joint, limit in value.items():
-                if joint not in joint_names:
-                    raise JointNotFound(joint, joint_names)
-                out[joint_names.index(joint)] = self._numbers(name, limit, most=0)
-            return out
-        if value.ndim == 1 and value.size != n:
-            raise ProblemError(
-                f"{name} has {value.size} numbers, expected {n}, one for each of: "
-                f"{', '.join(joint_names)}",
-                name,
-            )
-        return np.asarray(np.broadcast_to(value, (n,)).copy())
+        bounds = self._bounds_of(name, joint_names)
+        return np.array([bounds.get(joint, np.inf) for joint in joint_names])
 
     def over(
         self, others: MotionLimits | None, joint_names: Sequence[str]
@@ -225,26 +348,20 @@ class MotionLimits(Record):
             return self
         instance(others, MotionLimits, "others", "MotionLimits or None")
         joint_names = joints_named(joint_names)
-        values: dict[str, PerJoint] = {}
-        for name in UNITS:
-            own, below = getattr(self, name), getattr(others, name)
-            if own is None or (isinstance(own, Mapping) and below is None):
-                values[name] = below if own is None else own
-                continue
-            if isinstance(own, Mapping):
-                rest = others.by_joint(name, joint_names).tolist()
-                merged = {**dict(zip(joint_names, rest, strict=True)), **own}
-                own = {k: v for k, v in merged.items() if v != np.inf}
-            unlimited = not own if isinstance(own, dict) else np.all(np.isinf(own))
-            values[name] = None if unlimited else own
-        return MotionLimits(
-            **values,
-            effort_scale=min(self.effort_scale, others.effort_scale),
-            effort_curves={
-                **(others.effort_curves or {}),
-                **(self.effort_curves or {}),
-            },
-        )
+        kind = max(type(self), type(others), key=lambda one: len(one.__mro__))
+        values: dict[str, Any] = {}
+        for name in kinds_of(kind):
+            own, below = getattr(self, name, None), getattr(others, name, None)
+            if own is None:
+                own = below
+            elif isinstance(own, Mapping) and below is not None:
+                both = others._bounds_of(name, joint_names) | dict(own)
+                own = {k: v for k, v in both.items() if v != np.inf} or None
+            elif not isinstance(own, Mapping) and np.all(np.isinf(own)):
+                own = None
+            values[name] = own
+        scale = min(self.effort_scale, others.effort_scale)
+        return kind(**values, effort_scale=scale)
 
     def renamed(self, names: Mapping[str, str], present: Sequence[str]) -> MotionLimits:
         """The same limits for some of the joints, under other names.
@@ -255,21 +372,12 @@ class MotionLimits(Record):
         """
         instance(names, Mapping, "names", "names of joints by their present ones")
         present = joints_named(present, "present")
-        values: dict[str, PerJoint] = {}
-        for name in UNITS:
-            if getattr(self, name) is None:
-                continue
-            limits = self.by_joint(name, present).tolist()
-            rows = dict(zip(present, limits, strict=True))
-            kept = {names[k]: v for k, v in rows.items() if k in names and v < np.inf}
-            if kept:
-                values[name] = kept
-        curves = {
-            names[k]: v for k, v in (self.effort_curves or {}).items() if k in names
-        }
-        return MotionLimits(
-            **values, effort_scale=self.effort_scale, effort_curves=curves
-        )
+        values: dict[str, Any] = {}
+        for name in kinds_of(self):
+            bounds = self._bounds_of(name, present).items()
+            kept = {names[k]: v for k, v in bounds if k in names and v != np.inf}
+            values[name] = kept or None
+        return replace(self, **values)
 
     def check(self, joint_names: Sequence[str]) -> None:
         """Check the limits against the joints of a robot.
@@ -279,23 +387,36 @@ class MotionLimits(Record):
             JointNotFound: If a joint is unknown.
         """
         joint_names = joints_named(joint_names)
-        for name in UNITS:
-            self.by_joint(name, joint_names)
-        for joint in self.effort_curves or {}:
-            if joint not in joint_names:
-                raise JointNotFound(joint, joint_names)
+        for name in kinds_of(self):
+            self._bounds_of(name, joint_names)
 
     @property
     def continuous(self) -> bool:
         """Whether accelerations must not jump."""
-        return self.jerk is not None or self.effort_rate is not None
+        return any(kind.smooth for kind in self._given)
 
     @property
     def need_smooth(self) -> bool:
         """Whether there is more than a share of the torque limits."""
-        return (
-            self.continuous or self.acceleration is not None or bool(self.effort_curves)
-        )
+        return bool(self._given)
+
+    @property
+    def _given(self) -> list[LimitKind]:
+        """Kinds of which there are bounds."""
+        found = []
+        for name, kind in kinds_of(self).items():
+            bounds = getattr(self, name)
+            if bounds is not None and not (isinstance(bounds, Mapping) and not bounds):
+                found.append(kind)
+        return found
+
+
+def joint_kinds() -> dict[str, LimitKind]:
+    """All kinds of limits of joints by name, those of a caller's motion limits too."""
+    classes: list[type[MotionLimits]] = [MotionLimits, *MotionLimits.__subclasses__()]
+    further = [kind for limits in classes for kind in kinds_of(limits).values()]
+    every = POSITION, VELOCITY, EFFORT, FEEDBACK, *further
+    return {kind.name: kind for kind in every}
 
 
 def limits_by_joint(
@@ -305,11 +426,12 @@ def limits_by_joint(
 
     Args:
         values: By quantity and joint name, as files and data sheets have them.
-        joint_names: Joints that move; values of others are left out.
+        joint_names: Joints that move; values of others are left out, and infinite ones.
     """
-    found: dict[str, PerJoint] = {}
-    for quantity in UNITS:
-        own = {k: v for k, v in values.get(quantity, {}).items() if k in joint_names}
+    found: dict[str, Any] = {}
+    for name in kinds_of(MotionLimits):
+        given = values.get(name, {}).items()
+        own = {k: v for k, v in given if k in joint_names and v != np.inf}
         if own:
-            found[quantity] = own
-    return MotionLimits(**found) if found else None  # type: ignore[arg-type]
+            found[name] = own
+    return MotionLimits(**found) if found else None

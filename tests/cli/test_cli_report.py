@@ -184,7 +184,8 @@ def test_limit_shares() -> None:
     q = np.zeros((5, 3))
     q[4, 2] = 2.0 * (1.0 / 1.5)  # a cubic from rest to rest: 1.5 times the mean
     motion = Trajectory(arm.joint_names, t, q, v, u)
-    torque, either = limit_shares(arm, motion)
+    problem = Problem(arm, np.ones(3), JointGoal(np.array([0.5, 1.7, -1.7])))
+    torque, either = limit_shares(problem, motion)
     assert torque == pytest.approx(0.5)
     assert either == pytest.approx(0.7)
 

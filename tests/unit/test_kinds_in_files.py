@@ -21,6 +21,7 @@ def test_types_are_public_classes(base: type[Any], suffix: str | None) -> None:
     private = [
         name
         for name, kind in found.items()
-        if getattr(tm, kind.__name__, None) is not kind
+        if kind.__module__.startswith("tominpmp.")
+        and getattr(tm, kind.__name__, None) is not kind
     ]
     assert private == []

@@ -16,8 +16,8 @@ from tominpmp.bounds.least_time import OneWay, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.problem import Problem
+from tominpmp.problem.problem import effort_range
 from tominpmp.robot import Robot
-from tominpmp.verification.limit_violations import effort_range
 
 
 def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
@@ -51,7 +51,8 @@ def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
 
 def effort_bounds(problem: Problem) -> tuple[Array, Array]:
     """Least and largest torques that motions may use at any speed, shape (n,) each."""
-    lower, upper = effort_range(problem)
+    middle, half = effort_range(problem)
+    lower, upper = middle - half, middle + half
     curves = problem.motion_limits.effort_curves if problem.motion_limits else None
     for joint, curve in (curves or {}).items():
         i = problem.robot.joint_names.index(joint)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from tominpmp.certificate.perturbations import (
     Linearised,
     Stencil,
 )
+from tominpmp.problem.joint_limits import SIDES, JointBounds, joint_limits
 
 # What a problem with times at which goals are to be met has rows of.
 ARRIVAL = "arrival"
@@ -66,9 +68,9 @@ def limits_of(motion: Motion, far: float = np.inf, near: bool = True) -> LimitRo
         inside = part.states(Instants.spread(part.span, SHARES))
         smooth = motion.changes.shape != "torques"
         found += [*_over_speed(part, inside if smooth else None), *_slopes(part)]
-        found += [_speeds(part, inside), _positions(part, inside)]
-        if smooth:
-            found.append(_bulging_efforts(part, inside))
+        for item in joint_limits(part.task.problem):
+            if item.kind.of in ("q", "v") or (smooth and item.kind.of == "u"):
+                found.append(_bulging(part, inside, item))
         own = [*(_clearances(part) if near else ()), *_constraints(part)]
         found += [_of_segment(number, rows) for rows in own]
     goals = enumerate(map(_goal, motion.segments))
@@ -116,11 +118,6 @@ def _rows(
     return LimitRows(name, at.at, subject, below, above, by_state, change, **more)
 
 
-def _shares(value: Array) -> tuple[Array, Array]:
-    """What values leave of limits, all as shares of them."""
-    return -1.0 - value, 1.0 - value
-
-
 def _one_of(joint: IntArray, n: int, value: Array) -> Array:
     """Slopes that are values for one joint each, shape (m, n)."""
     out = np.zeros((joint.size, n))
@@ -139,30 +136,32 @@ def _rows_of_joints(
     stencil: Stencil,
     limit: Array,
     load: Array | None = None,
+    accelerations: bool = False,
 ) -> LimitRows:
     """Rows of sums over ends of intervals, of torques or else of accelerations.
 
     Args:
         motion: The motion.
-        kind: Name of the rows; jerks are of accelerations.
+        kind: Name of the rows.
         interval: The intervals, shape (k,).
         joints: The joints.
         stencil: Which ends, and their weights.
         limit: Limits of the joints, shape (joints,).
         load: Shares of them that are used, shape (k, joints); None where the sums are
             rises, whose slopes are limited.
+        accelerations: Whether the sums are of accelerations.
     """
     changes, n, shape = motion.changes, motion.changes.n, (interval.size, joints.size)
     change = changes.nothing(interval.size * joints.size)
-    total, jerk, none = np.zeros(shape), kind == "jerk", np.zeros((len(interval), n, n))
+    total, none = np.zeros(shape), np.zeros((len(interval), n, n))
     for shift, end, weight in stencil:
         at, scale = motion.ends(interval + shift, end), weight / limit[:, None]
         slopes = [none, none, none + np.eye(n)]
-        if not jerk:
+        if not accelerations:
             slopes = [part[end::2][interval + shift] for part in motion.parts[1:]]
         each = [scale * part[:, joints] for part in slopes]
         change += changes.values(at.at, at.q, at.v, *each)
-        total += (at.a if jerk else at.u)[:, joints] * scale.T
+        total += (at.a if accelerations else at.u)[:, joints] * scale.T
     share = sum(end * weight for _, end, weight in stencil)
     if load is None:
         share, load = 0.5, total / changes.apart(interval)[:, None]
@@ -178,7 +177,7 @@ def _rows_of_joints(
         (bound - load).ravel(),
         np.zeros(2 * n),
         change,
-        by_torque=np.tile((not jerk) / limit, interval.size),
+        by_torque=np.tile((not accelerations) / limit, interval.size),
         mean=np.array(stencil is MEAN),
     )
 
@@ -206,32 +205,32 @@ def _efforts(motion: Motion) -> Iterator[LimitRows]:
 
 def _slopes(motion: Motion) -> Iterator[LimitRows]:
     """Slopes of torques and accelerations over time, as shares of limits."""
-    limits, changes = motion.task.problem.motion_limits, motion.changes
-    if limits is None:
-        return
-    last = changes.N - changes.passing.size
-    interval, names = motion.intervals, motion.trajectory.joint_names
-    interval = interval[interval <= last]
-    for kind in ("effort rate", "jerk"):
-        limit = limits.by_joint(kind.replace(" ", "_"), names)
-        joints = np.flatnonzero(np.isfinite(limit))
-        if joints.size:
-            rise, most = changes.rise, limit[joints]
-            yield _rows_of_joints(motion, kind, interval, joints, rise, most)
+    changes, interval = motion.changes, motion.intervals
+    interval = interval[interval <= changes.N - changes.passing.size]
+    for item in joint_limits(motion.task.problem):
+        if item.kind.smooth:
+            most, of = item.upper[item.joints], item.kind.of == "j"
+            name, rise = item.kind.name, changes.rise
+            rows = interval, item.joints, rise, most
+            yield _rows_of_joints(motion, name, *rows, accelerations=of)
 
 
 # -- torques, speeds and positions inside the intervals --------------------------------
 
 
 def _largest(
-    motion: Motion, inside: Array, ends: Array, near: float = NEAR, more: float = BULGE
+    motion: Motion,
+    inside: Array,
+    ends: Array,
+    near: float = NEAR - 1.0,
+    more: float = BULGE,
 ) -> tuple[IntArray, IntArray]:
     """Instants and joints at which values are largest, of those near their limits.
 
     Args:
         motion: The motion.
-        inside: Values as shares of their limits at all instants, shape (m, n).
-        ends: Values at both ends of all intervals, shape (N, 2, n).
+        inside: Excesses over limits at all instants, shape (m, n).
+        ends: Excesses at both ends of all intervals, shape (N, 2, n).
         near: What is near.
         more: By how much they are larger than at the ends.
 
@@ -250,44 +249,60 @@ def _at_ends(values: Array) -> Array:
     return np.stack([values[:-1], values[1:]], axis=1)
 
 
-def _speeds(motion: Motion, inside: MotionStates) -> LimitRows:
-    """Speeds that are largest between the nodes, or may come to be."""
-    limit, changes = motion.task.problem.robot.limits.velocity, motion.changes
-    share, ends = inside.v / limit, np.abs(changes.v) / limit
-    index, joint = _largest(motion, np.abs(share), _at_ends(ends))
-    if changes.shape == "ramps":
-        # An acceleration that is raised at the beginning of an interval and lowered at
-        # its end leaves the speeds at both as they are; light joints can do that by
-        # much, so that the middle is a row.
-        inertia = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
-        strongest = 2.0 * motion.task.effort_half / np.maximum(inertia, 1e-12)
-        every, h = SHARES.size, changes.h[slice(*motion.span)]
-        room = (limit - np.abs(inside.v))[every // 2 :: every]
-        light = h[:, None] * strongest / 8.0 > room
-        light[index // every, joint] = False
-        interval, more = np.nonzero(light)
-        index = np.append(index, interval * every + every // 2)
-        joint = np.append(joint, more)
-    at, value = inside.kept(index), share[index, joint]
-    by_v = _one_of(joint, changes.n, 1.0 / limit[joint])
-    slopes = np.zeros_like(by_v), by_v
-    return _rows(motion, "velocity", at, joint, _shares(value), *slopes)
+def _bulging(motion: Motion, inside: MotionStates, item: JointBounds) -> LimitRows:
+    """Positions, speeds or torques that are largest inside an interval, or may be."""
+    task, changes, of, name = motion.task, motion.changes, item.kind.of, item.kind.name
+    values, ends, unit = {
+        "q": (inside.q, _at_ends(changes.q), task.step_scale),
+        "v": (inside.v, _at_ends(changes.v), item.upper),
+        "u": (inside.u, motion.u, task.effort_half),
+    }[of]
+
+    def beyond(values: Array) -> Array:
+        return np.asarray(np.maximum(values - item.upper, item.lower - values) / unit)
+
+    excess = beyond(values)
+    if of == "u":
+        # Where a torque runs along its limit, the middle is a row as well as the ends:
+        # it does not change as their mean does.
+        excess[SHARES.size // 2 :: SHARES.size] += FLAT
+        excess[:, np.setdiff1d(np.arange(changes.n), motion.driven)] = -np.inf
+    near, more = (-ROOM, TURN) if of == "q" else (NEAR - 1.0, BULGE)
+    index, joint = _largest(motion, excess, beyond(ends), near, more)
+    if of == "v" and changes.shape == "ramps":
+        index, joint = _with_light_joints(motion, excess * unit, index, joint)
+    at, value, unit = inside.kept(index), values[index, joint], unit[joint]
+    room = (item.lower[joint] - value) / unit, (item.upper[joint] - value) / unit
+    if of == "u":
+        return _rows_of_torques(motion, name, at, joint, room, 1.0 / unit, 0.0 * unit)
+    by = _one_of(joint, changes.n, 1.0 / unit)
+    if of == "q":
+        return _rows(motion, name, at, joint, room, by, unit=unit)
+    return _rows(motion, name, at, joint, room, 0.0 * by, by)
 
 
-def _positions(motion: Motion, inside: MotionStates) -> LimitRows:
-    """Positions of joints that turn back at a limit between the nodes."""
-    limits, scale = motion.task.problem.robot.limits, motion.task.step_scale
-    low, high = limits.position_lower, limits.position_upper
+def _with_light_joints(
+    motion: Motion, beyond: Array, index: IntArray, joint: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Rows of speeds, and the middles of intervals where speeds may come to be largest.
 
-    def beyond(q: Array) -> Array:
-        return np.asarray(np.maximum(q - high, low - q) / scale)
+    An acceleration that is raised at the beginning of an interval and lowered at its
+    end leaves the speeds at both as they are; light joints can do that by much.
 
-    ends = _at_ends(beyond(motion.changes.q))
-    index, joint = _largest(motion, beyond(inside.q), ends, -ROOM, TURN)
-    at, unit, q = inside.kept(index), scale[joint], inside.q[index, joint]
-    room = (low[joint] - q) / unit, (high[joint] - q) / unit
-    by_q = _one_of(joint, scale.size, 1.0 / unit)
-    return _rows(motion, "position", at, joint, room, by_q, unit=unit)
+    Args:
+        motion: The motion.
+        beyond: Speeds beyond their limits at all instants, shape (m, n).
+        index: Instants that are rows, shape (k,).
+        joint: Their joints, shape (k,).
+    """
+    inertia = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
+    strongest = 2.0 * motion.task.effort_half / np.maximum(inertia, 1e-12)
+    every, h = SHARES.size, motion.changes.h[slice(*motion.span)]
+    light = h[:, None] * strongest / 8.0 > -beyond[every // 2 :: every]
+    light[index // every, joint] = False
+    interval, more = np.nonzero(light)
+    index = np.append(index, interval * every + every // 2)
+    return index, np.append(joint, more)
 
 
 def _rows_of_torques(
@@ -307,51 +322,27 @@ def _rows_of_torques(
     return _rows(motion, kind, at, joint, room, *slopes, by_torque=by_torque)
 
 
-def _bulging_efforts(motion: Motion, inside: MotionStates) -> LimitRows:
-    """Torques that are largest inside an interval."""
-    load = motion.task.share_of_effort(inside.u)
-    seen = np.zeros(load.shape)
-    seen[:, motion.driven] = np.abs(load[:, motion.driven])
-    # Where a torque runs along its limit, the middle is a row as well as the ends: it
-    # does not change as their mean does.
-    seen[SHARES.size // 2 :: SHARES.size] += FLAT
-    index, joint = _largest(motion, seen, np.abs(motion.loads))
-    at, by_torque = inside.kept(index), 1.0 / motion.task.effort_half[joint]
-    room = _shares(load[index, joint])
-    return _rows_of_torques(
-        motion, "effort", at, joint, room, by_torque, np.zeros(joint.size)
-    )
-
-
 def _over_speed(motion: Motion, inside: MotionStates | None) -> Iterator[LimitRows]:
     """Torques at what their speed allows: at nodes, and nearest inside intervals."""
-    limits, changes = motion.task.problem.motion_limits, motion.changes
-    curves = {} if limits is None else (limits.effort_curves or {})
-    for name, curve in sorted(curves.items()):
-        own = motion.trajectory.joint_names.index(name)
-        half, interval = motion.task.effort_half[own], motion.intervals
-        for sign in (1.0, -1.0):
-            looked_at = [motion.ends(interval, end) for end in (0, 1)]
+    looked_at = [motion.ends(motion.intervals, end) for end in (0, 1)]
+    ends = motion.u, _at_ends(motion.changes.v)
+    for item in joint_limits(motion.task.problem):
+        for (own, bound), side in product(item.by_speed.items(), SIDES):
+            kind, at = item.kind, looked_at
+            unit = kind.scale(bound, float(motion.task.effort_half[own]))
             if inside is not None:
-                most = curve(inside.v[:, own])[0]
-                use = 1.0 + (sign * inside.u[:, own] - most) / half
-                most = curve(_at_ends(changes.v[:, own]))[0]
-                ends = 1.0 + (sign * motion.u[:, :, own] - most) / half
-                index, _ = _largest(motion, use[:, None], ends[:, :, None])
-                looked_at.append(inside.kept(index))
-            for at in looked_at:
-                u, v = at.u[:, own], at.v[:, own]
-                most, slope = curve(v)
-                none = np.full(v.size, -np.inf)
-                yield _rows_of_torques(
-                    motion,
-                    "effort over speed",
-                    at,
-                    np.full(v.size, own),
-                    (none, (most - sign * u) / half),
-                    np.full(v.size, sign / half),
-                    -slope * np.sign(v) / half,
+                use, at_ends = (
+                    kind.excess(bound, u[..., own], v[..., own], side)[0] / unit
+                    for u, v in ((inside.u, inside.v), ends)
                 )
+                index, _ = _largest(motion, use[:, None], at_ends[:, :, None])
+                at = [*looked_at, inside.kept(index)]
+            for states in at:
+                found = kind.excess(bound, states.u[:, own], states.v[:, own], side)
+                excess, by_u, by_v = (part / unit for part in found)
+                joint, none = np.full(excess.size, own), np.full(excess.size, -np.inf)
+                rows = motion, kind.name, states, joint, (none, -excess)
+                yield _rows_of_torques(*rows, by_u, by_v)
 
 
 # -- what the problem asks for ---------------------------------------------------------

@@ -76,7 +76,7 @@ def certify(
     Args:
         problem: What the motion solves.
         trajectory: The motion; samples, from a file say, are joined to one first.
-        verification: Its replay, if there is one: costates are integrated along it, and
+        verification: Its replay; None makes one. Costates are integrated along it, and
             a motion that fails it is not certified.
         tolerance: What small changes may promise, as a share of the duration.
         control_period: Period of the clock that the motion is on, if there is one [s]:
@@ -106,7 +106,7 @@ def certify(
     given = trajectory
     if problem.segments:
         problem, trajectory = without_stays(problem, given)
-    if verification is None and not trajectory.duration:
+    if verification is None:
         verification = verify(asked, given)
     rounding = 0.0 if period is None else clock_share(trajectory, period)
     seen = examine(problem, trajectory, verification, tolerance, rounding=rounding)

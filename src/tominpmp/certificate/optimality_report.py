@@ -11,7 +11,6 @@ from tominpmp.certificate.dual_program import DualSolution
 from tominpmp.certificate.limit_rows import GOAL, SEGMENT, TRUST
 from tominpmp.certificate.limits import ARRIVAL
 from tominpmp.certificate.motion import Motion
-from tominpmp.options import Tolerances
 from tominpmp.verification.verification import Verification
 
 # By how much the Hamiltonian may be off in the mean; the cost of time is 1.
@@ -106,12 +105,8 @@ def failed_conditions(
             tick may do so with any torques.
     """
     h, T = motion.changes.h, float(motion.changes.t[-1])
-    if verification is None:
-        flaw = _flaw(motion)
-    else:
-        flaw = "" if verification.ok else verification.message
-    if flaw:
-        yield f"The motion is not admissible: {flaw}"
+    if verification is not None and not verification.ok:
+        yield f"The motion is not admissible: {verification.message}"
     if not out.stationarity <= out.tolerance:
         yield (
             "The motion does not satisfy the first-order conditions: small changes "
@@ -138,35 +133,6 @@ def failed_conditions(
             f"{_percent(out.sign_share)} of the time; the worst is that of joint "
             f"{out.joint_names[joint]}, about {_middle(motion, k):.3f} s."
         )
-
-
-def _flaw(motion: Motion) -> str:
-    """What keeps a motion that was not replayed from being one of the problem."""
-    task, changes, names = motion.task, motion.changes, motion.trajectory.joint_names
-    problem, tolerances = task.problem, Tolerances()
-    v_start = 0.0 if problem.v_start is None else problem.v_start
-    apart = np.abs([changes.q[0] - problem.q_start, changes.v[0] - v_start])
-    if float(apart.max()) > tolerances.goal:
-        joint = names[int(np.argmax(apart.max(axis=0)))]
-        return f"joint {joint} does not start where the problem does."
-    misses = problem.goal.misses(task.kinematics, changes.q[-1], changes.v[-1])
-    for miss in sorted(misses, key=lambda miss: -miss.amount):
-        if miss.amount > (tolerances.speed if miss.moving else tolerances.goal):
-            return f"{miss.name} ends {miss.amount:.3g} {miss.unit} from the goal."
-    load = np.abs(motion.loads).max(axis=1)
-    if changes.shape == "torques":
-        load = np.abs(motion.load)
-    load[:, np.setdiff1d(np.arange(changes.n), motion.driven)] = 0.0
-    speed = np.abs(changes.v) / problem.robot.limits.velocity
-    for what, share in (("torque", load), ("velocity", speed[1:])):
-        k, column = np.unravel_index(int(np.argmax(share)), share.shape)
-        beyond = share[k, column] - 1.0
-        if beyond > tolerances.limits:
-            return (
-                f"the {what} of joint {names[column]} is {_percent(beyond)} beyond its "
-                f"limit at {changes.t[k + 1]:.3f} s."
-            )
-    return ""
 
 
 def _middle(motion: Motion, k: int) -> float:

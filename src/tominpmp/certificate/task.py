@@ -15,6 +15,7 @@ from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.problem import Problem
+from tominpmp.problem.problem import effort_range
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,17 +44,12 @@ class Task:
     @cached_property
     def effort_half(self) -> Array:
         """Half the torque range, shape (n,); 1 where it is empty."""
-        limits = self.problem.robot.limits
-        half = 0.5 * (limits.effort_upper - limits.effort_lower)
-        if self.problem.motion_limits is not None:
-            half = self.problem.motion_limits.effort_scale * half
+        half = effort_range(self.problem)[1]
         return np.where(half > 0.0, half, 1.0)
 
     def share_of_effort(self, torque: Array) -> Array:
         """Torques, shape (..., n) [N m or N], as shares of their limits."""
-        limits = self.problem.robot.limits
-        middle = 0.5 * (limits.effort_upper + limits.effort_lower)
-        return np.asarray((torque - middle) / self.effort_half)
+        return np.asarray((torque - effort_range(self.problem)[0]) / self.effort_half)
 
     @cached_property
     def step_scale(self) -> Array:

@@ -15,9 +15,11 @@ from rich.console import Console
 
 from tominpmp.bounds import LowerBound
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion_limits import UNITS
+from tominpmp.motion_limits import MotionLimits, kinds_of
+from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
+from tominpmp.viz.shares import shares_of_limits
 
 if TYPE_CHECKING:
     from tominpmp.files.export_check import ExportCheck
@@ -31,17 +33,17 @@ SHOWN, REFUSALS = 8, 5
 LABEL = 14
 
 
-def limit_shares(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
+def limit_shares(problem: Problem, trajectory: Trajectory) -> tuple[float, float]:
     """Share of the time with an actuator, and with an actuator or a speed, at a limit.
 
     The motion is looked at in the middle of its intervals.
     """
-    limits = robot.limits
-    state = trajectory(0.5 * (trajectory.t[1:] + trajectory.t[:-1]))
-    span = limits.effort_upper - limits.effort_lower
-    reach = np.minimum(state.u - limits.effort_lower, limits.effort_upper - state.u)
-    torque = np.any((reach <= CLOSE * span / 2) & (span > 0.0), axis=1)
-    speed = np.any(np.abs(state.v) >= (1.0 - CLOSE) * limits.velocity, axis=1)
+    middles = 0.5 * (trajectory.t[1:] + trajectory.t[:-1])
+    shares = shares_of_limits(problem, trajectory, middles)
+    torque, speed = (
+        np.any(np.abs(part) >= 1.0 - CLOSE, axis=1)
+        for part in (shares.torque, shares.speed)
+    )
     weights = np.diff(trajectory.t) / (trajectory.duration or 1.0)
     return float(weights @ torque), float(weights @ (torque | speed))
 
@@ -71,7 +73,7 @@ def report_data(
     }
     trajectory, found = solution.trajectory, solution.verification
     if trajectory is not None:
-        torque, either = limit_shares(problem.robot, trajectory)
+        torque, either = limit_shares(problem, trajectory)
         data |= {"torque_limited_share": torque, "limited_share": either}
         data |= {"q_start": trajectory.q[0], "q_end": trajectory.q[-1]}
         if solution.peak_acceleration is not None:
@@ -242,7 +244,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
         item.name: getattr(limits, item.name) for item in dataclasses.fields(limits)
     }
     columns |= {key: getattr(robot, key) for key in ("damping", "armature", "friction")}
-    for quantity in UNITS:
+    for quantity in kinds_of(MotionLimits, numbers=True):
         if beyond is not None and getattr(beyond, quantity) is not None:
             columns[quantity] = beyond.by_joint(quantity, robot.joint_names)
     data = {

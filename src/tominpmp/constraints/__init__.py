@@ -5,14 +5,10 @@ from __future__ import annotations
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.coupling import JointCoupling
-from tominpmp.constraints.final import Arrival, GoalReached, Standstill
+from tominpmp.constraints.final import Arrival, GoalReached
 from tominpmp.constraints.held_load import FirmGrasp
 from tominpmp.constraints.joint_limits import (
-    AccelerationLimit,
-    JerkLimit,
     JointLimit,
-    PositionLimit,
-    VelocityLimit,
 )
 from tominpmp.constraints.orientation import AxisFixed, KeepOrientation, KeepUpright
 from tominpmp.constraints.path import PathConstraint
@@ -28,14 +24,12 @@ from tominpmp.constraints.torque import (
 )
 
 __all__ = [
-    "AccelerationLimit",
     "Arrival",
     "AxisFixed",
     "ClearanceConstraint",
     "Constraint",
     "FirmGrasp",
     "GoalReached",
-    "JerkLimit",
     "JointCoupling",
     "JointLimit",
     "KeepAway",
@@ -44,9 +38,7 @@ __all__ = [
     "Motors",
     "Partials",
     "PathConstraint",
-    "PositionLimit",
     "StableContact",
-    "Standstill",
     "States",
     "ToolAcceleration",
     "ToolArc",
@@ -56,6 +48,5 @@ __all__ = [
     "TorqueLimit",
     "TorqueOverSpeed",
     "TorqueRate",
-    "VelocityLimit",
     "WithinRegion",
 ]

@@ -1,4 +1,4 @@
-"""What holds at the end of a segment: its goal, a standstill, a time of arrival."""
+"""What holds at the end of a segment: its goal, and a time of arrival."""
 
 from __future__ import annotations
 
@@ -60,40 +60,6 @@ class GoalReached(Constraint):
             by_q[mine] = whole_q[which[mine]] / self.scale[which[mine], None]
             by_v[mine] = whole_v[which[mine]] / self.scale[which[mine], None]
         return Partials(at, by_q, by_v)
-
-
-@dataclass(frozen=True, eq=False)
-class Standstill(Constraint):
-    """No acceleration, where an arm stays whose accelerations must not jump.
-
-    Attributes:
-        scale: Accelerations that count as one, shape (n,).
-    """
-
-    scale: Array
-
-    name = "acceleration before a stay"
-    order = 2
-
-    @property
-    def count(self) -> int:
-        """Number of joints."""
-        return int(self.scale.size)
-
-    def bounds(self, instants: int) -> tuple[Array, Array]:
-        """Zero."""
-        shape = instants, self.count
-        return np.zeros(shape), np.zeros(shape)
-
-    def evaluate(self, states: States, attention: float = np.inf) -> Array:
-        """The accelerations."""
-        return np.asarray(states.a / self.scale)
-
-    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """Their derivatives."""
-        by_a = np.zeros((at.size, self.count))
-        by_a[np.arange(at.size), which] = 1.0 / self.scale[which]
-        return Partials(at, by_a=by_a)
 
 
 @dataclass(frozen=True, eq=False)

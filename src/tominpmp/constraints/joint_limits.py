@@ -1,4 +1,4 @@
-"""Limits joint by joint: positions, velocities, accelerations, jerks."""
+"""Limits of positions and of their derivatives, joint by joint."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, IntArray, Record
 from tominpmp.constraints.base import Constraint, Partials, States
 
 
 @dataclass(frozen=True, eq=False)
-class JointLimit(Constraint):
+class JointLimit(Record, Constraint):
     """Bounds of a derivative of some joints' positions.
 
     Attributes:
@@ -20,6 +20,10 @@ class JointLimit(Constraint):
         upper: Upper bounds, shape (k,).
         scale: What values are divided by, shape (k,).
         joint_count: Number n of all joints.
+        name: Name of the kind of limit.
+        field: "q", "v", "a" or "j", for the derivative.
+        order: Its order.
+        curable: Whether a slower motion along the same path violates it less.
     """
 
     joints: IntArray
@@ -27,18 +31,21 @@ class JointLimit(Constraint):
     upper: Array
     scale: Array
     joint_count: int
+    name: str = ""
+    field: str = ""
+    order: int = 0
+    curable: bool = False
 
     @classmethod
-    def symmetric(cls, limit: Array) -> JointLimit | None:
-        """Limits of either direction, infinite for none, shape (n,); None if all are.
+    def standstill(cls, scale: Array) -> JointLimit:
+        """No acceleration, where an arm stays whose accelerations must not jump.
 
-        Values are shares of the limits.
+        Args:
+            scale: Accelerations that count as one, shape (n,).
         """
-        joints = np.flatnonzero(np.isfinite(limit))
-        if not joints.size:
-            return None
-        most = limit[joints]
-        return cls(joints, -most, most, most, limit.size)
+        none, name = np.zeros(scale.size), "acceleration before a stay"
+        every = np.arange(scale.size)
+        return cls(every, none, none, scale, scale.size, name, order=2)
 
     @property
     def count(self) -> int:
@@ -62,45 +69,3 @@ class JointLimit(Constraint):
         by[np.arange(at.size), self.joints[which]] = 1.0 / self.scale[which]
         by_q, by_v, by_a = (by if k == self.order else None for k in range(3))
         return Partials(at, by_q, by_v, by_a)
-
-
-class PositionLimit(JointLimit):
-    """Position limits of a robot description."""
-
-    name = "position"
-    field = "q"
-
-    @classmethod
-    def between(cls, lower: Array, upper: Array, scale: Array) -> PositionLimit | None:
-        """Limits of all joints, infinite for none, shape (n,) each; None if all are."""
-        joints = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
-        if not joints.size:
-            return None
-        return cls(joints, lower[joints], upper[joints], scale[joints], lower.size)
-
-
-class VelocityLimit(JointLimit):
-    """Velocity limits."""
-
-    name = "velocity"
-    field = "v"
-    order = 1
-    curable = True
-
-
-class AccelerationLimit(JointLimit):
-    """Acceleration limits."""
-
-    name = "acceleration"
-    field = "a"
-    order = 2
-    curable = True
-
-
-class JerkLimit(JointLimit):
-    """Jerk limits, for motions whose accelerations do not jump."""
-
-    name = "jerk"
-    field = "j"
-    order = 3
-    curable = True

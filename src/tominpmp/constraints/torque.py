@@ -1,4 +1,4 @@
-"""Torque limits; torque over speed; torque rates.
+"""Torque limits; torques that are limited over the speed; torque rates.
 
 These are the paper's limits on controls, equation 3, and its section 4 for limits that
 depend on the state, and on the rates of controls.
@@ -6,7 +6,9 @@ depend on the state, and on the rates of controls.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.friction import Ways, signs
 from tominpmp.dynamics import Dynamics
-from tominpmp.motion_limits import EffortCurve
+from tominpmp.motion_limits import LimitKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,52 +158,54 @@ class TorqueLimit(MotorLimit):
 
 @dataclass(frozen=True, eq=False)
 class TorqueOverSpeed(MotorLimit):
-    """Torques below curves over the speed, in shares of the torque limits.
+    """Torques within bounds that depend on the speed, as shares of these.
 
     Attributes:
-        joints: Joints that have one, shape (k,).
-        curves: Their curves.
+        kind: The kind of limit.
+        by_speed: The bounds, by the index of the joint.
     """
 
-    joints: IntArray
-    curves: tuple[EffortCurve, ...]
+    kind: LimitKind
+    by_speed: Mapping[int, Any]
 
-    name = "torque over speed"
+    @property
+    def name(self) -> str:
+        """Name of the kind of limit."""
+        return self.kind.name.replace("effort", "torque")
 
     @property
     def count(self) -> int:
         """Two values for each such joint, one either way."""
-        return 2 * len(self.curves)
+        return 2 * len(self.by_speed)
+
+    def _excess(self, states: States) -> Iterator[tuple[int, Array, Array, Array]]:
+        """Values one after the other, and their derivatives by share and speed."""
+        motors = self.motors
+        loads = motors.loads(states) + motors.middle / motors.half
+        for side in (1.0, -1.0):
+            for joint, bound in self.by_speed.items():
+                half = float(motors.half[joint])
+                unit, load, v = self.kind.scale(bound, half), loads[:, joint], states.v
+                found = self.kind.excess(bound, half * load, v[:, joint], side)
+                value, by_u, by_v = (part / unit for part in found)
+                if motors.ways is not None:
+                    reserve = 1.0 - motors.ways.bound[:, joint]
+                    value = value + np.abs(half * by_u) * reserve
+                yield joint, value, half * by_u, by_v
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
-        """Torques beyond the curves."""
-        motors, joints = self.motors, self.joints
-        load = motors.loads(states)[:, joints] + (motors.middle / motors.half)[joints]
-        largest = np.stack(
-            [
-                curve(states.v[:, joint])[0] / motors.half[joint]
-                for joint, curve in zip(joints, self.curves, strict=True)
-            ],
-            axis=1,
-        )
-        if motors.ways is not None:
-            largest = largest - (1.0 - motors.ways.bound[:, joints])
-        return np.concatenate([load - largest, -load - largest], axis=1)
+        """Torques beyond the bounds."""
+        return np.stack([value for _, value, *_ in self._excess(states)], axis=1)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """Derivatives of torques and curves."""
-        sign = np.where(which < len(self.curves), 1.0, -1.0)[:, None]
-        place = which % len(self.curves)
-        joint = self.joints[place]
+        """Derivatives of torques and bounds."""
+        joints, _, by_share, by_speed = zip(*self._excess(states), strict=True)
+        joint = np.array(joints)[which]
         by = self.motors.differentiate(states, at, joint)
-        speed = states.v[at, joint]
-        drop = np.zeros((at.size, states.v.shape[1]))
-        for k, curve in enumerate(self.curves):
-            mine = np.flatnonzero(place == k)
-            slope = curve(speed[mine])[1] * np.sign(speed[mine])
-            drop[mine, self.joints[k]] = slope / self.motors.half[self.joints[k]]
-        by = by.times(sign)
-        return by._replace(by_v=-drop if by.by_v is None else by.by_v - drop)
+        by = by.times(np.array(by_share)[which, at, None])
+        slope = np.zeros((at.size, states.v.shape[1]))
+        slope[np.arange(at.size), joint] = np.array(by_speed)[which, at]
+        return by._replace(by_v=slope if by.by_v is None else by.by_v + slope)
 
 
 @dataclass(frozen=True, eq=False)

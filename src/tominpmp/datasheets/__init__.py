@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import OptionsError, brief
-from tominpmp.motion_limits import UNITS
+from tominpmp.motion_limits import MotionLimits, kinds_of
 
 try:
     import tomllib
@@ -26,7 +26,7 @@ except ModuleNotFoundError:  # Python 3.10
 FOLDER = Path(__file__).parent
 # Quantities that are arguments of load_robot, and those of motion limits.
 OVERRIDES = ("position_lower", "position_upper", "velocity", "effort", "armature")
-QUANTITIES = (*OVERRIDES, *UNITS)
+QUANTITIES = (*OVERRIDES, *kinds_of(MotionLimits, numbers=True))
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,13 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 from tominpmp.files.records import blaming
-from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits, limits_by_joint
+from tominpmp.motion_limits import (
+    EffortCurve,
+    LimitKind,
+    MotionLimits,
+    kinds_of,
+    limits_by_joint,
+)
 from tominpmp.robot import Robot, load_robot, read_source
 
 # What may lie around the table: nodes of ROS 2, namespaces of parameters.
@@ -175,19 +181,8 @@ def load_limited_robot(
     linkage = source.linkage(arguments.get("group"), arguments.get("locked_joints"))
     joints = [joint.name for joint in source.description.joints]
     _warn_of_joints(moveit, joints, linkage.followers)
-    free = set(joints) - set(linkage.reasons())
-    values = dict(changes)
-    for key, numbers in moveit.overrides().items():
-        own = values.get(key, {})
-        if isinstance(own, Mapping):
-            present = {k: v for k, v in numbers.items() if k in free}
-            values[key] = {**present, **own}
-    robot = load_robot(source, **arguments, **values)
-    further = moveit.motion_limits(robot.joint_names)
-    if further is None:
-        return robot
-    further = further.over(robot.motion_limits, robot.joint_names)
-    return replace(robot, motion_limits=further)
+    stated = {quantity: getattr(moveit, quantity) for quantity in _KEYS}
+    return load_robot(replace(source, stated=stated), **arguments, **changes)
 
 
 def _warn_of_joints(
@@ -316,40 +311,38 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
     path = checked_path(path, "path", ScenarioError)
     instance(robot, Robot, "robot")
     document = Field(read_yaml(path), path)
-    document.only("effort_scale", "joints", *UNITS)
+    kinds = kinds_of(MotionLimits, numbers=True)
+    document.only("effort_scale", "joints", *kinds)
     if not document.given:
-        document.fail(f"is empty, expected {', '.join(UNITS)}, effort_scale or joints")
+        document.fail(f"is empty, expected {', '.join(kinds)}, effort_scale or joints")
     scale = document.get("effort_scale")
     share = 1.0 if scale.value is None else scale.number()
     if not 0.0 < share <= 1.0:
         scale.fail(f"is {share:g}, expected a share greater than 0, at most 1")
-    values = {
-        name: dict.fromkeys(robot.joint_names, _positive(item, name))
-        for name in UNITS
+    values: dict[str, dict[str, Any]] = {
+        name: dict.fromkeys(robot.joint_names, _positive(item, kind))
+        for name, kind in kinds.items()
         if (item := document.get(name)).value is not None
     }
-    curves: dict[str, EffortCurve] = {}
     joints = document.get("joints")
     for joint, limits in joints.table().items() if joints.value is not None else ():
         moves = joint in robot.joint_names
         if not moves and joint not in robot.locked_joints:
             limits.fail(str(JointNotFound(joint, robot.joint_names)))
-        limits.only("effort_curve", *UNITS)
+        limits.only("effort_curve", *kinds)
         for name, item in limits.table().items():
-            read: Any = _curve(item) if name == "effort_curve" else None
-            if read is None:
-                read = _positive(item, name)
-            if moves and name == "effort_curve":
-                curves[joint] = read
-            elif moves:
-                values.setdefault(name, {})[joint] = read
-    return MotionLimits(**values, effort_scale=share, effort_curves=curves)
+            curve = name == "effort_curve"
+            read: Any = _curve(item) if curve else _positive(item, kinds[name])
+            if moves:
+                own = values.setdefault("effort_curves" if curve else name, {})
+                own[joint] = read
+    return MotionLimits(**values, effort_scale=share)
 
 
-def _positive(item: Field, name: str) -> float:
+def _positive(item: Field, kind: LimitKind) -> float:
     number = item.number(infinite=True)
     if not number > 0.0:
-        item.fail(f"is {number:g}, expected a positive number [{UNITS[name]}]")
+        item.fail(f"is {number:g}, expected a positive number [{kind.unit}]")
     return number
 
 

@@ -1,8 +1,9 @@
 """Obstacles, goals and options as tables of a file, and back.
 
 A table names the class by its key ``type`` and has a key for every field; fields at
-their default are left out. New shapes and goals need no change here as long as their
-fields are numbers, texts, arrays, placements, paths, or such records again.
+their default are left out. New shapes, goals and limits, those of a caller too, need no
+change here as long as their fields are numbers, texts, arrays, placements, paths, or
+such records again.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def blaming(item: Field) -> Iterator[None]:
 
 
 def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:
-    """Find this library's classes of a kind, by what a file calls them.
+    """Find the classes of a kind by what a file calls them, a caller's own among them.
 
     Args:
         base: Base class.
@@ -77,16 +78,17 @@ def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:
             base class: ``JointGoal`` is "joint", ``AllGoals`` is "all".
     """
     suffix = base.__name__ if suffix is None else suffix
-    found: dict[str, type[Any]] = {}
+    found: list[tuple[str, type[Any]]] = []
     for child in base.__subclasses__():
         # What several have in common is none itself, be it of a record.
         whole = "__dataclass_fields__" in vars(child)
-        own = child.__module__.startswith("tominpmp.") and whole
-        if own and not getattr(child, "__abstractmethods__", None):
+        if whole and not getattr(child, "__abstractmethods__", None):
             name = re.sub(rf"{suffix}s?$", "", child.__name__)
-            found[re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()] = child
-        found |= classes(child, suffix)
-    return found
+            found.append((re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(), child))
+        found += classes(child, suffix).items()
+    # A name of this library keeps its meaning whatever a caller defines.
+    found.sort(key=lambda pair: pair[1].__module__.startswith("tominpmp."))
+    return dict(found)
 
 
 def motions() -> dict[str, type[Any]]:

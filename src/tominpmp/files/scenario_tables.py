@@ -36,7 +36,7 @@ its goal says so; ``scene = {}`` is a segment without obstacles.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import fields, replace
 from typing import Any
 
@@ -53,7 +53,11 @@ from tominpmp.exceptions import (
 from tominpmp.files.limits import load_motion_limits
 from tominpmp.files.records import blaming, classes, from_table, make
 from tominpmp.goals import Goal, JointGoal
-from tominpmp.motion_limits import UNITS, EffortCurve, MotionLimits
+from tominpmp.motion_limits import (
+    EffortCurve,
+    MotionLimits,
+    kinds_of,
+)
 from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
@@ -78,15 +82,23 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     """
     if not table.given:
         return None
-    table.only("file", *(field.name for field in fields(MotionLimits)))
+    kind = _class_with(table.table().keys() - {"file"})
+    table.only("file", *(field.name for field in fields(kind)))
     values = _of_file(table.get("file"), robot)
     for name, item in table.table().items():
         if name != "file":
             values[name] = _limit(name, item, values.get(name, {}))
     with blaming(table):
-        limits = MotionLimits(**values)
+        limits = kind(**values)
         limits.check(robot.joint_names)
     return limits
+
+
+def _class_with(names: Set[str]) -> type[MotionLimits]:
+    """The first class of motion limits that has some fields; a caller's may be one."""
+    every: list[type[MotionLimits]] = [MotionLimits, *MotionLimits.__subclasses__()]
+    fitting = (kind for kind in every if names <= {item.name for item in fields(kind)})
+    return next(fitting, MotionLimits)
 
 
 def _of_file(item: Field, robot: Robot) -> dict[str, Any]:
@@ -94,7 +106,7 @@ def _of_file(item: Field, robot: Robot) -> dict[str, Any]:
     if item.value is None:
         return {}
     limits = load_motion_limits(item.path.parent / item.text(), robot)
-    given = {name: getattr(limits, name) for name in (*UNITS, "effort_curves")}
+    given = {name: getattr(limits, name) for name in kinds_of(limits)}
     found: dict[str, Any] = {k: dict(value) for k, value in given.items() if value}
     return found | {"effort_scale": limits.effort_scale}
 
@@ -120,7 +132,7 @@ def beyond(
         return limits
     names = robot.joint_names
     freed: dict[str, Any] = {}
-    for name in UNITS:
+    for name in kinds_of(others, numbers=True):
         own, below = limits.by_joint(name, names), others.by_joint(name, names)
         if np.any(np.isinf(own) & np.isfinite(below)):
             freed[name] = dict(zip(names, own.tolist(), strict=True))

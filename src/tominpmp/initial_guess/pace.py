@@ -13,6 +13,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Joints that go faster than this on average are no joints of an arm [rad/s or m/s].
@@ -27,20 +28,17 @@ def least_duration(system: ProblemFunctions, q: Array) -> float:
     The path is given by configurations, shape (m, n). Rather less than more; 0 without
     such limits.
     """
-    limits = system.problem.motion_limits
-    if limits is None:
-        return 0.0
-    joints = system.problem.robot.joint_names
-    way = np.ptp(q, axis=0)
-    zero = np.zeros((1, q.shape[1]))
+    way, zero = np.ptp(q, axis=0), np.zeros((1, q.shape[1]))
     load = system.dynamics.inverse(q[:1], zero, way[None])
     load = np.abs(load - system.dynamics.inverse(q[:1], zero, zero))[0]
-    found = (
-        2.0 * np.sqrt(way / limits.by_joint("acceleration", joints)),
-        np.cbrt(32.0 * way / limits.by_joint("jerk", joints)),
-        np.cbrt(32.0 * load / limits.by_joint("effort_rate", joints)),
-    )
-    return float(np.max(found))
+    change, found = {"a": way, "j": way, "du": load}, [0.0]
+    for item in joint_limits(system.problem):
+        if item.kind.of in change:
+            # What has such a derivative piece by piece goes so far from rest to rest.
+            order = item.kind.order
+            way = 4.0 * 8.0 ** (order - 2) * change[item.kind.of] / item.upper
+            found.append(float(np.max(way)) ** (1.0 / order))
+    return max(found)
 
 
 def stretch(system: ProblemFunctions, q: Array, duration: float) -> float:

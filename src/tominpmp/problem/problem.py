@@ -365,3 +365,19 @@ class Problem(Record):
             self_collision=self.checker.self_collision,
             scene=as_scene(scene, "scene"),
         )
+
+
+def effort_range(problem: Problem) -> tuple[Array, Array]:
+    """Middle of the torques that motions may use at rest, and half of their range.
+
+    Args:
+        problem: The problem, whose ``effort_scale`` leaves a share of the limits.
+
+    Returns:
+        Shape (n,) each [N m or N].
+    """
+    limits, declared = problem.robot.limits, problem.motion_limits
+    half = 0.5 * (limits.effort_upper - limits.effort_lower)
+    if declared is not None:
+        half = declared.effort_scale * half
+    return 0.5 * (limits.effort_lower + limits.effort_upper), half

@@ -18,6 +18,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import AnyGoal, Goal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
@@ -29,7 +30,6 @@ SNAP, SNAP_SHARE = 1e-4, 1e-2
 ROUNDING = 1e-6
 # What is said of an angle beyond limits that nobody gives in radians.
 LARGE_ANGLE, IN_RADIANS = 2.0 * np.pi, "; angles are in radians, not degrees"
-UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +285,7 @@ def onto_limits(
 
 
 def _unit(robot: Robot, quantity: str, joint: int) -> str:
-    return UNITS[quantity][int(prismatic_joints(robot)[joint])]
+    return joint_kinds()[quantity].units[int(prismatic_joints(robot)[joint])]
 
 
 def joint_vector(robot: Robot, value: object, name: str) -> Array:

@@ -35,7 +35,7 @@ from tominpmp.description.srdf import SemanticDescription, read_semantics
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.urdf import read_parsed, read_urdf
 from tominpmp.exceptions import OptionsError, RobotLoadError, brief
-from tominpmp.motion_limits import MotionLimits, limits_by_joint
+from tominpmp.motion_limits import MotionLimits, kinds_of, limits_by_joint
 
 # What the argument ``limits`` may be.
 DATASHEET = "datasheet"
@@ -56,12 +56,14 @@ class RobotSource:
         description: What a URDF file says.
         semantics: What an SRDF file says, if there is one.
         values: Values by argument of ``load_robot`` and joint name that neither says.
+        stated: Limits by quantity and joint name that go before all of these.
     """
 
     files: RobotFiles
     description: UrdfDescription
     semantics: SemanticDescription | None
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str | None, ...]:
@@ -69,31 +71,37 @@ class RobotSource:
         return self.files.name, self.description.name, self.files.urdf.stem
 
     def published(self, limits: str | None) -> dict[str, dict[str, float]]:
-        """Values of the maker's data sheet by quantity and joint name, if asked for.
+        """Values by quantity and joint name: stated, else of the maker's data sheet.
+
+        Args:
+            limits: "datasheet" for those of the data sheet, too.
 
         Raises:
             OptionsError: If limits are neither "datasheet" nor None, or there is no
                 sheet.
         """
-        if limits is None:
-            return {}
-        if limits != DATASHEET:
+        if limits not in (None, DATASHEET):
             raise OptionsError(
                 f"limits is {brief(limits)}, expected {DATASHEET!r} or None", "limits"
             )
         joints = [joint.name for joint in self.description.joints]
-        return published_values(self.names, joints)
+        sheet = {} if limits is None else published_values(self.names, joints)
+        return {
+            quantity: {**sheet.get(quantity, {}), **self.stated.get(quantity, {})}
+            for quantity in {**sheet, **self.stated}
+        }
 
     def motion_limits(
         self, published: Mapping[str, Mapping[str, float]], joint_names: Sequence[str]
     ) -> MotionLimits | None:
         """Limits of accelerations and the like: published, else the URDF file's."""
-        described: dict[str, dict[str, float]] = {"acceleration": {}, "jerk": {}}
-        for joint in self.description.joints:
-            for quantity, values in described.items():
-                value = getattr(joint, quantity)
-                if value < math.inf:
-                    values[joint.name] = value
+        joints = self.description.joints
+        described = {
+            quantity: {
+                joint.name: getattr(joint, quantity, math.inf) for joint in joints
+            }
+            for quantity in kinds_of(MotionLimits, numbers=True)
+        }
         own = limits_by_joint(described, joint_names)
         theirs = limits_by_joint(published, joint_names)
         return own if theirs is None else theirs.over(own, joint_names)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -36,8 +37,10 @@ from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import EFFORT, POSITION, LimitKind
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
+from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.robot import Robot
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 from tominpmp.sensitivities.torques import TorqueWeights
@@ -136,9 +139,7 @@ class SegmentRows:
 
     def records(self) -> Iterator[Sensitivity]:
         """Records of all that holds the motion."""
-        yield from self._shares()
-        yield from self._curves()
-        yield from self._positions()
+        yield from self._limits()
         yield from self._clearances()
         yield from self._constraints()
         yield from self._forces()
@@ -158,12 +159,11 @@ class SegmentRows:
     @cached_property
     def _places(self) -> list[str]:
         """Units of the positions of the joints."""
-        return ["m" if slides else "rad" for slides in prismatic_joints(self._robot)]
+        return self._units(POSITION)
 
-    @cached_property
-    def _forces_of(self) -> list[str]:
-        """Units of their torques."""
-        return ["N" if place == "m" else "N m" for place in self._places]
+    def _units(self, kind: LimitKind) -> list[str]:
+        """Units of a kind of limit of the joints."""
+        return [kind.units[int(slides)] for slides in prismatic_joints(self._robot)]
 
     def _sums(self, kind: str, values: Array, count: int) -> Array:
         """Sums of values of the rows of a kind by subject, shape (count,)."""
@@ -207,77 +207,54 @@ class SegmentRows:
 
     # -- limits ------------------------------------------------------------------------
 
-    def _shares(self) -> Iterator[Sensitivity]:
-        """Speeds, torques, and what motors and controllers limit beside them.
+    def _limits(self) -> Iterator[Sensitivity]:
+        """Limits of the joints, kind by kind.
 
         A multiplier counts by the share of the limit that the motion uses, so that time
         scaling, which changes what is used, holds for the sums however near the
         optimum the motion is.
         """
-        names, limits = self._robot.joint_names, self._robot.limits
-        declared, rows = self._problem.motion_limits, self.rows
+        rows, more = self.rows, self._problem.motion_limits
         # Torques count as they are: between nodes they may pass limits.
         used = np.where(rows.of("effort"), rows.used, 1.0 - rows.room)
-        if declared is not None and declared.continuous:
+        if more is not None and more.continuous:
             # The first and the last acceleration are zero whatever the limit is.
             changes = self.motion.changes
             ends = np.isin(changes.times(rows.at), changes.t[[0, -1]])
             used = np.where(rows.of("acceleration") & ends, 0.0, used)
-        driven = np.isin(np.arange(len(names)), self.motion.driven)
-        efforts = np.where(driven, limits.effort_upper, np.inf)
-        asked = [("velocity", limits.velocity, self._places, "/s")]
-        asked.append(("effort", efforts, self._forces_of, ""))
-        for kind, units, time in (
-            ("acceleration", self._places, "/s^2"),
-            ("jerk", self._places, "/s^3"),
-            ("effort rate", self._forces_of, "/s"),
-        ):
-            if declared is not None:
-                limit = declared.by_joint(kind.replace(" ", "_"), names)
-                asked.append((kind, limit, units, time))
-        for kind, limit, units, time in asked:
-            yield from self._of_joints(
-                kind,
-                0.0 - self._sums(kind, rows.value * used, len(names)),
-                limit,
-                [unit + time for unit in units],
-                joints=np.flatnonzero(np.isfinite(limit)),
-            )
+        driven = np.isin(np.arange(self._robot.n), self.motion.driven)
+        efforts = np.where(driven, self._robot.limits.effort_upper, np.inf)
+        worth, held = rows.value, rows.held_above
+        for item in joint_limits(self._problem):
+            kind, most = item.kind, efforts if item.kind.of == "u" else item.upper
+            asked = [(kind.name, most, worth * used)]
+            if kind.of == "q":
+                asked = [("upper position", most, worth * held)]
+                asked.append(("lower position", item.lower, worth * ~held))
+            for name, limit, values in asked:
+                yield from self._of_joints(
+                    name,
+                    0.0 - self._sums(kind.name, values, limit.size),
+                    limit,
+                    self._units(kind),
+                    joints=np.flatnonzero(np.isfinite(limit)),
+                    places=kind.of == "q",
+                )
+            for joint, bound in item.by_speed.items():
+                yield from self._over_speed(kind, joint, bound)
 
-    def _curves(self) -> Iterator[Sensitivity]:
-        """Torques over speed, by both axes of their curves."""
-        limits, motion = self._problem.motion_limits, self.motion
-        curves = {} if limits is None else (limits.effort_curves or {})
-        for name, curve in sorted(curves.items()):
-            joint = self._robot.joint_names.index(name)
-            rows = self.rows.kept(
-                self.rows.of("effort over speed") & (self.rows.subject == joint)
-            )
-            state = motion.states(rows.at.inside)
-            u, v = state.u[:, joint], state.v[:, joint]
-            each = rows.y * np.abs(rows.by_torque)
-            by_speed = curve(v)[1] * np.abs(v)
-            for kind, by in (
-                ("effort over speed", -np.abs(u)),
-                ("speed of effort curve", by_speed),
-            ):
-                yield Sensitivity(kind, name, name, float(each @ by))
-
-    def _positions(self) -> Iterator[Sensitivity]:
-        """Ends of the ranges of joints, each by a range that is wider there."""
-        rows, limits = self.rows, self._robot.limits
-        for side, limit, held in (
-            ("upper", limits.position_upper, rows.held_above),
-            ("lower", limits.position_lower, ~rows.held_above),
-        ):
-            yield from self._of_joints(
-                f"{side} position",
-                0.0 - self._sums("position", rows.value * held, limit.size),
-                limit,
-                self._places,
-                joints=np.flatnonzero(np.isfinite(limit)),
-                places=True,
-            )
+    def _over_speed(
+        self, kind: LimitKind, joint: int, bound: Any
+    ) -> Iterator[Sensitivity]:
+        """A limit on a torque over its speed, by all numbers of its bound."""
+        motion, name = self.motion, self._robot.joint_names[joint]
+        rows = self.rows.kept(self.rows.of(kind.name) & (self.rows.subject == joint))
+        state = motion.states(rows.at.inside)
+        each = rows.y / kind.scale(bound, float(motion.task.effort_half[joint]))
+        shifts = kind.shifts(bound, state.u[:, joint], state.v[:, joint])
+        limit = (float(bound), self._units(kind)[joint]) if kind.numbers else ()
+        for what, by in shifts.items():
+            yield Sensitivity(what, name, name, -float(each @ by), "", *limit)
 
     def _clearances(self) -> Iterator[Sensitivity]:
         """Clearances by obstacle, by other links, and the margin of all of them."""
@@ -330,7 +307,7 @@ class SegmentRows:
         viscous = ["N s/m" if unit == "m" else "N m s/rad" for unit in self._places]
         for kind, given, ways, units in (
             ("damping", robot.damping, torques.v, viscous),
-            ("friction", robot.friction, torques.way, self._forces_of),
+            ("friction", robot.friction, torques.way, self._units(EFFORT)),
         ):
             worth = np.sum(torques.weight * given * ways, axis=0)
             joints = np.flatnonzero(given)

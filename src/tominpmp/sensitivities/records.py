@@ -13,23 +13,14 @@ import numpy as np
 from tominpmp.arrays import Array, Record, frozen_array
 from tominpmp.checks import instance, whole
 from tominpmp.exceptions import ProblemError, brief
+from tominpmp.motion_limits import joint_kinds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# With time stretched by a factor, a quantity falls by this power of it.
-POWERS = {
-    "velocity": 1,
-    "effort": 2,
-    "acceleration": 2,
-    "jerk": 3,
-    "effort rate": 3,
-    "gravity": 2,
-    "friction": 2,
-    "damping": 1,
-    "effort over speed": 2,
-    "speed of effort curve": 1,
-}
+# With time stretched by a factor, a quantity falls by this power of it; so do those of
+# limits of joints, as their kinds say.
+POWERS = {"gravity": 2, "friction": 2, "damping": 1, "speed of effort curve": 1}
 # One per cent of a limit, a millimetre, a milliradian or a gram: what tables count in.
 SHARE, SMALL_UNIT = 0.01, 1e-3
 # What is looked at of those that are kinds of bodies.
@@ -170,8 +161,9 @@ class Sensitivities(Record):
         gravity, too), the same path takes half the time. Obstacles that move, ends that
         move and constraints of other kinds on the way add to it.
         """
+        powers = {kind.name: kind.order for kind in joint_kinds().values()} | POWERS
         return 1.0 + math.fsum(
-            power * self.total(kind) for kind, power in POWERS.items()
+            power * self.total(kind) for kind, power in powers.items()
         )
 
     @classmethod

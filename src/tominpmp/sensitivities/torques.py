@@ -18,6 +18,7 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.limit_rows import LimitRows
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.perturbations import MEAN, Instants
+from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
 
@@ -48,7 +49,8 @@ class TorqueWeights:
         """Gather what the multipliers of a motion say of torques."""
         rows = given.kept(np.abs(given.y * given.by_torque) > 0.0)
         changes, (interval, share) = motion.changes, rows.at
-        worth, mean, rate = rows.y * rows.by_torque, rows.mean, rows.of("effort rate")
+        worth, mean = rows.y * rows.by_torque, rows.mean
+        rate = rows.of(*(k for k, kind in joint_kinds().items() if kind.of == "du"))
         # Rows, where their torques are, and how these enter.
         parts: list[Any] = [(~mean & ~rate, 0, share, 1.0)]
         parts += [(mean, *term) for term in MEAN]

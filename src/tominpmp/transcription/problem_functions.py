@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints import (
-    AccelerationLimit,
     ClearanceConstraint,
     Constraint,
-    JerkLimit,
+    JointLimit,
     Motors,
-    PositionLimit,
     TorqueLimit,
     TorqueOverSpeed,
     TorqueRate,
-    VelocityLimit,
 )
 from tominpmp.dynamics import Dynamics, RobotDynamics
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
-from tominpmp.motion_limits import MotionLimits
+from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.problem import Problem
+from tominpmp.problem.joint_limits import joint_limits
+from tominpmp.problem.problem import effort_range
 
 # Most that is asked for beyond the margin [m], and its share of what there is at the
 # ends of the motion.
@@ -178,8 +179,13 @@ class ProblemFunctions:
         """
         if not self.alone:
             return self
-        parts = tuple(replace(part, watched=None) for part in self.parts)
-        return replace(self, watched=None, parts=parts)
+        return self._each(lambda system: replace(system, watched=None))
+
+    def _each(
+        self, change: Callable[[ProblemFunctions], ProblemFunctions]
+    ) -> ProblemFunctions:
+        """The same with a change made to the whole and to each segment."""
+        return replace(change(self), parts=tuple(map(change, self.parts)))
 
     def padded(self, share: float) -> ProblemFunctions:
         """The same problem with a share of its clearance beyond the margin."""
@@ -191,8 +197,7 @@ class ProblemFunctions:
             watched = known.setdefault(id(system.watched), system.watched.padded(share))
             return replace(system, watched=watched)
 
-        parts = tuple(padded(part) for part in self.parts)
-        return replace(padded(self), parts=parts)
+        return self._each(padded)
 
     def without_smooth_limits(self) -> ProblemFunctions:
         """The same problem without limits that need continuous accelerations."""
@@ -202,12 +207,13 @@ class ProblemFunctions:
             if not limits.continuous:
                 return system
             problem = copy.copy(system.problem)
-            loose = replace(limits, jerk=None, effort_rate=None)
+            kinds = kinds_of(limits).items()
+            smooth: dict[str, Any] = {k: None for k, kind in kinds if kind.smooth}
+            loose = replace(limits, **smooth)
             object.__setattr__(problem, "motion_limits", loose)
             return replace(system, problem=problem)
 
-        parts = tuple(loosened(part) for part in self.parts)
-        return replace(loosened(self), parts=parts)
+        return self._each(loosened)
 
     def resting(self, time: float | None = None) -> ProblemFunctions:
         """The same problem without the obstacles that move.
@@ -230,27 +236,34 @@ class ProblemFunctions:
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
         """All that holds along a motion."""
-        problem, names = self.problem, self.problem.robot.joint_names
-        limits, extra = problem.robot.limits, self.motion_limits
-        lower, upper = limits.position_lower, limits.position_upper
-        found: list[Constraint | None] = [TorqueLimit(self.motors)]
-        rate = extra.by_joint("effort_rate", names)
-        rated = np.flatnonzero(np.isfinite(rate))
-        if rated.size:
-            found.append(TorqueRate(self.motors, rated, rate[rated]))
-        curves = sorted((extra.effort_curves or {}).items())
-        if curves:
-            joints = np.array([names.index(joint) for joint, _ in curves])
-            every = tuple(curve for _, curve in curves)
-            found.append(TorqueOverSpeed(self.motors, joints, every))
-        found += [
-            VelocityLimit.symmetric(limits.velocity),
-            AccelerationLimit.symmetric(extra.by_joint("acceleration", names)),
-            JerkLimit.symmetric(extra.by_joint("jerk", names)),
-            PositionLimit.between(lower, upper, self.step_scale),
-            self.clearance,
-            *problem.ready_constraints,
-        ]
+        motors: list[Constraint] = []
+        others: list[Constraint] = []
+        for item in joint_limits(self.problem):
+            joints, kind, most = item.joints, item.kind, item.upper
+            if kind.of == "u":
+                motors.append(TorqueLimit(self.motors))
+            elif kind.of == "du":
+                motors.append(TorqueRate(self.motors, joints, most[joints]))
+            elif kind.of == "uv":
+                motors.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
+            elif joints.size:
+                scale = most if kind.order else self.step_scale
+                others.append(
+                    JointLimit(
+                        joints,
+                        item.lower[joints],
+                        most[joints],
+                        scale[joints],
+                        most.size,
+                        kind.name,
+                        kind.of,
+                        kind.order,
+                        curable=kind.order > 0,
+                    )
+                )
+        # Positions last.
+        others.sort(key=lambda item: item.order == 0)
+        found = [*motors, *others, self.clearance, *self.problem.ready_constraints]
         return tuple(item for item in found if item is not None)
 
     @property
@@ -300,16 +313,13 @@ class ProblemFunctions:
     @cached_property
     def effort_middle(self) -> Array:
         """Middle of the torque range, shape (n,) [N m or N]."""
-        limits = self.problem.robot.limits
-        middle = 0.5 * (limits.effort_upper + limits.effort_lower)
+        middle, _ = effort_range(self.problem)
         return middle if self.ways is None else middle - self.resistance
 
     @cached_property
     def effort_half(self) -> Array:
         """Half the torque range, shape (n,); 1 where it is empty."""
-        limits = self.problem.robot.limits
-        half = 0.5 * (limits.effort_upper - limits.effort_lower)
-        half = self.motion_limits.effort_scale * half
+        _, half = effort_range(self.problem)
         return np.where(half > 0.0, half, 1.0)
 
     @property

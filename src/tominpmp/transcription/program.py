@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import Arrival, GoalReached, Standstill
+from tominpmp.constraints import Arrival, GoalReached, JointLimit
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import (
     Linearization,
@@ -328,6 +328,7 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
         goals.append(Sampled(goal, at, within, suffix))
         sudden = part.sudden and parts[number + 1].sudden
         if segment.dwell > 0.0 and not sudden and of.highest > 2:
-            rest = Standstill(BRAKING * part.problem.robot.limits.velocity)
+            scale = BRAKING * part.problem.robot.limits.velocity
+            rest = JointLimit.standstill(scale)
             goals.append(Sampled(rest, at, within, suffix))
     return [*goals, *arrivals]

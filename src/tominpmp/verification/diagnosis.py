@@ -16,13 +16,13 @@ from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import joint_kinds
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
+from tominpmp.problem.problem import effort_range
 from tominpmp.status import IterationRecord, Status
 from tominpmp.verification.limit_violations import (
-    UNITS,
     LimitViolation,
-    effort_range,
     on_segment,
 )
 from tominpmp.verification.replay import (
@@ -185,7 +185,8 @@ def _of_effort(
     rest = np.zeros((2, robot.n))
     torques = RobotDynamics(robot).inverse(np.stack([first, end]), rest, rest)
     leaving, holding = torques[:, i].tolist()
-    low, high = (float(most[i]) for most in effort_range(problem))
+    middle, half = (float(part[i]) for part in effort_range(problem))
+    low, high = middle - half, middle + half
     if goal.fixes_velocity and not np.any(goal.final_velocity(robot.n)):
         much = max(holding - high, low - holding)
         if much > STRICT.limits * max(high - low, 1e-12):
@@ -233,7 +234,7 @@ def _relaxation(item: LimitViolation) -> str:
         return f"an arrival {amount} {side}"
     if item.kind == "clearance":
         return f"{_length(item.amount)} more room between {item.name}"
-    if item.kind not in UNITS:
+    if item.kind not in joint_kinds():
         return f"{amount} more {item.kind}"
     return f"{amount} more {item.kind} of joint {item.name}"
 

@@ -18,10 +18,14 @@ from scipy.linalg import expm
 
 from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
+from tominpmp.motion_limits import FEEDBACK
 from tominpmp.options import Tolerances
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.verification.limit_violations import LimitViolation, worst_of_joints
+from tominpmp.verification.limit_violations import (
+    LimitViolation,
+    worst_of_joints,
+)
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -253,4 +257,4 @@ def needed(
     """
     span = robot.limits.effort_upper - robot.limits.effort_lower
     beyond = np.abs(feedback) - TRACE * tolerance * span
-    return worst_of_joints(robot, "feedback", t, beyond, span, 0.0)
+    return worst_of_joints(robot, FEEDBACK, t, beyond, span, 0.0)

@@ -10,8 +10,9 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.motion_limits import MotionLimits
+from tominpmp.motion_limits import LimitKind, joint_kinds
 from tominpmp.problem import Problem
+from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.polynomials import Pieces
@@ -23,16 +24,6 @@ SLOW = 1e-3
 # Positions are known to this share of the largest one, and accelerations to what that
 # makes of them within a step of the replay: within microseconds it looks like a jerk.
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
-# Units of the kinds, for turning and sliding joints.
-UNITS = {
-    "position": ("rad", "m"),
-    "velocity": ("rad/s", "m/s"),
-    "effort": ("N m", "N"),
-    "feedback": ("N m", "N"),
-    "acceleration": ("rad/s^2", "m/s^2"),
-    "jerk": ("rad/s^3", "m/s^3"),
-    "effort rate": ("N m/s", "N/s"),
-}
 
 
 @dataclass(frozen=True)
@@ -92,7 +83,7 @@ class LimitViolation:
             verb = "lack" if self.amount > 0.0 else "have more than"
             return f"{self.name} {verb} {amount} of clearance at {self.time:.3f} s"
         side = "beyond" if self.amount > 0.0 else "within"
-        if self.kind not in UNITS:
+        if self.kind not in joint_kinds():
             return f"the {self.kind} is {amount} {side} its limit at {self.time:.3f} s"
         return (
             f"joint {self.name} is {amount} {side} its {self.kind} limit at "
@@ -122,39 +113,36 @@ def limit_violations(
     times of the replay, just after a jump, and then for those just before one.
     """
     check()
-    robot, extra = problem.robot, _extra(problem)
+    robot, limits = problem.robot, joint_limits(problem)
     known = torque.t[1:] <= replay.t[-1]
     # Rows of the replay at which pieces of torque end.
     ends: IntArray = np.searchsorted(replay.t, torque.t[1:][known])
     rows: IntArray = np.concatenate([np.arange(replay.t.size), ends])
     t, q, v = replay.t[rows], replay.q[rows], replay.v[rows]
     u = np.concatenate([replay.u, torque.ends()[known, 1]])
-    found: list[LimitViolation | None] = []
-    found += state_violations(problem, t, q, v, u, tolerance)
-    kinds = "effort_rate", "acceleration", "jerk"
-    rate, highest, steepest = (extra.by_joint(k, robot.joint_names) for k in kinds)
-    ways = _ways(robot, replay, v, ends)
-    if np.any(np.isfinite(rate)):
-        jumps = _rates(replay.t, ends, u, rate, robot.friction * ways)
-        found.append(worst_of_joints(robot, "effort rate", *jumps, rate, tolerance))
-    limited = bool(np.any(np.isfinite([highest, steepest])))
-    a = np.zeros((1, 0, 0))
-    if limited or any(item.order > 1 for item in problem.ready_constraints):
+    ways, a = _ways(robot, replay, v, ends), np.zeros((1, 0, 0))
+    accelerated = any(item.kind.of in ("a", "j") for item in limits)
+    if accelerated or any(item.order > 1 for item in problem.ready_constraints):
         dynamics = RobotDynamics(robot)
         a = np.array([dynamics.forward_along(q, v, u, way) for way in ways])
-    if limited:
-        beyond = np.min(np.abs(a), axis=0) - highest
-        rounding = ROUNDING * np.max(np.abs(q), axis=0)
-        jumps = _rates(replay.t, ends, a[0], steepest, rounding=rounding)
-        found.append(
-            worst_of_joints(robot, "acceleration", t, beyond, highest, tolerance)
-        )
-        found.append(worst_of_joints(robot, "jerk", *jumps, steepest, tolerance))
-    for item in problem.ready_constraints:
-        sizes = np.min([item.sizes(t, q, v, one) for one in a], axis=0)
-        beyond = np.where(np.isfinite(sizes), sizes, np.inf) - item.largest
-        about, scale = [(item.subject, item.unit)], np.array([item.scale])
-        found.append(_worst(item.name, about, t, beyond[:, None], scale, tolerance))
+
+    def beyond(item: JointBounds) -> tuple[Array, Array]:
+        """Times, and amounts beyond a limit."""
+        if item.kind.of == "j":
+            rounding = ROUNDING * np.max(np.abs(q), axis=0)
+            return _rates(replay.t, ends, a[0], item.upper, rounding=rounding)
+        if item.kind.of == "du":
+            return _rates(replay.t, ends, u, item.upper, robot.friction * ways)
+        return t, np.min([item.beyond(q, v, one, u) for one in a], axis=0)
+
+    found: list[LimitViolation | None] = []
+    found += _worst_of(problem, [(item, *beyond(item)) for item in limits], tolerance)
+    for constraint in problem.ready_constraints:
+        sizes = np.min([constraint.sizes(t, q, v, one) for one in a], axis=0)
+        excess = np.where(np.isfinite(sizes), sizes, np.inf) - constraint.largest
+        about, scale = (constraint.subject, constraint.unit), constraint.scale
+        row = t, excess[:, None], np.array([scale]), tolerance
+        found.append(_worst(constraint.name, [about], *row))
     return [item for item in found if item is not None]
 
 
@@ -171,45 +159,47 @@ def state_violations(
         u: Torques, shape (m, n) [N m or N].
         tolerance: Excess that is tolerated, as a share.
     """
-    robot, limits = problem.robot, problem.robot.limits
-    low, high, top = limits.position_lower, limits.position_upper, limits.velocity
-    lower, upper = effort_range(problem)
-    torque = np.maximum(u - upper, lower - u)
-    for joint, curve in (_extra(problem).effort_curves or {}).items():
-        i = robot.joint_names.index(joint)
-        excess = np.abs(u[:, i]) - curve(v[:, i])[0]
-        torque[:, i] = np.maximum(torque[:, i], excess)
-    half = 0.5 * (limits.effort_upper - limits.effort_lower)
-    # Against a joint without a motor, the strongest one is the measure.
-    half = np.where(half > 0.0, half, np.max(half, initial=1e-12))
-    rows = (
-        ("position", np.maximum(q - high, low - q), high - low),
-        ("velocity", np.abs(v) - top, top),
-        ("effort", torque, half),
-    )
-    found = [
-        worst_of_joints(robot, kind, t, beyond, scale, tolerance)
-        for kind, beyond, scale in rows
-    ]
+    told = [item for item in joint_limits(problem) if item.kind.of_states]
+    rows = [(item, t, item.beyond(q, v, u, u)) for item in told]
+    return _worst_of(problem, rows, tolerance)
+
+
+def _worst_of(
+    problem: Problem,
+    rows: Sequence[tuple[JointBounds, Array, Array]],
+    tolerance: float,
+) -> list[LimitViolation]:
+    """The worst of amounts beyond limits of joints, by the kinds that they are part of.
+
+    Args:
+        problem: The problem.
+        rows: Limits with times, shape (m,), and amounts beyond them, shape (m, n).
+        tolerance: Excess that is tolerated, as a share.
+    """
+    merged: dict[str, tuple[LimitKind, Array, Array, Array]] = {}
+    for item, t, beyond in rows:
+        kind, scale = item.kind, item.scale
+        if kind.part_of:
+            kind, _, known, scale = merged[kind.part_of]
+            beyond = np.maximum(known, beyond)
+        merged[kind.name] = kind, t, beyond, scale
+    found = (worst_of_joints(problem.robot, *row, tolerance) for row in merged.values())
     return [item for item in found if item is not None]
 
 
-def effort_range(problem: Problem) -> tuple[Array, Array]:
-    """Least and largest torques that motions may use at rest, shape (n,) each."""
-    lower, upper = problem.robot.limits.effort_lower, problem.robot.limits.effort_upper
-    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    half = _extra(problem).effort_scale * half
-    return middle - half, middle + half
-
-
 def worst_of_joints(
-    robot: Robot, kind: str, t: Array, beyond: Array, scale: Array, tolerance: float
+    robot: Robot,
+    kind: LimitKind,
+    t: Array,
+    beyond: Array,
+    scale: Array,
+    tolerance: float,
 ) -> LimitViolation | None:
     """The worst of amounts beyond a limit on joints.
 
     Args:
         robot: The robot.
-        kind: The kind of limit, one of :data:`UNITS`.
+        kind: The kind of limit.
         t: Times [s], shape (m,).
         beyond: Amounts beyond the limits then, shape (m, n).
         scale: What shares are of, by joint, shape (n,).
@@ -218,9 +208,9 @@ def worst_of_joints(
     Returns:
         The worst; None where nothing is limited.
     """
-    units = [UNITS[kind][int(slides)] for slides in prismatic_joints(robot)]
+    units = [kind.units[int(slides)] for slides in prismatic_joints(robot)]
     joints = [*zip(robot.joint_names, units, strict=True)]
-    return _worst(kind, joints, t, beyond, scale, tolerance)
+    return _worst(kind.name, joints, t, beyond, scale, tolerance)
 
 
 def _worst(
@@ -242,10 +232,6 @@ def _worst(
     name, unit = subjects[int(column)]
     violated = worst > tolerance
     return LimitViolation(kind, name, float(t[row]), amount, unit, worst, violated)
-
-
-def _extra(problem: Problem) -> MotionLimits:
-    return problem.motion_limits or MotionLimits()
 
 
 def _ways(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
+from tominpmp.motion_limits import EFFORT
 from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.joint_limits import JointBounds, joint_limits
+from tominpmp.problem.problem import effort_range
 from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.status import IterationRecord
 from tominpmp.viz import figures
@@ -53,37 +55,10 @@ BEYOND = 1.12
 MOST_PAIRS = 8
 
 
-class JointQuantity(NamedTuple):
-    """A quantity of all joints over time.
-
-    Attributes:
-        name: Its name.
-        values: Its values, shape (m, n).
-        lower: Its lower limits, shape (n,).
-        upper: Its upper limits, shape (n,).
-        units: Its units where a joint turns, and where it slides.
-    """
-
-    name: str
-    values: Array
-    lower: Array
-    upper: Array
-    units: tuple[str, str]
-
-
-def _quantities(
-    robot: Robot, state: State
-) -> tuple[JointQuantity, JointQuantity, JointQuantity]:
-    """Positions, velocities and torques with their limits."""
-    limits = robot.limits
-    least, most = limits.position_lower, limits.position_upper
-    weakest, strongest = limits.effort_lower, limits.effort_upper
-    speed, per_second = limits.velocity, ("rad/s", "m/s")
-    return (
-        JointQuantity("position", state.q, least, most, ("rad", "m")),
-        JointQuantity("velocity", state.v, -speed, speed, per_second),
-        JointQuantity("torque", state.u, weakest, strongest, ("N m", "N")),
-    )
+def _quantities(problem: Problem, state: State) -> list[tuple[str, JointBounds, Array]]:
+    """Positions, velocities and torques with their names and limits."""
+    names, values = ("position", "velocity", "torque"), (state.q, state.v, state.u)
+    return list(zip(names, joint_limits(problem)[: len(names)], values, strict=True))
 
 
 def plot_trajectory(
@@ -114,16 +89,16 @@ def plot_trajectory(
         figure = figures.new_figure(9.0, max(2.6, 0.7 + 1.15 * robot.n))
         # Sharing, and aligning labels, costs time with the square of the panels.
         axes = figure.subplots(robot.n, 3, squeeze=False)
-        for column, item in enumerate(_quantities(robot, state)):
+        for column, (name, item, values) in enumerate(_quantities(problem, state)):
+            units = item.kind.units
             for i, panel in enumerate(axes[:, column]):
-                panel.plot(times, item.values[:, i], color=figures.color(i))
-                _show_limits(panel, item.values[:, i], item.lower[i], item.upper[i])
+                panel.plot(times, values[:, i], color=figures.color(i))
+                _show_limits(panel, values[:, i], item.lower[i], item.upper[i])
                 panel.tick_params(labelbottom=i == robot.n - 1)
                 if mixed:
-                    panel.set_ylabel(f"[{item.units[slides[i]]}]", labelpad=2.0)
-            force = item.name == "torque" and all(slides)
-            title = "force" if force else item.name
-            title += "" if mixed else f" [{item.units[slides[0]]}]"
+                    panel.set_ylabel(f"[{units[slides[i]]}]", labelpad=2.0)
+            title = "force" if name == "torque" and all(slides) else name
+            title += "" if mixed else f" [{units[slides[0]]}]"
             axes[0, column].set_title(title)
         for i, joint in enumerate(robot.joint_names):
             look = _name_look(joint, i) | {"ha": "center", "va": "center"}
@@ -169,14 +144,12 @@ def plot_on_axes(
             raise wrong(ax, "ax", "one or three axes of matplotlib")
     times, state = curves(trajectory)
     robot = problem.robot
-    quantities = _quantities(robot, state)
-    drawn = [
-        (f"{item.name} [{' or '.join(item.units)}]", item.values) for item in quantities
-    ]
+    quantities = _quantities(problem, state)
+    drawn = [(f"{name} [{item.kind.unit}]", part) for name, item, part in quantities]
     if len(given) == 1:
-        torque = quantities[-1]
+        _, torque, values = quantities[-1]
         largest = np.maximum(np.abs(torque.lower), torque.upper)
-        share = torque.values / np.where(largest > 0.0, largest, np.inf)
+        share = values / np.where(largest > 0.0, largest, np.inf)
         drawn = [("torque over its limit", share)]
         for at in (-1.0, 1.0):
             _show_limit(given[0], at)
@@ -220,19 +193,19 @@ def plot_controls(
         handles, drawn = [], []
         for k, (label, trajectory) in enumerate(trajectories.items()):
             times, state = curves(trajectory)
-            *_, torque = _quantities(robot, state)
-            drawn.append(torque.values)
+            drawn.append(state.u)
             # Later ones are thinner, so that none hides another on a limit.
             width = 1.4 if len(trajectories) == 1 else max(2.2 - 0.7 * k, 0.8)
             look: dict[str, Any] = {"color": figures.color(k), "linewidth": width}
             for i in range(robot.n):
-                panels[i].plot(times, torque.values[:, i], **look)
+                panels[i].plot(times, state.u[:, i], **look)
             name = f"{label} (T = {trajectory.duration:.4g} s)"
             handles.append(figures.line_key(name, **look))
+        middle, half = effort_range(problem)
         for i, joint in enumerate(robot.joint_names):
             panel, values = panels[i], np.concatenate(drawn)[:, i]
-            _show_limits(panel, values, torque.lower[i], torque.upper[i])
-            symbol = f"$u_{{{i + 1}}}$ [{torque.units[slides[i]]}]"
+            _show_limits(panel, values, middle[i] - half[i], middle[i] + half[i])
+            symbol = f"$u_{{{i + 1}}}$ [{EFFORT.units[slides[i]]}]"
             panel.set(title=joint, ylabel=symbol)
         for extra in panels[robot.n :]:
             extra.set_axis_off()
@@ -501,9 +474,7 @@ def _plot_joint(
     joint: int,
 ) -> None:
     """Torque and switching function of a joint."""
-    limits = problem.robot.limits
-    lower, upper = limits.effort_lower[joint], limits.effort_upper[joint]
-    middle, half = 0.5 * (upper + lower), 0.5 * (upper - lower)
+    middle, half = (float(part[joint]) for part in effort_range(problem))
     times, state = curves(trajectory)
     panel.plot(
         times, (state.u[:, joint] - middle) / (half or 1.0), color=figures.color(joint)

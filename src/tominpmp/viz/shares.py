@@ -9,6 +9,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
+from tominpmp.problem.problem import effort_range
 
 # Instants of a motion, jumps at its nodes not counted.
 INSTANTS = 160
@@ -56,12 +57,10 @@ def shares_of_limits(
         nodes = trajectory.t[1:-1]
         times = np.unique(np.concatenate([times, nodes, np.nextafter(nodes, -np.inf)]))
     state = trajectory(times)
-    limits, motion_limits = problem.robot.limits, problem.motion_limits
-    scale = 1.0 if motion_limits is None else motion_limits.effort_scale
+    limits = problem.robot.limits
     finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)
     speed = np.where(finite, state.v / np.where(finite, limits.velocity, 1.0), 0.0)
-    middle = (limits.effort_upper + limits.effort_lower) / 2
-    half = scale * (limits.effort_upper - limits.effort_lower) / 2
+    middle, half = effort_range(problem)
     driven = np.isfinite(half) & (half > 0.0)
     middle, half = np.where(driven, middle, 0.0), np.where(driven, half, 1.0)
     torque = np.where(driven, (state.u - middle) / half, 0.0)

@@ -51,6 +51,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
+from tominpmp.problem.problem import effort_range
 from tominpmp.problem.segments import known_names
 from tominpmp.problem.state_checks import onto_limits
 from tominpmp.robot import Robot
@@ -373,10 +374,8 @@ def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:
     robot, model = problem.robot, problem.robot.model
     data = model.createData()
     rows = np.concatenate([problem.q_start[None], *(rows[:2] for rows in found)])
-    limits, further = robot.limits, problem.motion_limits
-    scale = 1.0 if further is None else further.effort_scale
     S = np.eye(robot.n) if robot.expansion_matrix is None else robot.expansion_matrix
-    half = 0.5 * scale * (limits.effort_upper - limits.effort_lower)
+    _, half = effort_range(problem)
     each = []
     for q in rows[:: max(1, len(rows) // 40)]:
         M = np.array(pin.crba(model, data, robot.expand(q)))

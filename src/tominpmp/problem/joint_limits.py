@@ -1,0 +1,89 @@
+"""Limits that the joints of a problem have one by one, kind by kind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tominpmp.arrays import Array, IntArray
+from tominpmp.motion_limits import (
+    EFFORT,
+    POSITION,
+    VELOCITY,
+    LimitKind,
+    MotionLimits,
+    kinds_of,
+)
+from tominpmp.problem.problem import Problem, effort_range
+
+# The upper and the lower side of a bound.
+SIDES = (1.0, -1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class JointBounds:
+    """Bounds of a kind of limit on the joints of a problem.
+
+    Attributes:
+        kind: The kind.
+        lower: Lower bounds, infinite for none, shape (n,).
+        upper: Upper bounds, infinite for none, shape (n,).
+        scale: What an excess is a share of, shape (n,).
+        by_speed: What depends on the speed, by the index of the joint.
+    """
+
+    kind: LimitKind
+    lower: Array
+    upper: Array
+    scale: Array
+    by_speed: Mapping[int, Any] = field(default_factory=dict)
+
+    @property
+    def joints(self) -> IntArray:
+        """Joints that have a bound, shape (k,)."""
+        if self.by_speed:
+            return np.array(list(self.by_speed))
+        return np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper))
+
+    def beyond(self, q: Array, v: Array, a: Array, u: Array) -> Array:
+        """How far a motion is beyond the bounds at instants, shape (m, n)."""
+        if self.kind.of == "uv":
+            out = np.full(u.shape, -np.inf)
+            for i, bound in self.by_speed.items():
+                state = bound, u[:, i], v[:, i]
+                out[:, i] = np.maximum(*(self.kind.excess(*state, s)[0] for s in SIDES))
+            return out
+        value = {"q": q, "v": v, "a": a, "u": u}[self.kind.of]
+        return np.maximum(value - self.upper, self.lower - value)
+
+
+def joint_limits(problem: Problem) -> list[JointBounds]:
+    """The limits of the joints of a problem, those that all robots have first."""
+    limits, more = problem.robot.limits, problem.motion_limits or MotionLimits()
+    low, high, top = limits.position_lower, limits.position_upper, limits.velocity
+    middle, half = effort_range(problem)
+    span = 0.5 * (limits.effort_upper - limits.effort_lower)
+    # Against a joint without a motor, the strongest one is the measure.
+    span = np.where(span > 0.0, span, np.max(span, initial=1e-12))
+    found = [
+        JointBounds(POSITION, low, high, high - low),
+        JointBounds(VELOCITY, -top, top, top),
+        JointBounds(EFFORT, middle - half, middle + half, span),
+    ]
+    names, none = problem.robot.joint_names, np.full(top.size, np.inf)
+    for name, kind in kinds_of(more).items():
+        if kind.of == "uv":
+            bounds = sorted(more._bounds_of(name, names).items())
+            by_speed = {names.index(k): bound for k, bound in bounds if bound != np.inf}
+            scale = span.copy()
+            scale[[*by_speed]] = [kind.scale(b, span[i]) for i, b in by_speed.items()]
+            item = JointBounds(kind, -none, none, scale, by_speed)
+        else:
+            most = more.by_joint(name, names)
+            item = JointBounds(kind, -most, most, most)
+        if item.joints.size:
+            found.append(item)
+    return found
