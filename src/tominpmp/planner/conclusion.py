@@ -12,6 +12,7 @@ from tominpmp.bounds import LowerBound
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
@@ -21,7 +22,6 @@ from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.verification import explain
-from tominpmp.verification.limit_violations import UNITS
 from tominpmp.verification.verification import LONGEST
 
 # Methods whose torques are constant over intervals of the grid.
@@ -30,8 +30,9 @@ TORQUES_KEPT = ("collocation", "adjoint", "penalty")
 TORQUES_FIXED = ("adjoint", "penalty")
 # How accelerations run, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
-# A joint is named that is at this share of its effort limit for most of the motion.
-SATURATED, MOSTLY = 0.98, 0.5
+# A joint is named that is at this share of its effort limit for most of the motion,
+# where dry friction takes this share of its effort.
+SATURATED, MOSTLY, MOST_FRICTION = 0.98, 0.5, 0.5
 # Shorter times are given by their digits, not their decimals [s].
 BRIEF_TIME = 0.01
 
@@ -168,23 +169,26 @@ def _more_time(
 
 
 def saturated(robot: Robot, motion: Trajectory) -> str:
-    """The joint whose effort is at its limit for most of a motion, as a sentence.
+    """The joint that its motor hardly moves, for most of a motion, as a sentence.
 
-    Empty if every joint has effort left for a good part of the motion.
+    Motors of time-optimal motions are at their limits much of the time; one that is
+    while its dry friction takes most of its effort rules the time of all others.
+
+    Empty if there is no such joint.
     """
-    low, high = robot.limits.effort_lower, robot.limits.effort_upper
-    half = np.maximum(0.5 * (high - low), 1e-300)
-    share = np.abs(motion.u - 0.5 * (high + low)) / half
-    often = np.mean(share >= SATURATED, axis=0)
+    limits = robot.limits
+    strength = np.minimum(limits.effort_upper, -limits.effort_lower)
+    weak = robot.friction >= MOST_FRICTION * strength
+    often = np.where(weak, np.mean(np.abs(motion.u) >= SATURATED * strength, axis=0), 0)
     most = int(np.argmax(often))
     if often[most] < MOSTLY:
         return ""
     name = robot.joint_names[most]
-    unit = UNITS["effort"][int(prismatic_joints(robot)[most])]
+    unit = EFFORT.units[int(prismatic_joints(robot)[most])]
     return (
-        f" Joint {name} is at its effort limit of {high[most]:.3g} {unit} for "
-        f"{often[most]:.0%} of the motion: if it need not move, lock it "
-        f"(locked_joints)."
+        f" Joint {name} is at its effort limit of {strength[most]:.3g} {unit} for "
+        f"{often[most]:.0%} of the motion, {robot.friction[most]:.3g} {unit} of which "
+        "its dry friction takes: if it need not move, lock it (locked_joints)."
     )
 
 
