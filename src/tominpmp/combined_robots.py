@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, array_or_nan
 from tominpmp.checks import plain_vector, split_pose
 from tominpmp.collision import CollisionChecker
-from tominpmp.collision.bodies import robot_bodies
 from tominpmp.collision.narrow import NarrowPhase
+from tominpmp.collision.selection import links_of
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.joint_values import check_gravity
 from tominpmp.description.linkage import Linkage
@@ -242,7 +242,7 @@ def _check_bases(robot: Robot, bases: Mapping[str, pin.SE3]) -> None:
 
 def _base_overlap(robot: Robot, one: str, other: str) -> float | None:
     """Depth to which what is fixed of two robots overlaps [m]; None without shapes."""
-    fixed = [body for body in robot_bodies(robot, "convex") if not body.joint]
+    fixed = [body for body in links_of(robot, "convex") if not body.joint]
     mine = [i for i, body in enumerate(fixed) if body.name.startswith(one)]
     its = [i for i, body in enumerate(fixed) if body.name.startswith(other)]
     if not mine or not its:

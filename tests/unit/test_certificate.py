@@ -344,21 +344,6 @@ def test_speed_limits_rule() -> None:
         assert np.all(item.multiplier > 0.0)
 
 
-def test_promise_without_far_torques_is_an_upper_bound() -> None:
-    """It is taken where it is good enough; else all torques are looked at."""
-    solution = industrial()
-    assert solution.trajectory is not None
-    motion = Motion.of(Task.of(solution.problem), solution.trajectory)
-    whole, quick = solve_dual_program(motion), solve_dual_program(motion, 1.0)
-    exact = solve_dual_program(motion, 0.5 * whole.promise if whole else 0.0)
-    assert whole is not None
-    assert quick is not None
-    assert exact is not None
-    assert quick.multipliers.value.size < whole.multipliers.value.size
-    assert exact.multipliers.value.size == whole.multipliers.value.size
-    assert whole.promise <= quick.promise * (1.0 + 1e-3)
-
-
 def test_adjoint_equation_from_end_to_start() -> None:
     """Integrated in one go, the adjoint equation gives the costates back."""
     solution = planned("adjoint")

@@ -9,8 +9,8 @@ import pytest
 from robot_samples import INERTIAL, joint, link, load, robot
 
 import tominpmp as tm
-from tominpmp.collision.bodies import robot_bodies
 from tominpmp.collision.decomposition_cache import pieces_of
+from tominpmp.collision.selection import links_of
 from tominpmp.collision.shapes import is_mesh
 from tominpmp.verification.closest_approach import Approach
 
@@ -86,8 +86,8 @@ def test_starts_and_goals_that_touch_are_left_and_reached(rail: tm.Robot) -> Non
 @pytest.mark.parametrize("name", ("panda", "ur5", "xarm7", "kinova"))
 def test_convex_pieces_hold_their_meshes(name: str) -> None:
     arm = tm.load_robot(name)
-    pieces = robot_bodies(arm, "convex")
-    for part, body in enumerate(robot_bodies(arm, "mesh")):
+    pieces = links_of(arm, "convex")
+    for part, body in enumerate(links_of(arm, "mesh")):
         if not is_mesh(body.shape):
             continue
         whole = pieces_of(body.shape)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -190,22 +192,30 @@ def test_distances_along_a_fine_motion(panda: Robot, rng: np.random.Generator) -
         check(found, exact, cutoff)
         assert np.any(exact < cutoff)
     broad, placed = checker.broad, checker._place(panda.expand(q), times)
-    least = broad._along(broad._centres(placed))
+    least = broad._along(placed, broad._centres(placed))
     assert least is not None
     assert np.all(least <= np.min(broad.by_balls(placed), axis=0))
     assert np.mean(least > cutoff) > 0.5
 
 
 def test_pairs_are_measured_only_where_they_are_near(
-    panda: Robot, rng: np.random.Generator
+    panda: Robot, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checker = CollisionChecker(panda, clutter(rng), self_collision=True)
-    q, cutoff, count = motion(panda, 40, rng), 0.05, checker.count
-    near = int(np.sum(checker.distances(q) < cutoff))
+    q, cutoff = motion(panda, 40, rng), 0.05
+    exact = checker.distances(q)
+    near = int(np.sum(exact < cutoff))
     assert near > 20
+    usual, measured = checker.narrow.distances, list[int]()
+
+    def counting(pairs: Sequence[int]) -> list[float]:
+        measured.extend(pairs)
+        return usual(pairs)
+
+    monkeypatch.setattr(checker.narrow, "distances", counting)
     found = checker.distances(q, cutoff)
-    assert near <= count.queries <= 2 * near
-    np.testing.assert_array_equal(found >= cutoff, checker.distances(q) >= cutoff)
+    assert near <= len(measured) <= 2 * near
+    np.testing.assert_array_equal(found >= cutoff, exact >= cutoff)
 
 
 def test_without_pairs_or_configurations(planar3r: Robot) -> None:
@@ -324,3 +334,28 @@ def test_values_depend_on_the_states_alone(
             found, fresh().derivatives_at(q, at, which, times), strict=True
         ):
             np.testing.assert_array_equal(part, alone)
+
+
+def test_pairs_come_no_closer_within_a_box_than_their_bound(
+    panda: Robot, rng: np.random.Generator
+) -> None:
+    flying = Sphere(
+        "flying",
+        radius=0.1,
+        position=(0.5, 0.4, 0.6),
+        motion=ConstantVelocity(np.array([1.0, 0.0, -2.0])),
+    )
+    obstacles = (*clutter(rng, 4), flying)
+    checker = CollisionChecker(panda, Scene(obstacles), self_collision=True)
+    q, swing = configurations(panda, 6, rng), rng.uniform(0.0, 0.2, (6, panda.n))
+    begin, end = np.full(6, 0.2), np.full(6, 0.3)
+    bound = checker.closing(q, swing, begin, end)
+    some = np.array([len(checker.pairs) - 1, 0, 7])
+    np.testing.assert_allclose(
+        checker.closing(q, swing, begin, end, some), bound[:, some], rtol=1e-13
+    )
+    middle = checker.distances(q, times=np.full(6, 0.25))
+    for _ in range(20):
+        there = q + swing * rng.uniform(-1.0, 1.0, swing.shape)
+        found = checker.distances(there, times=rng.uniform(0.2, 0.3, 6))
+        assert np.all((found >= middle - bound - DEPTHS)[middle > 0.0])

@@ -147,18 +147,18 @@ def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
     decomposition_cache._known_pieces.cache_clear()
     problem = straight()
     found = closest(problem, solution.verification.replay, problem.checker, 1e-6)
-    assert found is not None and found.distance == known
+    assert found is not None and found[1].distance == known
 
     def late(mesh: Any) -> Any:
         raise Stop(requested=False)
 
     decomposition_cache._known_pieces.cache_clear()
     monkeypatch.setattr(decomposition, "decompose", late)
-    monkeypatch.setattr(decomposition_cache, "_read", lambda path, vertices: None)
+    monkeypatch.setattr(decomposition_cache, "_read", lambda path: None)
     problem = straight()
     bound = closest(problem, solution.verification.replay, problem.checker, 1e-6)
-    assert bound is not None and not bound.violation.violated
-    assert 0.0 < bound.distance <= known
+    assert bound is not None and not bound[0].violated
+    assert 0.0 < bound[1].distance <= known
 
 
 def test_a_motion_through_itself_is_no_less_so_without_time(

@@ -15,6 +15,7 @@ from two_link_cases import CASES as FAMILIES
 
 from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.bounds.energy import gravity_bounds
+from tominpmp.collision.placements import Placements
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import (
     AllGoals,
@@ -37,11 +38,6 @@ from tominpmp.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.verification import replay
-from tominpmp.verification.link_displacement import (
-    Ball,
-    LinkDisplacement,
-    RelativeMotion,
-)
 
 # All but most of the arms that lift payloads, whose optima take long to compute.
 CASES = {
@@ -230,36 +226,16 @@ def test_goals_with_a_range_are_bounded_to_their_edge(planar3r: Robot) -> None:
     assert bound(here) == 0.0
 
 
-def test_bounds_of_some_balls_and_pairs_are_those_of_all(
-    rng: np.random.Generator,
-) -> None:
-    arm = make_arm(ROD, slide(1.0), rod(1.0, 0.6), effort=1.0)
-    names = [f"link{k}" for k in (1, 2, 3)]
-    balls = [Ball(name, k, rng.normal(size=3), 0.1) for k, name in enumerate(names, 1)]
-    reach = LinkDisplacement(arm, balls)
-    boxes = rng.uniform(-1.0, 1.0, (20, 3)), rng.uniform(0.0, 0.8, (20, 3))
-    whole, some = reach.shifts(*boxes), np.array([2, 0])
-    np.testing.assert_array_equal(reach.shifts(*boxes, some), whole[:, some])
-    pairs = [(names[0], "wall"), (names[2], "wall"), (names[2], names[0])]
-    relative = RelativeMotion(reach, pairs, np.array([False, False, True]))
-    every = relative.bound(*boxes)
-    # From the wall all joints move a link; seen from the first one its own does not.
-    np.testing.assert_allclose(every[:, 1], np.sum(whole[:, 2], axis=1))
-    np.testing.assert_allclose(every[:, 2], np.sum(whole[:, 2, 1:], axis=1))
-    for chosen in ([0], [1, 2], [2], [2, 0]):
-        found = relative.bound(*boxes, np.array(chosen))
-        np.testing.assert_allclose(found, every[:, chosen], rtol=1e-14)
-
-
 def test_points_of_links_move_no_more_than_their_bound(
     rng: np.random.Generator,
 ) -> None:
     arm = make_arm(ROD, slide(1.0), rod(1.0, 0.6), effort=1.0)
     joint = arm.model.njoints - 1
     point, radius = np.array([0.6, 0.1, 0.2]), 0.05
-    reach = LinkDisplacement(arm, [Ball("link3", joint, point, radius)])
+    ball = np.array([joint]), point[None], np.array([radius])
     middle, half = rng.uniform(-1.0, 1.0, (40, 3)), rng.uniform(0.0, 0.8, (40, 3))
-    bound = np.sum(reach.shifts(middle, half), axis=2)[:, 0]
+    moved = Placements(arm.model).displacements(middle, half, *ball)
+    bound = np.sum(moved, axis=2)[:, 0]
     kinematics, largest = RobotKinematics(arm), np.zeros(40)
     for _ in range(25):
         q = middle + half * rng.uniform(-1.0, 1.0, (40, 3)).round()

@@ -10,7 +10,6 @@ from tests.sample_arms import make_arm, rod
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.options import Options
 from tominpmp.planner.first_program import first_program
-from tominpmp.transcription import exchange
 from tominpmp.transcription.blocks import Sampled
 from tominpmp.transcription.exchange import ROOM, excess_at, exchanged, jumping
 from tominpmp.transcription.instants import Instants
@@ -114,24 +113,3 @@ def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
     if worst:
         largest = excess_at(block.constraint, of, motion, found.at).max()
         assert largest == pytest.approx(max(worst.values()), rel=1e-12)
-
-
-@pytest.mark.parametrize("control", ["constant", "linear"])
-def test_slow_motions_are_not_looked_at_closely(control, monkeypatch) -> None:
-    looks = []
-
-    def counting(constraint, of, motion, at, *rest):
-        looks.append(at.size)
-        return excess_at(constraint, of, motion, at, *rest)
-
-    monkeypatch.setattr(exchange, "excess_at", counting)
-    sizes = {}
-    for pace in (1.0, 3.0):
-        program, z = whipping(control, pace, swing=0.0)
-        looks.clear()
-        block, of = torques(program), program.transcription
-        jumping(block.constraint, of, of.motion(z), 1e-3, None)
-        sizes[pace] = sum(looks)
-    shares = [len(part) for part in of.inspected]
-    assert sizes[1.0] <= sum(shares) * of.intervals
-    assert sizes[3.0] == 3 * len(shares) * of.intervals

@@ -9,11 +9,11 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.bounds.result import LowerBound
+from tominpmp.collision.placements import Placements
 from tominpmp.goals import Goal
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.kinematics import FrameMotions, RobotKinematics, prismatic_joints
 from tominpmp.problem import Problem
 from tominpmp.stopping import check
-from tominpmp.verification.link_displacement import Ball, LinkDisplacement
 
 # Boxes of configurations looked at to show that a frame cannot be at its goal so soon,
 # and steps of the searches for the time in which it can be there, or turn enough.
@@ -123,8 +123,9 @@ def _carrying_time(
     """Largest time found by which no motion has brought a frame to its goal."""
     robot, q, limits = problem.robot, problem.q_start, problem.robot.limits
     item = robot.model.frames[robot.frame_id(frame)]
-    origin = np.asarray(item.placement.translation)
-    reach = LinkDisplacement(robot, [Ball(frame, int(item.parentJoint), origin, 0.0)])
+    place = np.array([item.parentJoint]), np.array([item.placement.translation])
+    placements, frames = Placements(robot.model), FrameMotions(robot, frame)
+    spread = np.abs(robot.expand_tangent(np.eye(robot.n)))
     slides = prismatic_joints(robot)
     if not np.any(np.isfinite(farthest(1.0))):
         return 0.0
@@ -142,8 +143,9 @@ def _carrying_time(
         middle, half = 0.5 * (low + high)[None], 0.5 * (high - low)[None]
         for _ in range(MAX_BOXES):
             check()
-            shifts = reach.shifts(middle, half)[:, 0]
-            apart = goal.distances(reach.centres(middle)[:, 0])
+            box = robot.expand(middle), half @ spread
+            shifts = placements.displacements(*box, *place, np.zeros(1))[:, 0]
+            apart = goal.distances(frames.placements(middle).origin)
             near = np.asarray(apart) <= np.sum(shifts, axis=1) + ACCEPTED
             if not near.any():
                 return True

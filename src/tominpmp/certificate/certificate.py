@@ -59,8 +59,7 @@ class Certificate(Record):
         complementarity: Sum of multiplier times room over all limits, as a share of T.
         stationarity: Reduction of T that changes within a unit trust region promise to
             first order, as a share of T: the complementarity, and what moving freely
-            would bring. Never too small; where it is far below the tolerance it may be
-            somewhat too large, since torques far from their limits are left out then.
+            would bring.
         grid_gain: The same if torques could switch within the intervals, too.
         costate_error: Largest difference of the costates to the adjoint equation,
             integrated over each interval, relative to the largest costate; None where

@@ -11,7 +11,6 @@ as it is for a while there are others.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -21,6 +20,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.perturbations import Instants
+from tominpmp.motion.extrema import local_maxima
 
 # Where a pair that stays near is a row, too: the middles and the ends of the intervals.
 REGULAR = (0.5, 1.0)
@@ -41,6 +41,7 @@ class Nearest(NamedTuple):
     Attributes:
         times: When [s], shape (k,).
         pairs: Which, shape (k,).
+        missing: What each lacks of its margin, as a share of the reach, shape (k,).
         slopes: Derivatives of what the least distances lack, as shares of the reach, by
             the configuration, shape (k, n). Where a corner passes, which has others
             before and after, they are those of the least distance of all.
@@ -49,45 +50,57 @@ class Nearest(NamedTuple):
 
     times: Array
     pairs: IntArray
+    missing: Array
     slopes: Array
     rates: Array
 
-    @classmethod
-    def none(cls, n: int) -> Nearest:
-        """Nothing near an arm of so many joints."""
-        index = np.zeros(0, dtype=np.int64)
-        return cls(np.zeros(0), index, np.zeros((0, n)), np.zeros(0))
 
-    def kept(self, which: IntArray | BoolArray) -> Nearest:
-        """Some of them."""
-        times, pairs, slopes, rates = self
-        return Nearest(times[which], pairs[which], slopes[which], rates[which])
-
-
-def contacts(motion: Motion, attention: float = ATTENTION) -> tuple[Nearest, Array]:
+def contacts(motion: Motion) -> Nearest | None:
     """The nearest instants of all pairs, and those at which they stay near.
 
     Args:
         motion: The motion.
-        attention: Pairs with more room than this share of the reach are left out.
 
     Returns:
-        The pairs then, and what each lacks of its margin, as a share of the reach.
+        The pairs then; None if nothing is near.
     """
-    parts = [(Nearest.none(motion.changes.n), np.zeros(0))]
-    if motion.task.problem.checker.pairs:
-        parts += _Approaches(motion, attention).contacts()
-    found, missing = zip(*parts, strict=True)
-    together = map(np.concatenate, zip(*found, strict=True))
-    return Nearest(*together), np.concatenate(missing)
+    task, changes = motion.task, motion.changes
+    if not task.problem.checker.pairs:
+        return None
+    looks = _Approaches(motion)
+    at = Instants.spread(motion.span, np.arange(1, SAMPLES + 1) / SAMPLES)
+    times = changes.times(at)
+    table = looks.table(times)
+    near = table > -np.inf
+    seen = np.flatnonzero(near.any(axis=0))
+    if not seen.size:
+        return None
+    table, near = table[:, seen], near[:, seen]
+    nearest = local_maxima(table)
+    regular = np.isin(at.share, REGULAR)[:, None] & near & ~nearest
+
+    def sampled(flags: BoolArray) -> Nearest:
+        rows, columns = np.nonzero(flags)
+        slopes = looks.slopes(times[rows], seen[columns])
+        return Nearest(times[rows], seen[columns], table[rows, columns], *slopes)
+
+    found = [sampled(nearest & (table <= -CLOSE)), sampled(regular)]
+    # They stay as near as they are for a while.
+    staying, T = found[1], float(changes.t[-1])
+    speed = np.abs(looks.speed(staying.times, staying.slopes, staying.rates))
+    kept = np.maximum(-staying.missing, 0.0) >= STAYING * T * speed
+    found[1] = Nearest._make(part[kept] for part in staying)
+    close = nearest & (table > -CLOSE)
+    if close.any():
+        found.append(looks.closest(times, seen, table, close))
+    return Nearest(*map(np.concatenate, zip(*found, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Approaches:
-    """Looks for the instants at which pairs limit a motion."""
+    """What pairs of bodies lack of their margins along a motion."""
 
     motion: Motion
-    attention: float
 
     @cached_property
     def _margins(self) -> Array:
@@ -95,44 +108,19 @@ class _Approaches:
         problem = self.motion.task.problem
         return problem.checker.margins(problem.margin)
 
-    def contacts(self) -> Iterator[tuple[Nearest, Array]]:
-        """Pairs when they are nearest, or stay near, and what they lack."""
-        task, changes = self.motion.task, self.motion.changes
-        at = Instants.spread(self.motion.span, np.arange(1, SAMPLES + 1) / SAMPLES)
-        times = changes.times(at)
-        cutoff = self._margins + self.attention * task.reach
+    def table(self, times: Array) -> Array:
+        """What all pairs lack; minus infinity where they are far, shape (m, pairs)."""
+        task = self.motion.task
+        cutoff = self._margins + ATTENTION * task.reach
         found = task.problem.checker.distances(self._q(times), cutoff, times)
-        table = (self._margins - found) / task.reach
-        near = table > -self.attention
-        seen = np.flatnonzero(near.any(axis=0))
-        if not seen.size:
-            return
-        table = np.where(near, table, -np.inf)[:, seen]
-        nearest = local_maxima(table)
-        rough, close = nearest & (table <= -CLOSE), nearest & (table > -CLOSE)
-        regular = np.isin(at.share, REGULAR)[:, None] & near[:, seen] & ~nearest
-
-        def sampled(flags: BoolArray) -> tuple[Nearest, Array]:
-            rows, columns = np.nonzero(flags)
-            time, pair = times[rows], seen[columns]
-            found = Nearest(time, pair, *self._slopes(time, pair))
-            return found, table[rows, columns]
-
-        yield sampled(rough)
-        staying, missing = sampled(regular)
-        # They stay as near as they are for a while.
-        speed = np.abs(self._speed(staying.times, staying.slopes, staying.rates))
-        room, T = np.maximum(-missing, 0.0), float(changes.t[-1])
-        kept = room >= STAYING * T * speed
-        yield staying.kept(kept), missing[kept]
-        if close.any():
-            yield self._closest(times, seen, table, close)
+        missing = (self._margins - found) / task.reach
+        return np.where(missing > -ATTENTION, missing, -np.inf)
 
     def _q(self, times: Array) -> Array:
         """Configurations, shape (m, n)."""
         return np.asarray(self.motion.trajectory(times).q)
 
-    def _slopes(self, times: Array, pair: IntArray) -> tuple[Array, Array]:
+    def slopes(self, times: Array, pair: IntArray) -> tuple[Array, Array]:
         """Derivatives of what pairs lack, at a time each."""
         if not times.size:
             return np.zeros((0, self.motion.changes.n)), np.zeros(0)
@@ -142,14 +130,14 @@ class _Approaches:
         found = task.problem.checker.derivatives_at(q, index, pair, distinct)
         return -found[0] / task.reach, -found[1] / task.reach
 
-    def _speed(self, times: Array, slopes: Array, rates: Array) -> Array:
+    def speed(self, times: Array, slopes: Array, rates: Array) -> Array:
         """How fast what is missing grows along the motion [1/s], shape (k,)."""
         v = self.motion.trajectory(times).v
         return np.asarray(np.einsum("kj,kj->k", slopes, v) + rates)
 
-    def _closest(
+    def closest(
         self, times: Array, seen: IntArray, table: Array, flags: BoolArray
-    ) -> tuple[Nearest, Array]:
+    ) -> Nearest:
         """The nearest instants around flagged samples, found by halving the time.
 
         A corner that passes is a kink of the distance in time, or nearly: its slope
@@ -160,12 +148,12 @@ class _Approaches:
         first, end = changes.t[list(self.motion.span)]
         padded = np.concatenate([[first], times, [end]])
         ends = [padded[rows], padded[rows + 2]]
-        slopes = [self._slopes(time, pair) for time in ends]
-        speeds = [self._speed(ends[i], *slopes[i]) for i in (0, 1)]
+        slopes = [self.slopes(time, pair) for time in ends]
+        speeds = [self.speed(ends[i], *slopes[i]) for i in (0, 1)]
         for _ in range(HALVINGS):
             middle = 0.5 * (ends[0] + ends[1])
-            by_q, by_t = self._slopes(middle, pair)
-            speed = self._speed(middle, by_q, by_t)
+            by_q, by_t = self.slopes(middle, pair)
+            speed = self.speed(middle, by_q, by_t)
             for i, side in enumerate((speed > 0.0, speed <= 0.0)):
                 ends[i] = np.where(side, middle, ends[i])
                 speeds[i] = np.where(side, speed, speeds[i])
@@ -181,24 +169,13 @@ class _Approaches:
         by_q = (1.0 - after)[:, None] * slopes[0][0] + after[:, None] * slopes[1][0]
         by_t = (1.0 - after) * slopes[0][1] + after * slopes[1][1]
         missing = np.maximum(self._missing(time, pair), table[rows, columns])
-        return Nearest(time, pair, by_q, by_t), missing
+        return Nearest(time, pair, missing, by_q, by_t)
 
     def _missing(self, times: Array, pair: IntArray) -> Array:
         """What pairs lack at a time each, shape (k,)."""
         task, margin = self.motion.task, self._margins[pair]
-        enough, every = margin + self.attention * task.reach, np.arange(pair.size)
+        enough, every = margin + ATTENTION * task.reach, np.arange(pair.size)
         q = self._q(times)
         found = task.problem.checker.measured(q, every, pair, enough, times)
         missing = (margin - found) / task.reach
-        return np.where(missing > -self.attention, missing, -np.inf)
-
-
-def local_maxima(table: Array) -> BoolArray:
-    """Where values are not smaller than before, and larger than after.
-
-    Args:
-        table: Values, one row an instant, shape (m, p); minus infinity where unknown.
-    """
-    padded = np.pad(table, ((1, 1), (0, 0)), constant_values=-np.inf)
-    known = table > -np.inf
-    return np.asarray(known & (table >= padded[:-2]) & (table > padded[2:]))
+        return np.where(missing > -ATTENTION, missing, -np.inf)

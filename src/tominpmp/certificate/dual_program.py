@@ -37,8 +37,6 @@ SHIFT = 1e-3
 # A promise is good to this share of it, and worth so many iterations: where limits
 # overlap, interior points end slowly, and simplex methods take tens of seconds.
 ROUGHLY = Nearly(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
-FAR_TORQUES = 0.5  # torques with more room to their nearer limit, as a share, are far
-SMALL = 400  # unknowns: programs of so many are quick in any case
 FAR = RADIUS * (1.0 - 1e-9)  # a bound at least this far is the trust region's
 PLACES = 4  # of an interval at which costates may fall; even: one is the middle
 
@@ -80,13 +78,12 @@ def solve_dual_program(
 
     Args:
         motion: The motion.
-        enough: A promise that is good enough. Torques far from their limits are left
-            out at first, which is quicker and promises too much, if anything; only
-            where that is more than this, all are looked at.
-        near: Whether distances are looked at from the first.
+        enough: A promise that is good enough.
+        near: Whether distances are looked at from the first. If they are left out more
+            is promised, if anything, and they are looked at where that is not enough.
     """
-    if enough > 0.0 and (motion.changes.size > SMALL or not near):
-        found = _Program(motion, FAR_TORQUES, near).solve()
+    if not near:
+        found = _Program(motion, near).solve()
         if found is not None and found.promise <= enough:
             return found
     return _Program(motion).solve()
@@ -100,7 +97,7 @@ class _Program:
     goals.
     """
 
-    def __init__(self, motion: Motion, far: float = np.inf, near: bool = True) -> None:
+    def __init__(self, motion: Motion, near: bool = True) -> None:
         self.motion = motion
         changes, task = motion.changes, motion.task
         self.n, self.N = changes.n, changes.N
@@ -113,7 +110,7 @@ class _Program:
         drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
         inertia = mass + drag * self.T / self.N
         self.acceleration_scale = task.effort_half / np.maximum(inertia, 1e-12)
-        self.rows = limits_of(motion, far, near)
+        self.rows = limits_of(motion, near)
 
     # -- columns -----------------------------------------------------------------------
 

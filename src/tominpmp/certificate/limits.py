@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.certificate.clearances import contacts, local_maxima
+from tominpmp.certificate.clearances import contacts
 from tominpmp.certificate.limit_rows import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import Motion, MotionStates
 from tominpmp.certificate.perturbations import (
@@ -29,6 +29,7 @@ from tominpmp.certificate.perturbations import (
     Linearised,
     Stencil,
 )
+from tominpmp.motion.extrema import local_maxima
 from tominpmp.problem.joint_limits import SIDES, JointBounds, joint_limits
 
 # What a problem with times at which goals are to be met has rows of.
@@ -52,22 +53,19 @@ SAMPLES = 16
 NEAR_CONSTRAINT = 0.1
 
 
-def limits_of(motion: Motion, far: float = np.inf, near: bool = True) -> LimitRows:
+def limits_of(motion: Motion, near: bool = True) -> LimitRows:
     """Rows of all limits, of one segment after the other, and of the goals.
 
     Args:
         motion: The motion.
-        far: Torques with more room than this to both limits are left out.
         near: Whether distances are looked at: for them all meshes are cut.
     """
     found = [*_arrivals(motion)]
     for number, part in enumerate(motion.segments):
-        for rows in _efforts(part):
-            held = np.minimum(-rows.lower, rows.upper) < far
-            found.append(rows.kept(held | ~rows.of("effort")))
         inside = part.states(Instants.spread(part.span, SHARES))
         smooth = motion.changes.shape != "torques"
-        found += [*_over_speed(part, inside if smooth else None), *_slopes(part)]
+        found += [*_efforts(part), *_over_speed(part, inside if smooth else None)]
+        found += _slopes(part)
         for item in joint_limits(part.task.problem):
             if item.kind.of in ("q", "v") or (smooth and item.kind.of == "u"):
                 found.append(_bulging(part, inside, item))
@@ -350,14 +348,14 @@ def _over_speed(motion: Motion, inside: MotionStates | None) -> Iterator[LimitRo
 
 def _clearances(motion: Motion) -> Iterator[LimitRows]:
     """Distances that are near their margins, as shares of the reach."""
-    found, missing = contacts(motion)
-    if missing.size:
+    found = contacts(motion)
+    if found is not None:
         yield _rows(
             motion,
             "clearance",
             motion.states(motion.changes.instants(found.times)),
             found.pairs,
-            (np.full(missing.size, -np.inf), -missing),
+            (np.full(found.missing.size, -np.inf), -found.missing),
             found.slopes,
             rates=found.rates if motion.task.problem.checker.moving else None,
             unit=np.array(motion.task.reach),

@@ -9,7 +9,7 @@ a query.
 from __future__ import annotations
 
 from tominpmp.collision.checker import CollisionChecker, Contact
-from tominpmp.collision.enclosure import Enclosure, enclosure
+from tominpmp.collision.enclosure import enclosure
 from tominpmp.collision.query import Derivatives
 from tominpmp.collision.shapes import obstacle_shape
 
@@ -17,7 +17,6 @@ __all__ = [
     "CollisionChecker",
     "Contact",
     "Derivatives",
-    "Enclosure",
     "enclosure",
     "obstacle_shape",
 ]

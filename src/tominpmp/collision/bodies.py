@@ -55,14 +55,6 @@ class Body:
         return outline(self.shape)
 
 
-def robot_bodies(robot: Robot, geometry: Geometry) -> list[Body]:
-    """Shapes of all links, also of those that do not move."""
-    count = len(robot.collision_model.geometryObjects)
-    return [
-        body for part in range(count) for body in part_bodies(robot, part, geometry)
-    ]
-
-
 def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:
     """Shapes of one of the geometries of a robot."""
     item = robot.collision_model.geometryObjects[part]

@@ -24,6 +24,8 @@ from tominpmp.collision.shapes import Outline
 # Configurations are taken together between which no ball moves farther than this [m];
 # fewer than so many of them are not worth it.
 TOGETHER, FEW = 0.06, 12
+# Pairs whose bounds are found at once, for the sake of memory.
+SOME_PAIRS = 1_000
 # What rounding may take from a bound for configurations that are taken together [m].
 ROUNDING = 1e-9
 
@@ -153,6 +155,9 @@ class BroadPhase:
         first: First body of each pair, shape (pairs,).
         second: Second body of each pair, shape (pairs,).
         joint: What carries each body, shape (bodies,).
+        centre: Centre of a ball around each body in the axes of what carries it [m],
+            shape (bodies, 3).
+        radius: Radius of this ball [m], shape (bodies,).
         farthest: How far points of each body may be from the origin of what carries it
             [m], shape (bodies,).
     """
@@ -167,7 +172,7 @@ class BroadPhase:
             for body, item in zip(bodies, found, strict=True)
         ]
         self.joint = np.array([body.joint for body in bodies], dtype=np.int64)
-        self._radius = np.array([item.radius for item in found])
+        self.radius = np.array([item.radius for item in found])
         self._half = np.array([item.half for item in found]).reshape(-1, 3)
         self._swell = np.array([item.swell for item in found])
         self._cover_radius = np.array([item.cover_radius for item in found])
@@ -176,17 +181,13 @@ class BroadPhase:
         self._t = np.array([box.translation for box in boxes]).reshape(-1, 3)
         centre = np.array([item.centre for item in found]).reshape(-1, 3)
         cover = np.array([item.cover for item in found]).reshape(-1, BALLS, 3)
-        self._centre = self._t + np.einsum("bij,bj->bi", self._R, centre)
+        self.centre = self._t + np.einsum("bij,bj->bi", self._R, centre)
         self._cover = self._t[:, None] + cover @ np.swapaxes(self._R, 1, 2)
         self._origin = np.einsum("bij,bi->bj", self._R, self._t)
         # No point of a body is farther than this from what carries it.
-        self.farthest = self._radius + np.linalg.norm(self._centre, axis=1)
+        self.farthest = self.radius + np.linalg.norm(self.centre, axis=1)
         fixed = self.joint[second] == 0
         self._fixed, self._moving = np.flatnonzero(fixed), np.flatnonzero(~fixed)
-        # What does not move is looked at from all links at once.
-        self._links, row = np.unique(first[fixed], return_inverse=True)
-        self._others, column = np.unique(second[fixed], return_inverse=True)
-        self._cell: IntArray = (row * self._others.size + column).astype(np.int64)
         self._carried = [
             (int(joint), np.flatnonzero(self.joint == joint))
             for joint in np.unique(self.joint[self.joint > 0])
@@ -198,13 +199,8 @@ class BroadPhase:
         Returns:
             Shape (m, pairs) [m].
         """
-        centre = self._centres(joints)
-        out = np.empty((centre.shape[1], self.first.size))
-        if not out.size:
-            return out
-        out[:, self._fixed] = self._from_fixed(centre)
-        out[:, self._moving] = self._one_by_one(joints, centre, self._moving).T
-        return out
+        every = np.arange(self.first.size)
+        return self._bounds(joints, self._centres(joints), every)
 
     def near(self, joints: Joints, limit: Array) -> tuple[Array, IntArray, IntArray]:
         """Bounds, and where they are below a limit.
@@ -219,21 +215,13 @@ class BroadPhase:
             each that is, in this order.
         """
         centre = self._centres(joints)
-        m = centre.shape[1]
-        least = self._along(centre)
-        if least is None:
-            out = self.by_balls(joints)
-            instant, pair = np.nonzero(out < limit)
-            return out, instant, pair
-        out = np.empty((m, self.first.size))
-        out[:] = least
-        some = np.flatnonzero(least < limit)
-        if not some.size:
-            none = np.zeros(0, dtype=np.int64)
-            return out, none, none
-        bounds = self._one_by_one(joints, centre, some)
-        out[:, some] = bounds.T
-        instant, place = np.nonzero(bounds.T < limit[some])
+        least = self._along(joints, centre)
+        out, some = np.empty((centre.shape[1], limit.size)), np.arange(limit.size)
+        if least is not None:
+            out[:], some = least, np.flatnonzero(least < limit)
+        bounds = self._bounds(joints, centre, some)
+        out[:, some] = bounds
+        instant, place = np.nonzero(bounds < limit[some])
         return out, instant, some[place]
 
     def _centres(self, joints: Joints) -> Array:
@@ -241,12 +229,12 @@ class BroadPhase:
         R, t = joints
         out = np.zeros((self.joint.size, t.shape[0], 3))
         for joint, bodies in self._carried:
-            turned = R[:, joint] @ self._centre[bodies].T
+            turned = R[:, joint] @ self.centre[bodies].T
             turned += t[:, joint, :, None]
             out[bodies] = turned.transpose(2, 0, 1)
         return out
 
-    def _along(self, centre: Array) -> Array | None:
+    def _along(self, joints: Joints, centre: Array) -> Array | None:
         """Bounds that hold at all configurations, shape (pairs,) [m].
 
         None if the configurations are too few, or too far apart, for them to be of use.
@@ -265,38 +253,27 @@ class BroadPhase:
         middle = (begin + last) // 2
         some = centre[:, middle]
         out = np.empty((middle.size, self.first.size))
-        out[:, self._fixed] = self._from_fixed(some)
+        R, t = joints
+        there = R[middle], t[middle]
+        out[:, self._fixed] = self._bounds(there, some, self._fixed)
         a, b = self.first[self._moving], self.second[self._moving]
-        apart = np.linalg.norm(some[a] - some[b], axis=2) - self._radius[a, None]
-        out[:, self._moving] = (apart - self._radius[b, None]).T
+        apart = np.linalg.norm(some[a] - some[b], axis=2) - self.radius[a, None]
+        out[:, self._moving] = (apart - self.radius[b, None]).T
         moved = np.maximum(way[middle] - way[begin], way[last] - way[middle])
         out[:, self._fixed] -= moved[:, None] + ROUNDING
         out[:, self._moving] -= 2.0 * moved[:, None] + ROUNDING
         return np.asarray(np.min(out, axis=0))
 
-    def _from_fixed(self, centre: Array) -> Array:
-        """Bounds of all pairs with a body that does not move, shape (m, fixed)."""
-        links, others = self._links, self._others
-        m = centre.shape[1]
-        flat = centre[links].reshape(-1, 3)
-        squared = np.zeros((flat.shape[0], others.size))
-        for axis in range(3):
-            away = flat @ self._R[others, :, axis].T
-            away -= self._origin[others, axis]
-            np.abs(away, out=away)
-            away -= self._half[others, axis]
-            np.maximum(away, 0.0, out=away)
-            away *= away
-            squared += away
-        np.sqrt(squared, out=squared)
-        squared -= self._swell[others]
-        squared = squared.reshape(links.size, m, others.size)
-        squared -= self._radius[links][:, None, None]
-        table = squared.transpose(1, 0, 2).reshape(m, -1)
-        return np.take(table, self._cell, axis=1)
+    def _bounds(self, joints: Joints, centre: Array, pair: IntArray) -> Array:
+        """Bounds of some pairs, shape (m, k)."""
+        out = np.empty((centre.shape[1], pair.size))
+        for begin in range(0, pair.size, SOME_PAIRS):
+            some = slice(begin, begin + SOME_PAIRS)
+            out[:, some] = self._one_by_one(joints, centre, pair[some]).T
+        return out
 
     def _one_by_one(self, joints: Joints, centre: Array, pair: IntArray) -> Array:
-        """Bounds of some pairs, shape (pairs, m)."""
+        """The same of so few that they are found at once, shape (k, m)."""
         a, b = self.first[pair], self.second[pair]
         R, t = joints
         away = centre[a]
@@ -311,7 +288,7 @@ class BroadPhase:
         away -= self._half[b][:, None]
         np.maximum(away, 0.0, out=away)
         length = np.sqrt(np.einsum("kmi,kmi->km", away, away))
-        return np.asarray(length - (self._radius[a] + self._swell[b])[:, None])
+        return np.asarray(length - (self.radius[a] + self._swell[b])[:, None])
 
     def by_covers(self, joints: Joints, instant: IntArray, pair: IntArray) -> Array:
         """Bounds from several balls that cover the first body, shape (k,) [m].

@@ -144,6 +144,12 @@ class CollisionChecker(PairDistances):
         pieces = self.geometry == "convex" and self.cut is None
         return alone and pieces and self.self_collision
 
+    def taken_as(self, geometry: Geometry) -> CollisionChecker:
+        """The same with the meshes of its links taken as something else."""
+        make, given = self.__reduce__()
+        checker: CollisionChecker = make(*given, geometry=geometry)
+        return checker
+
     def with_cut(self, cut: frozenset[str]) -> CollisionChecker:
         """The same with only some links cut into pieces, the others being hulls."""
         if cut not in self._variants:
@@ -242,9 +248,9 @@ class CollisionChecker(PairDistances):
             row = np.where(self.moving_pairs, np.inf, row)
         limit = np.broadcast_to(np.asarray(margin, np.float64), row.shape)
         index = int(np.argmin(row - limit))
-        return Contact(
-            *self.pairs[index],
-            float(row[index]),
-            own=index >= self.obstacle_pairs,
-            margin=float(limit[index]),
-        )
+        return self.contact(index, float(row[index]), float(limit[index]))
+
+    def contact(self, index: int, distance: float, margin: float) -> Contact:
+        """A pair with its distance and the distance to keep [m]."""
+        own = index >= self.obstacle_pairs
+        return Contact(*self.pairs[index], distance, own=own, margin=margin)

@@ -27,8 +27,6 @@ FOLDER_VARIABLE = "TOMINPMP_CACHE"
 VERSION = 2
 # Larger files are not ours [bytes], nor are those that grow to more.
 MAX_BYTES = 20_000_000
-# Pieces have the extent of their mesh, but for rounding, as a share of it.
-ROUNDING = 1e-9
 
 
 def cache_folder() -> Path:
@@ -77,7 +75,7 @@ def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
 @lru_cache(maxsize=256)
 def _known_pieces(content: Content, folder: Path) -> Pieces | None:
     path = folder / f"{content.key}.npz"
-    found = _read(path, np.array(content.mesh.vertices(), dtype=np.float64))
+    found = _read(path)
     if found is not None:
         return found
     what = f"the mesh of {brief(content.name)}" if content.name else "a mesh"
@@ -97,8 +95,8 @@ def _known_pieces(content: Content, folder: Path) -> Pieces | None:
     return pieces
 
 
-def _read(path: Path, vertices: Array) -> Pieces | None:
-    """Pieces of a mesh from a file; None if it is not there or not theirs."""
+def _read(path: Path) -> Pieces | None:
+    """Pieces of a mesh from a file; None if it is not there, or not as written."""
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
             return None
@@ -111,34 +109,11 @@ def _read(path: Path, vertices: Array) -> Pieces | None:
     except Exception as error:  # whatever a broken file may raise
         logger.warning("the cached pieces %s cannot be read: %s", path, brief(error))
         return None
-    same = bytes(checksum.tobytes()) == _checksum(points, counts, deviation)
-    if not (same and _sound(points, counts, deviation, vertices)):
+    if bytes(checksum.tobytes()) != _checksum(points, counts, deviation):
         logger.warning("the cached pieces %s make no sense", path)
         return None
     corners: list[Array] = np.split(points, np.cumsum(counts)[:-1])
     return Pieces(tuple(corners), *deviation.tolist())
-
-
-def _sound(points: Any, counts: Any, deviation: Any, vertices: Array) -> bool:
-    """Whether arrays are those of pieces that a mesh may have been cut into."""
-    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        return False
-    if points.dtype != np.float64 or counts.dtype.kind not in "iu" or counts.ndim != 1:
-        return False
-    if deviation.shape != (2,) or deviation.dtype != np.float64:
-        return False
-    if not (np.all(counts >= 4) and int(np.sum(counts)) == len(points)):
-        return False
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    size = float(np.linalg.norm(high - low))
-    off = max(
-        float(np.max(np.abs(points.min(axis=0) - low))),
-        float(np.max(np.abs(points.max(axis=0) - high))),
-    )
-    # No number compares with NaN.
-    return off <= ROUNDING * size and bool(
-        np.all((deviation >= 0.0) & (deviation <= size))
-    )
 
 
 def _checksum(*parts: Any) -> bytes:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import coal
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision.bodies import Body, robot_bodies, scene_bodies
+from tominpmp.collision.bodies import Body, scene_bodies
+from tominpmp.collision.checker import Contact
+from tominpmp.collision.selection import links_of
 from tominpmp.collision.shapes import is_convex
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
@@ -19,23 +19,9 @@ POINT = 1e-6
 TOUCHING = 1e-5
 
 
-class Enclosure(NamedTuple):
-    """A link that is within an obstacle wherever it turns.
-
-    Attributes:
-        link: Name of the link.
-        obstacle: Name of the obstacle.
-        depth: How deep the point is in it [m].
-    """
-
-    link: str
-    obstacle: str
-    depth: float
-
-
 def enclosure(
     robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float = 0.0
-) -> Enclosure | None:
+) -> Contact | None:
     """The obstacle that a link is in for certain when a frame is at a point.
 
     Some point of the link is no farther from the frame than its geometry is. Where a
@@ -44,12 +30,12 @@ def enclosure(
     out.
 
     Returns:
-        Link and obstacle; None if there may be room.
+        Link and obstacle, with how deep the point is in it; None if there may be room.
     """
     item = robot.model.frames[robot.frame_id(frame)]
     mine = [
         body
-        for body in robot_bodies(robot, "convex")
+        for body in links_of(robot, "convex")
         if body.joint == item.parentJoint and is_convex(body.shape)
     ]
     if not mine or not item.parentJoint:
@@ -62,7 +48,7 @@ def enclosure(
             continue
         depth = -_distance(body, point)
         if depth > away[nearest] + tolerance + TOUCHING:
-            return Enclosure(mine[nearest].name, body.name, depth)
+            return Contact(mine[nearest].name, body.name, -depth)
     return None
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
@@ -22,20 +22,6 @@ GJK_TOLERANCE = 1e-11
 EPA_TOLERANCE = 1e-6
 # Distances beyond this are how Coal says that an algorithm failed [m].
 FAILED = 1e100
-
-
-class Witnesses(NamedTuple):
-    """Where pairs come closest.
-
-    Attributes:
-        normal: Unit normals from the first body to the second, shape (k, 3).
-        first: Nearest points of the first bodies in the world [m], shape (k, 3).
-        second: Nearest points of the second bodies in the world [m], shape (k, 3).
-    """
-
-    normal: Array
-    first: Array
-    second: Array
 
 
 class NarrowPhase:
@@ -119,25 +105,26 @@ class NarrowPhase:
 
     def all(self, q: Array, time: float = 0.0) -> Array:
         """Signed distances of all pairs at a configuration of the model [m]."""
-        self.shift(time)
-        pin.computeDistances(self.model, self.data, self.geometry, self._results, q)
-        out = np.array([r.min_distance for r in self._results.distanceResults])
-        for index in np.flatnonzero(np.abs(out) > FAILED).tolist():
-            out[index] = self._measure(index).min_distance
-        return out
+        self.place(q, time)
+        return np.array(self.distances(range(self._first.size)))
 
     def distances(self, pairs: Sequence[int]) -> list[float]:
         """Signed distances of some pairs [m]."""
         return [self._measure(index).min_distance for index in pairs]
 
-    def witnesses(self, pairs: Sequence[int]) -> Witnesses:
-        """Where some pairs come closest; a normal is found for all of them."""
-        found = []
-        for index in pairs:
+    def witnesses(self, pairs: Sequence[int]) -> Array:
+        """Where some pairs come closest.
+
+        Returns:
+            Unit normals from the first bodies to the second, and the nearest points of
+            the first and of the second bodies in the world [m], shape (3, k, 3).
+        """
+        found = np.empty((3, len(pairs), 3))
+        for k, index in enumerate(pairs):
             result = self._measure(index)
             points = result.getNearestPoint1(), result.getNearestPoint2()
-            found.append((self._normal(index, result), *points))
-        return Witnesses(*map(np.array, zip(*found, strict=True)))
+            found[:, k] = self._normal(index, result), *points
+        return found
 
     def _measure(self, index: int) -> Any:
         """Result of a pair; of one that failed, with the tolerances that Coal takes."""

@@ -112,6 +112,44 @@ class Placements:
             out[chosen, column] = speed
         return out
 
+    def displacements(
+        self, q: Array, half: Array, joint: IntArray, centre: Array, radius: Array
+    ) -> Array:
+        r"""Bounds on how far points of balls move while coordinates stay in a box.
+
+        In the middle of the box a point of a ball is no farther from the axis of joint
+        i than the far side of the ball. Within the box that distance changes by what
+        the joints between i and the ball move the point: from the tip on,
+        :math:`r_i = r_i^0 + \sum_{k > i} r_k |\Delta q_k|`.
+
+        Args:
+            q: Middles of boxes of coordinates, shape (m, nv) [rad or m].
+            half: Half of the edges of the boxes, shape (m, nv).
+            joint: Joint that carries each ball, 0 for the world, shape (k,).
+            centre: Centres of the balls in the axes of that joint [m], shape (k, 3).
+            radius: Radii of the balls [m], shape (k,).
+
+        Returns:
+            Displacements by each coordinate, shape (m, k, nv) [m].
+        """
+        R, t = self.joints(q)
+        place = t[:, joint] + np.einsum("mbij,bj->mbi", R[:, joint], centre)
+        out = np.zeros((q.shape[0], joint.size, q.shape[1]))
+        drift = np.zeros((q.shape[0], joint.size))
+        for i in range(self._column.size - 1, 0, -1):
+            column = self._column[i]
+            hang = np.flatnonzero(self.moves[joint, column])
+            if not hang.size:
+                continue
+            rate = np.full((q.shape[0], hang.size), np.linalg.norm(self._slide[i]))
+            if np.any(self._turn[i]):
+                axis = (R[:, i] @ self._turn[i])[:, None]
+                lever = np.cross(place[:, hang] - t[:, i, None], axis)
+                rate += np.linalg.norm(lever, axis=2) + radius[hang] + drift[:, hang]
+            out[:, hang, column] = rate * half[:, column, None]
+            drift[:, hang] += out[:, hang, column]
+        return out
+
 
 def _cross(axis: Array) -> Array:
     """Matrix of the cross product with an axis."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -24,19 +23,6 @@ CHUNK = 1024
 Pairs = tuple[IntArray, IntArray]
 
 
-@dataclass
-class Count:
-    """How pairs were settled.
-
-    Attributes:
-        pairs: Pairs asked for.
-        queries: Pairs that needed an exact query.
-    """
-
-    pairs: int = 0
-    queries: int = 0
-
-
 class Derivatives(NamedTuple):
     """How distances change.
 
@@ -55,7 +41,6 @@ class PairDistances:
     Attributes:
         robot: The robot.
         obstacles: Obstacles that move.
-        count: How many pairs were asked for with a cutoff, and how many were measured.
     """
 
     def __init__(
@@ -67,7 +52,6 @@ class PairDistances:
         """Make it for bodies and pairs of them, unless a subclass finds these."""
         self.robot = robot
         self.obstacles = obstacles or MovingObstacles((), robot.model.njoints)
-        self.count = Count()
         if watched is not None:
             self.watched = watched
 
@@ -108,7 +92,7 @@ class PairDistances:
         """Which pairs are with an obstacle that moves, shape (pairs,)."""
         return np.asarray(self.broad.joint[self.broad.second] >= self.obstacles.first)
 
-    @property
+    @cached_property
     def _moves(self) -> BoolArray:
         """Which coordinates of the model change the distance of each pair.
 
@@ -171,7 +155,6 @@ class PairDistances:
         limit = np.broadcast_to(np.asarray(cutoff, np.float64), self.broad.first.shape)
         limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
         lower, instant, pair = self.broad.near(placed, limit)
-        self.count.pairs += lower.size - instant.size
         if not instant.size:
             return lower
         bound = lower[instant, pair]
@@ -219,11 +202,9 @@ class PairDistances:
         times: Array | None = None,
     ) -> Array:
         """The same at configurations of the model, with the placements there."""
-        self.count.pairs += instant.size
         out = self.broad.by_covers(placed, instant, pair)
         # Bounds say nothing about depths.
         near = np.flatnonzero(out < np.maximum(enough, 0.0))
-        self.count.queries += near.size
         exact = np.empty(near.size)
         for chosen, pairs in self._placed(rows, instant[near], pair[near], times):
             exact[chosen] = self.narrow.distances(pairs)
@@ -278,7 +259,7 @@ class PairDistances:
         if times is None:
             times = np.zeros(q.shape[0])
         rows = self.robot.expand(q)
-        normal, points = self._nearest(rows, instants, pairs, times)
+        normal, *points = self._nearest(rows, instants, pairs, times)
         R, t = self.placements.joints(rows)
         placed = R[instants], t[instants]
         out = np.zeros((len(pairs), rows.shape[1]))
@@ -306,24 +287,63 @@ class PairDistances:
             shape (k, 3).
         """
         rows, instants = self.robot.expand(q), np.arange(len(pairs))
-        normal, points = self._nearest(rows, instants, pairs, times)
-        return normal, points[1]
+        normal, _, point = self._nearest(rows, instants, pairs, times)
+        return normal, point
 
     def _nearest(
         self, rows: Array, instants: IntArray, pairs: IntArray, times: Array
-    ) -> tuple[Array, Array]:
+    ) -> Array:
         """Normals and witness points of pairs at instants of configurations.
 
         Returns:
-            Unit normals from the first body to the second, shape (k, 3), and the
-            points on both [m], shape (2, k, 3), in the world.
+            Unit normals from the first body to the second, and the points on both [m],
+            in the world, shape (3, k, 3).
         """
-        normal, points = np.empty((len(pairs), 3)), np.empty((2, len(pairs), 3))
+        found = np.empty((3, len(pairs), 3))
         for chosen, some in self._placed(rows, instants, pairs, times):
-            found = self.narrow.witnesses(some)
-            normal[chosen] = found.normal
-            points[0, chosen], points[1, chosen] = found.first, found.second
-        return normal, points
+            found[:, chosen] = self.narrow.witnesses(some)
+        return found
+
+    def closing(
+        self,
+        q: Array,
+        swing: Array,
+        begin: Array,
+        end: Array,
+        pairs: IntArray | None = None,
+    ) -> Array:
+        """Bounds on how much closer pairs come within stretches of time.
+
+        What moves both bodies of a pair alike does not bring them closer.
+
+        Args:
+            q: Configurations in the middles of the stretches, shape (m, n) [rad or m].
+            swing: How far joints are from there within the stretch at most, (m, n).
+            begin: Beginnings of the stretches [s], shape (m,).
+            end: Their ends [s], shape (m,).
+            pairs: Indices of the pairs, shape (k,); None for all.
+
+        Returns:
+            Shape (m, k) [m].
+        """
+        pairs = np.arange(len(self.pairs)) if pairs is None else pairs
+        broad, robot = self.broad, self.robot
+        half = swing @ np.abs(robot.expand_tangent(np.eye(robot.n)))
+        ends = np.stack([broad.first[pairs], broad.second[pairs]])
+        still = self._model_joint(ends) == 0
+        ends[still] = np.max(ends[still], initial=0)  # one stands for all
+        used, place = np.unique(ends, return_inverse=True)
+        first, second = place.reshape(ends.shape)
+        balls = self._model_joint(used), broad.centre[used], broad.radius[used]
+        moved = self.placements.displacements(robot.expand(q), half, *balls)
+        out, apart = np.zeros((len(q), pairs.size)), self._moves[pairs]
+        for column in np.flatnonzero(apart.any(axis=0)).tolist():
+            some, ways = np.flatnonzero(apart[:, column]), moved[:, :, column]
+            out[:, some] += ways[:, first[some]] + ways[:, second[some]]
+        if self.obstacles.count:
+            speeds = self.obstacle_speeds(begin, end)[:, pairs]
+            out += 0.5 * (end - begin)[:, None] * speeds
+        return out
 
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
         """Bounds on the speed of all points of the other body of each pair.

@@ -14,7 +14,6 @@ from tominpmp.collision.bodies import (
     Geometry,
     part_bodies,
     part_link,
-    robot_bodies,
 )
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.query import PairDistances, Pairs
@@ -103,7 +102,7 @@ def links_touching(
     rows, bodies = robot.expand(q), links_of(robot, "hull")
     pairs = _named(bodies, wanted)
     overlap = PairDistances(robot, watched=(bodies, pairs)).distances(q, 0.0) < 0.0
-    meshes, found = robot_bodies(robot, "mesh"), {}
+    meshes, found = links_of(robot, "mesh"), {}
     for names, columns in _columns(bodies, pairs).items():
         instants = np.flatnonzero(np.any(overlap[:, columns], axis=1))
         if not instants.size:
@@ -164,7 +163,7 @@ def _inseparable(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
     left_out = {names for names, value in share.items() if value > ALWAYS}
     doubtful = {names for names, value in share.items() if MOSTLY < value <= ALWAYS}
     if doubtful:
-        exact = _shares(robot, robot_bodies(robot, "mesh"), doubtful)
+        exact = _shares(robot, links_of(robot, "mesh"), doubtful)
         left_out |= {
             names for names in doubtful if not 0.0 < exact.get(names, 0.0) <= ALWAYS
         }

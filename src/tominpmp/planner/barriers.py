@@ -96,12 +96,7 @@ def _between(
     distances = checker.measured(q, instants, every, margins[every])
     worst = int(np.argmin(distances - margins[every]))
     pair = int(every[worst])
-    contact = Contact(
-        *checker.pairs[pair],
-        float(distances[worst]),
-        own=pair >= checker.obstacle_pairs,
-        margin=float(margins[pair]),
-    )
+    contact = checker.contact(pair, float(distances[worst]), float(margins[pair]))
     if contact.lack <= forgiven + DEEP:
         return None
     j = int(joint[pair])

@@ -225,7 +225,7 @@ class StateChecks:
         found = enclosure(self.robot, self.scene, frame, point, ball.radius)
         if found is not None:
             raise ProblemError(
-                f"goal: {np.round(point, 4).tolist()} is {found.depth:.4g} m deep in "
+                f"goal: {np.round(point, 4).tolist()} is {found.lack:.4g} m deep in "
                 f"obstacle {found.obstacle!r}, and link {found.link!r} with frame "
                 f"{frame!r} there overlaps it in every orientation",
                 "goal",

@@ -22,6 +22,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints import Constraint, PathConstraint
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.constraints.torque import MotorLimit
+from tominpmp.motion.extrema import between_samples
 from tominpmp.transcription.base import Motion, Transcription
 from tominpmp.transcription.blocks import Block, Sampled, assumed
 from tominpmp.transcription.instants import Instants
@@ -56,10 +57,6 @@ ROOM = 0.3
 # Where one torque is beyond its limit by more than is let pass, all that are beyond by
 # this share of it become rows: most would be found one after the other.
 WITH_IT = 0.5
-# Intervals whose values stay below their bounds by this, bent eight times as much as a
-# parabola through three of them, are looked at no closer; all are if more than this
-# share of them is near, as what is known of regular instants is not found again.
-FAR, MOST = 0.05, 0.5
 # Torque rates are taken between such pairs of instants of each interval.
 RATES_INSPECTED = (
     *(0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525),
@@ -285,32 +282,6 @@ class _Continuous:
             width, parts = np.repeat(width[near] / split, split), parts / split
 
 
-def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:
-    """Instants around which what is missing may pass a tolerance between the samples.
-
-    Args:
-        missing: By instant and value, in the order of time, shape (m, count).
-        tolerance: What is let pass.
-        close: Values below minus this are upper bounds, and not looked at.
-
-    Returns:
-        Indices of the instants.
-    """
-    # Tables may be large, and most pairs are far apart all the time.
-    missing = missing[:, np.max(missing, axis=0, initial=-np.inf) > -close]
-    step = np.diff(missing, axis=0)
-    np.abs(step, out=step)
-    change = np.zeros_like(missing)
-    change[1:] = step
-    np.maximum(change[:-1], step, out=change[:-1])
-    # Half a step away it has risen by half of that at the most, if evenly.
-    change *= 0.5
-    change += missing
-    exceeding = change > tolerance
-    exceeding &= missing > -close
-    return np.flatnonzero(np.any(exceeding, axis=1))
-
-
 def most_instants(values: int) -> int:
     """How many instants are looked at in all, with so many values at each."""
     most = MOST_NUMBERS // max(values, 1)
@@ -427,7 +398,9 @@ def jumping(
     found: dict[tuple[int, float], BoolArray] = {}
     first, end = within or (0, of.intervals)
     for shares in of.inspected:
-        excess = _looked_at(constraint, of, motion, shares, (first, end))
+        at = Instants.spread(of.intervals, shares).within(first, end)
+        excess = excess_at(constraint, of, motion, at)
+        excess = excess.reshape(end - first, len(shares), -1)
         worst, largest = np.argmax(excess, axis=1), np.max(excess, axis=1)
         if not np.any(largest > tolerance):
             continue
@@ -448,57 +421,6 @@ def jumping(
     wanted = [found[one] for one in instants]
     shape = len(instants), constraint.count
     return Missing(Instants.of_pairs(instants), np.reshape(wanted, shape).astype(bool))
-
-
-def _looked_at(
-    constraint: Constraint,
-    of: Transcription[Any],
-    motion: Motion,
-    shares: tuple[float, ...],
-    within: tuple[int, int],
-) -> Array:
-    """What values are beyond their bounds at shares of intervals, shape (m, s, p).
-
-    Three of the shares tell where that may be anything: a parabola through them stays
-    below the largest of the three plus an eighth of its second difference. Where all of
-    that would have to be far off, the others are not looked at, and minus infinity.
-
-    Args:
-        constraint: The constraint.
-        of: The transcription.
-        motion: A motion of it.
-        shares: The shares, s of them.
-        within: The first of the intervals, and the one after their last.
-    """
-    first, end = within
-
-    def looked(some: tuple[float, ...]) -> Array:
-        at = Instants.spread(of.intervals, some).within(first, end)
-        found = excess_at(constraint, of, motion, at)
-        return found.reshape(end - first, len(some), -1)
-
-    few = [0, len(shares) // 2, len(shares) - 1]
-    if len(shares) <= len(few):
-        return looked(shares)
-    rough = looked(tuple(shares[k] for k in few))
-    bend = np.abs(rough[:, 0] - 2.0 * rough[:, 1] + rough[:, 2])
-    near = np.any(rough.max(axis=1) + bend > -FAR, axis=1)
-    out = np.full((end - first, len(shares), rough.shape[2]), -np.inf)
-    out[:, few] = rough
-    if not near.any():
-        return out
-    rest = [k for k in range(len(shares)) if k not in few]
-    others = tuple(shares[k] for k in rest)
-    if near.mean() > MOST:
-        out[:, rest] = looked(others)
-        return out
-    at = Instants(
-        np.repeat(first + np.flatnonzero(near), len(rest)),
-        np.tile(others, int(near.sum())),
-    )
-    found = excess_at(constraint, of, motion, at)
-    out[np.ix_(near, rest)] = found.reshape(-1, len(rest), rough.shape[2])
-    return out
 
 
 def rising(

@@ -273,22 +273,15 @@ def _proof(
         max_stretches: Number of stretches after which the proof is given up.
     """
     least, most = margins - slack, max_stretches * margins.size
-    search = Approach(checker, motion, least, stray=stray, most=most)
-    found = search.run()
+    found = Approach(checker, motion, least, stray=stray, most=most).run()
+    nearest = found.nearest._replace(margin=float(margins[found.pair]))
     own = np.arange(margins.size) >= checker.obstacle_pairs
-    pair = found.pair
-    nearest = Contact(
-        *checker.pairs[pair],
-        found.room + float(least[pair]),
-        own=bool(own[pair]),
-        margin=float(margins[pair]),
-    )
     proved = not found.violated and found.doubt == 0.0
-    bounds = least + max(search.sure, 0.0)
+    bounds = least + max(found.sure, 0.0)
     each = zip(own.tolist(), margins.tolist(), bounds.tolist(), strict=True)
     kept = _kept(Kept(KINDS[own], *rest) for own, *rest in each) if proved else ()
     return ClearanceProof(
-        proved, kept, nearest, found.time, found.violated, search.stretches
+        proved, kept, nearest, found.time, found.violated, found.stretches
     )
 
 

@@ -12,15 +12,14 @@ those of its Bézier points.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision import CollisionChecker
-from tominpmp.verification.link_displacement import LinkDisplacement, RelativeMotion
+from tominpmp.collision import CollisionChecker, Contact
+from tominpmp.motion.curves import states
+from tominpmp.motion.extrema import least_between
 from tominpmp.verification.replay import Replay
 
 # Rows of the replay in the stretches that are looked at first, which are cut into so
@@ -36,9 +35,8 @@ RESOLUTION, LEAST_RESOLUTION = 0.1, 1e-6
 TABLE, MEASURED, CUT = 400_000, 20_000, 300
 # Pairs in stretches that a replay is looked at in before the rest is left in doubt.
 MOST = 5_000_000
-# Pairs that are measured at first, to know how near anything comes, and places at
-# which the closest is looked for more closely, so often.
-FIRST, PLACES, ROUNDS = 8, 9, 4
+# Pairs that are measured at first, to know how near anything comes.
+FIRST = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,61 +77,30 @@ class HermitePath:
         """Stretches from time to time [s], shape (m,) each."""
         time = 0.5 * (begin + end)
         q = self.positions(time)
-        swing = np.zeros_like(q)
-        first, last = self._row(begin, "right"), self._row(end, "left")
-        for k in range(int(np.max(last - first, initial=0)) + 1):
-            row = np.minimum(first + k, last)
-            early = np.maximum(begin, self.t[row])
-            late = np.minimum(end, self.t[row + 1])
-            for points in self._bezier(row, early, late):
-                np.maximum(swing, np.abs(points - q), out=swing)
-        return Stretches(begin, end, time, q, swing + self._stray)
+        first = np.searchsorted(self.t[1:-1], begin, "right")
+        last = np.searchsorted(self.t[1:-1], end, "left")
+        count = np.arange(int(np.max(last - first, initial=0)) + 1)
+        row = np.minimum(first[:, None] + count, last[:, None])
+        early = np.maximum(begin[:, None], self.t[row])
+        late = np.minimum(end[:, None], self.t[row + 1])
+        points = self._bezier(early.ravel(), late.ravel())
+        away = np.abs(points.reshape(4, *row.shape, -1) - q[:, None])
+        swing = np.max(away, axis=(0, 2)) + self._stray
+        return Stretches(begin, end, time, q, swing)
 
     def positions(self, times: Array) -> Array:
         """Positions at times [s], shape (m,) to (m, n)."""
-        return self._at(self._row(times, "right"), times)[0]
+        return self._states(times)[0]
 
-    def _row(self, times: Array, side: Literal["left", "right"]) -> IntArray:
-        """The row from which on a time is, or up to the next of which it is."""
-        row = np.searchsorted(self.t, times, side) - 1
-        return np.clip(row, 0, self.t.size - 2)
+    def _states(self, times: Array) -> tuple[Array, Array]:
+        """Positions and velocities at times [s]."""
+        return states(self.t, self.q, self.v, None, times)[:2]
 
-    def _at(self, row: IntArray, time: Array) -> tuple[Array, Array]:
-        """Positions and velocities at times after rows (Hermite's polynomials)."""
-        h = (self.t[row + 1] - self.t[row])[:, None]
-        s = (time - self.t[row])[:, None] / h
-        change = self.q[row + 1] - self.q[row]
-        v0, v1 = h * self.v[row], h * self.v[row + 1]
-        second, third = 3.0 * change - 2.0 * v0 - v1, v0 + v1 - 2.0 * change
-        q = self.q[row] + s * (v0 + s * (second + s * third))
-        v = (v0 + s * (2.0 * second + 3.0 * s * third)) / h
-        return q, v
-
-    def _bezier(self, row: IntArray, begin: Array, end: Array) -> Iterator[Array]:
-        """Bézier points of a row's polynomial from time to time, shape (m, n) each."""
-        (q0, v0), (q1, v1) = self._at(row, begin), self._at(row, end)
+    def _bezier(self, begin: Array, end: Array) -> Array:
+        """Bézier points between times that one row holds, shape (4, m, n)."""
+        (q0, v0), (q1, v1) = self._states(begin), self._states(end)
         third = (end - begin)[:, None] / 3.0
-        yield from (q0, q0 + third * v0, q1 - third * v1, q1)
-
-
-@dataclass(frozen=True)
-class Closest:
-    """The least room that was found.
-
-    Attributes:
-        pair: Index of the pair.
-        time: When [s].
-        room: Distance beyond the margin, as measured [m].
-        violated: Whether a pair was measured to lack more than it may.
-        doubt: By how much the bounds of some pair fall short of what is needed to tell
-            that it does not [m]; zero where all is sure.
-    """
-
-    pair: int
-    time: float
-    room: float
-    violated: bool
-    doubt: float
+        return np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
 
 
 class Approach:
@@ -150,6 +117,12 @@ class Approach:
         most: Pairs in stretches that are looked at before the rest is left in doubt.
 
     Attributes:
+        pair: Index of the pair with the least room that was found.
+        time: When that is [s].
+        room: Its distance beyond the margin, as measured [m].
+        violated: Whether a pair was measured to lack more than it may.
+        doubt: By how much the bounds of some pair fall short of what is needed to tell
+            that it does not [m]; zero where all is sure.
         stretches: How many pairs in stretches were looked at.
         given_up: Room that pairs have where they were looked at no closer [m].
     """
@@ -169,11 +142,15 @@ class Approach:
         self._near = near
         self._allowed = np.zeros((2, margins.size)) if allowed is None else allowed
         self._ends = replay.q[0], replay.q[-1]
-        own = np.arange(margins.size) >= checker.obstacle_pairs
-        reach = LinkDisplacement.of_links(checker)
-        self._motion = RelativeMotion(reach, checker.pairs, own)
-        self._found = Closest(0, float(replay.t[0]), np.inf, False, 0.0)
+        self.pair, self.time, self.room = 0, float(replay.t[0]), np.inf
+        self.violated, self.doubt = False, 0.0
         self._most, self.stretches, self.given_up = most, 0, np.inf
+
+    @property
+    def nearest(self) -> Contact:
+        """The pair with the least room that was found."""
+        margin = float(self._margins[self.pair])
+        return self._checker.contact(self.pair, self.room + margin, margin)
 
     @property
     def sure(self) -> float:
@@ -183,8 +160,8 @@ class Approach:
         """
         return min(self._wanted, self.given_up)
 
-    def run(self) -> Closest:
-        """Search."""
+    def run(self) -> Approach:
+        """Search, and return itself."""
         t, pairs = self._path.t, self._margins.size
         edges = np.append(t[:-1:ROWS], t[-1])
         most = max(1, TABLE // pairs)
@@ -192,13 +169,13 @@ class Approach:
             part = edges[at : at + most + 1]
             self._look(self._path.stretches(part[:-1], part[1:]))
         self._sharpen()
-        return self._found
+        return self
 
     def _look(self, stretches: Stretches) -> None:
         """Look at all pairs in stretches of many rows."""
         moved = self._moved(stretches)
         lower = self._checker.lower_bounds(stretches.q, stretches.time) - self._margins
-        if self._found.room == np.inf:
+        if self.room == np.inf:
             nearest = np.argsort(lower, axis=None, kind="stable")[:FIRST]
             self._measure(stretches, *divmod(nearest, lower.shape[1]))
         rows, every = (np.arange(size) for size in lower.shape)
@@ -232,7 +209,7 @@ class Approach:
         if cuts == CUTS or self.stretches > self._most:
             self.given_up = min(self.given_up, np.min(lower, initial=np.inf))
             short = float(np.max((-lack - lower)[open_], initial=0.0))
-            self._found = replace(self._found, doubt=max(self._found.doubt, short))
+            self.doubt = max(self.doubt, short)
             return
         stretch, pair = stretch[open_], pair[open_]
         for at in range(0, stretch.size, CUT):
@@ -268,26 +245,24 @@ class Approach:
         distance = self._checker.measured(q, stretch, pair, enough, times)
         room = distance - margins
         exact = distance < enough
-        least, found = np.where(exact, room, np.inf), self._found
-        if np.any(least < -lack):
-            self._found = found = replace(found, violated=True)
+        least = np.where(exact, room, np.inf)
+        self.violated = self.violated or bool(np.any(least < -lack))
         k = int(np.argmin(least))
-        if least[k] < found.room:
-            at, time = int(pair[k]), float(times[stretch[k]])
-            self._found = replace(found, pair=at, time=time, room=float(least[k]))
+        if least[k] < self.room:
+            self.pair, self.time = int(pair[k]), float(times[stretch[k]])
+            self.room = float(least[k])
         return np.asarray(room)
 
     def _bar(self, lack: Array) -> Array:
         """Room beyond which nothing need be known where pairs may lack so much [m]."""
-        if self._found.violated:
+        if self.violated:
             return np.full(lack.shape, self._wanted)
         return np.maximum(-lack, self._wanted)
 
     @property
     def _wanted(self) -> float:
         """Room that pairs must come below to be looked at for the least [m]."""
-        best = self._found.room
-        return best - max(RESOLUTION * abs(best), LEAST_RESOLUTION)
+        return self.room - max(RESOLUTION * abs(self.room), LEAST_RESOLUTION)
 
     def _may_lack(
         self, stretches: Stretches, stretch: IntArray, pair: IntArray
@@ -308,23 +283,18 @@ class Approach:
 
         Shape (m, k) for k pairs; None stands for all.
         """
-        moved = self._motion.bound(stretches.q, stretches.swing, pairs)
-        if self._checker.moving:
-            speeds = self._checker.obstacle_speeds(stretches.begin, stretches.end)
-            speeds = speeds if pairs is None else speeds[:, pairs]
-            half = 0.5 * (stretches.end - stretches.begin)
-            moved = moved + speeds * half[:, None]
-        return moved
+        of = stretches
+        return self._checker.closing(of.q, of.swing, of.begin, of.end, pairs)
 
     def _sharpen(self) -> None:
         """Look for the least room around where it was found."""
         t = self._path.t
-        row = int(np.searchsorted(t, self._found.time))
+        row = int(np.searchsorted(t, self.time))
         low, high = t[max(row - ROWS, 0)], t[min(row + ROWS, t.size - 1)]
-        for _ in range(ROUNDS):
-            times = np.linspace(low, high, PLACES)
-            pair = np.full(PLACES, self._found.pair)
+
+        def look(times: Array) -> Array:
+            pair = np.full(times.size, self.pair)
             at = self._path.stretches(times, times)
-            self._measure(at, np.arange(PLACES), pair)
-            step, time = times[1] - times[0], self._found.time
-            low, high = max(time - step, low), min(time + step, high)
+            return self._measure(at, np.arange(times.size), pair)
+
+        least_between(look, low, high)

@@ -7,23 +7,19 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision import CollisionChecker
-from tominpmp.collision.selection import links_of, links_touching
+from tominpmp.collision import CollisionChecker, Contact
+from tominpmp.collision.selection import links_touching
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop, check
-from tominpmp.verification.closest_approach import Approach, Closest, HermitePath
+from tominpmp.verification.closest_approach import Approach
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import Replay
 
 # Where a start or a goal touches something, pairs may lack a trace of room as long as
 # no joint is farther from there than this [rad or m].
 NEAR_END = 0.05
-# Links are as near as pieces as they are as hulls if this is what differs [m].
-RESIDUE = 1e-6
 # Rows of a replay, at most, at which links are looked at that nobody watches.
 GLANCES = 1000
-# Rows of a planned motion, with its nodes: between them it is known.
-PLANNED_ROWS = 200
 
 
 class Touch(NamedTuple):
@@ -47,21 +43,9 @@ class Touch(NamedTuple):
         )
 
 
-class Nearest(NamedTuple):
-    """The pair that has the least room beyond its margin.
-
-    Attributes:
-        violation: What it lacks.
-        distance: Its distance [m].
-    """
-
-    violation: LimitViolation
-    distance: float
-
-
 def closest(
     problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
-) -> Nearest | None:
+) -> tuple[LimitViolation, Contact] | None:
     """The pair that has the least room beyond its margin on a motion.
 
     No pair may lack any room at any time, between the rows of the replay neither; but
@@ -75,79 +59,45 @@ def closest(
         tolerance: What may be missing there [m].
 
     Returns:
-        The pair; None without pairs.
+        What the pair lacks, and the pair; None without pairs.
     """
     check()
-    if checker.lone:
-        if not checker.with_cut(frozenset()).pairs:
-            return None
-        found = _of_links(problem, replay, checker, tolerance)
-        if found is not None:
-            return found
-    if not checker.pairs:
+    # Links of a lone robot are taken as one hull each, which are never farther apart
+    # than the links as pieces, and only those that come nearest are cut into pieces.
+    # There are a tenth of the pairs then, and most meshes need not be cut, which takes
+    # a second each when it is done for the first time.
+    part = checker.with_cut(frozenset()) if checker.lone else checker
+    if not part.pairs:
         return None
-    margins = checker.margins(problem.margin)
-    allowed = _touching(problem, checker, margins, tolerance)
-    nearest = Approach(checker, replay, margins, allowed, NEAR_END).run()
-    return _nearest(nearest, checker, margins)
-
-
-def _of_links(
-    problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
-) -> Nearest | None:
-    """The links of a lone robot that come nearest, if they are clear of each other.
-
-    Links are taken as one hull each, which are never farther apart than the links as
-    pieces. Only those that come nearest are cut into pieces, until two are found that
-    come as near as pieces as all others do as hulls at least. There are a tenth of the
-    pairs then, and most meshes need not be cut, which takes a second each when it is
-    done for the first time. None where links touch, or it cannot be told.
-    """
-    cut: frozenset[str] = frozenset()
-    clear = None
+    bound = None
     while True:
         try:
-            part = checker.with_cut(cut)
-            margins = part.margins(problem.margin)
-            found = Approach(part, replay, margins).run()
-            apart = found.room > tolerance and not (found.violated or found.doubt > 0.0)
-            clear = _nearest(found, part, margins) if apart else None
-            names = frozenset(part.pairs[found.pair])
-            if names <= cut or _of_one_piece(part, names):
-                return clear
-            cut |= names
-            q = HermitePath(replay).positions(np.array([found.time]))
-            if _apart(checker.with_cut(cut), names, q) <= found.room + RESIDUE:
-                return clear
+            found = _nearest(problem, replay, part, tolerance)
         except Stop:
             # No time to cut meshes: a bound of what is there is better than nothing.
-            if clear is None:
+            if bound is None:
                 raise
-            return clear
+            return bound
+        names, cut = frozenset(found[1][:2]), part.cut or frozenset()
+        if not checker.lone or names <= cut:
+            return found
+        bound = bound if found[0].violated else found
+        part = checker.with_cut(cut | names)
 
 
-def _apart(checker: CollisionChecker, names: frozenset[str], q: Array) -> float:
-    """Distance of two links at a configuration, shape (1, n) [m]."""
-    pairs = [names == frozenset(pair) for pair in checker.pairs]
-    return float(np.min(checker.distances(q)[0, pairs]))
-
-
-def _of_one_piece(checker: CollisionChecker, names: frozenset[str]) -> bool:
-    """Whether cutting these links into pieces would change nothing."""
-    hulls = sum(body.name in names for body in checker.links)
-    cut = (checker.cut or frozenset()) | names
-    pieces = links_of(checker.robot, checker.geometry, cut)
-    return sum(body.name in names for body in pieces) == hulls
-
-
-def _nearest(found: Closest, checker: CollisionChecker, margins: Array) -> Nearest:
-    name = " and ".join(checker.pairs[found.pair])
+def _nearest(
+    problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
+) -> tuple[LimitViolation, Contact]:
+    """The pair of a checker that has the least room, as it is asked for."""
+    margins = checker.margins(problem.margin)
+    allowed = _touching(problem, checker, margins, tolerance)
+    found = Approach(checker, replay, margins, allowed, NEAR_END).run()
+    pair = found.nearest
     lack, violated = -found.room, found.violated or found.doubt > 0.0
     if violated and not found.violated:
         lack = max(lack, found.doubt)
-    row = name, found.time, lack, "m", lack, violated
-    violation = LimitViolation("clearance", *row)
-    return Nearest(violation, found.room + float(margins[found.pair]))
+    row = " and ".join(pair[:2]), found.time, lack, "m", lack, violated
+    return LimitViolation("clearance", *row), pair
 
 
 def _touching(

@@ -16,6 +16,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion.extrema import least_between
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
@@ -28,8 +29,6 @@ from tominpmp.verification.replay import TIME_STEP, Replay
 MOST_LOOKS = 20_000
 # Share of what is tolerated that a goal is missed by where it counts as met.
 MET = 1e-3
-# Closer looks around the nearest instant, and instants of each.
-CLOSER, PLACES = 2, 25
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,12 +211,8 @@ def _first_met(missed: Callable[[Array], Iterator[float]], times: Array) -> floa
     if least <= MET:
         return float(times[best])
     low, high = times[max(best - 1, 0)], times[min(best + 1, times.size - 1)]
-    for _ in range(CLOSER):
-        near = np.linspace(low, high, PLACES)
-        each = [*missed(near)]
-        k = int(np.argmin(each))
-        low, high = near[max(k - 1, 0)], near[min(k + 1, PLACES - 1)]
-    return float(near[k]) if each[k] < least else float(times[best])
+    time, off = least_between(lambda near: np.array([*missed(near)]), low, high)
+    return time if off < least else float(times[best])
 
 
 def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:

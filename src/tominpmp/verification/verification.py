@@ -35,7 +35,7 @@ from tominpmp.verification.feedback import (
     settled,
 )
 from tominpmp.verification.limit_violations import LimitViolation, limit_violations
-from tominpmp.verification.nearest import Nearest, Touch, closest, never_touching
+from tominpmp.verification.nearest import Touch, closest, never_touching
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -303,7 +303,7 @@ def judge(
     """Hold a replay against the goals, the limits and the obstacles."""
     limits: list[LimitViolation] = []
     ends: list[LimitViolation] = []
-    nearest: list[Nearest] = []
+    distance = np.inf
     for stage, checker in zip(stages, checkers, strict=True):
         problem, (part, pieces) = stage.problem, stage.part(replay, torque)
         if not part.t.size:
@@ -313,11 +313,10 @@ def judge(
         found = limit_violations(problem, part, pieces, tolerances.limits)
         near = closest(problem, part, checker, tolerances.contact)
         if near is not None:
-            found.append(near.violation)
-            nearest.append(near)
+            found.append(near[0])
+            distance = min(distance, near[1].distance)
         limits += map(stage.named, [*found, *stage.timeliness])
         ends += map(stage.named, arrival(stage, part, tolerances))
-    distance = min((near.distance for near in nearest), default=np.inf)
     return Findings(replay, tuple(ends), limits, distance)
 
 
@@ -327,15 +326,4 @@ def _checkers(
     if checker is not None and len(stages) == 1:
         return [checker]
     own = [stage.problem.checker for stage in stages]
-    if geometry == "convex":
-        return own
-    return [
-        CollisionChecker(
-            stage.problem.robot,
-            stage.problem.scene,
-            self_collision=known.self_collision,
-            geometry=geometry,
-            may_touch=known.may_touch,
-        )
-        for stage, known in zip(stages, own, strict=True)
-    ]
+    return own if geometry == "convex" else [item.taken_as(geometry) for item in own]
