@@ -86,7 +86,7 @@ VARIANTS: dict[str, Variant] = {
     "no finer grid and no certificate": NEITHER,
     "no coarse grids": COARSE,
     "constant accelerations": CONSTANT,
-    "no proximal term": Variant(parts={f"{SOLVERS}.proposal.PROXIMAL": 0.0}),
+    "no proximal term": Variant(parts={f"{SOLVERS}.objective.PROXIMAL": 0.0}),
     "no total variation": Variant({"smoothing": 0.0}),
     "rows of links at once": Variant(
         parts={
@@ -98,7 +98,7 @@ VARIANTS: dict[str, Variant] = {
     "no curvature": Variant(
         parts={"tominpmp.linear_programs.piqp.PiqpSolver.curved": False}
     ),
-    "no correction": Variant(parts={f"{SOLVERS}.slp.CORRECTIONS": 0}),
+    "no correction": Variant(parts={f"{SOLVERS}.trust_region_step.CORRECTIONS": 0}),
     "no light violations": Variant(
         parts={
             f"{PLANNER}.descent.LIGHT": 0.0,

@@ -7,6 +7,7 @@ import pytest
 
 from tominpmp.arrays import Array
 from tominpmp.solvers.energy_measures import Energy
+from tominpmp.transcription.base import StepBounds
 
 DIRECTIONS = 3
 
@@ -23,10 +24,11 @@ def check_gradient(
         step: How far the differences reach.
         rel: How far apart both may be, as a share.
     """
-    model = energy.model(z)
-    assert model.value == pytest.approx(energy(z), rel=1e-12)
+    far = np.ones(z.size)
+    model = energy.model(z, StepBounds(-far, far))
+    assert model.value(z, z) == pytest.approx(energy(z), rel=1e-12)
     for _ in range(DIRECTIONS):
         d = step * rng.standard_normal(z.size)
         difference = energy(z + d) - energy(z - d)
-        promised = model.change(d) - model.change(-d)
+        promised = model.change(z, d) - model.change(z, -d)
         assert promised == pytest.approx(difference, rel=rel)

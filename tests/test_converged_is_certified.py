@@ -14,8 +14,10 @@ from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.optimality import certified, clearly
 from tominpmp.planner.progress import Progress
-from tominpmp.solvers import rounds
-from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.solvers import exchange
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.stopping import Stop
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -234,23 +236,19 @@ def test_random_clutter(seed):
 
 def test_rounds_that_run_out_are_no_convergence(around, monkeypatch):
     """They were: the motion had settled on rows that were not all that it needed."""
-    from tominpmp.solvers.slp import SlpSolver
-
-    monkeypatch.setattr(rounds, "ROUNDS", 1)
-    monkeypatch.setattr(rounds, "revised", lambda program, z, overload: (program, z))
+    monkeypatch.setattr(exchange, "EXTENSIONS", 1)
     options = resolve_options(around.problem, OPTIONS)
     of, z = Layout.of_motion(around.trajectory).taken_up(
         ProblemFunctions.of(around.problem), around.trajectory
     )
-    program = NonlinearProgram.of(of).at(z)
-
-    def solve(program, z, options, after):
-        from tominpmp.linear_programs import make_solver
-
-        solver = SlpSolver(program, options, 1e-4, make_solver("piqp"))
-        return solver.run(z, after=after)
-
-    _, result = solve_in_rounds(program, z, options, solve)
+    looks = exchange.RowExchange(level=0.0, revise=lambda program, z: (program, z))
+    result = solve(
+        NonlinearProgram.of(of).at(z),
+        MinimumTime.of(options, 1e-4),
+        z,
+        *trust_regions(options),
+        exchange=looks,
+    )
     assert result.status is tm.Status.ITERATION_LIMIT
 
 

@@ -15,14 +15,13 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import finer_grid
 from tominpmp.planner.finer_grid import (
     USUAL,
-    Watch,
+    Enough,
     to_be_split,
 )
-from tominpmp.planner.progress import Progress
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.merit import Merit
-from tominpmp.solvers.restoration import restored
-from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.solvers.loop import Loop
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.restoration import cured, restored
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.bends import BENDS
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
@@ -240,6 +239,7 @@ class Slow:
         part = ("clearance", -np.inf * one, 0.0 * one, np.zeros(1, dtype=int))
         self.rows = Rows.stack([part], {"clearance"} if curable else ())
         self.curable = curable
+        self.cost = np.ones(1)
 
     def stretch(self, z, factor):
         return z * factor
@@ -252,26 +252,27 @@ class Slow:
         return np.array([1e-4 - (z[0] - 1.0 if self.curable else 0.0)])
 
 
+def is_enough(program, **told):
+    """How a loop with a record ends that is to bring little."""
+    first = Iterate.of(program, np.ones(1), 1.0)
+    loop = Loop(program, MinimumTime.of(tm.Options()), first)
+    values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
+    loop.history = [IterationRecord(**values | told)]
+    return Enough(USUAL, 1.0, lambda: False)(loop)
+
+
 @pytest.mark.parametrize("curable", [True, False])
 def test_an_iteration_goes_on_while_slowing_down_is_no_cure(curable):
-    options, program, z = tm.Options(), Slow(curable), np.ones(1)
-    progress = Progress(options)
-    watch = Watch(progress, options, USUAL, 1.0, 1e9)
-    merit = Merit(np.ones(1), program.rows, 0.0, np.ones(1))
-    iterate = Iterate(z, program.evaluate(z), merit, TrustRegion(), np.zeros(1))
-    watch.keep(program, iterate)
-    values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
-    record = IterationRecord(**values | {"predicted": 1e-2, "violation": 1e-4})
     # It has kept all that it promised, but for what is violated.
-    record = replace(record, actual=record.predicted, duration=1.0)
-    assert watch(record) == (Status.CONVERGED if curable else None)
+    kept = {"predicted": 1e-2, "actual": 1e-2, "violation": 1e-4}
+    found = is_enough(Slow(curable), **kept)
+    assert found is (Status.CONVERGED if curable else None)
 
 
 def test_slowing_down_by_little_more_than_has_to_be_takes_few_looks():
     """It took eight looks, each at all distances."""
     program, z = Slow(True), np.ones(1)
-    merit = Merit(np.ones(1), program.rows, 0.0, np.ones(1))
-    iterate = Iterate(z, program.evaluate(z), merit, TrustRegion(), np.zeros(1))
+    iterate = Iterate.of(program, z, 1.0)
     looks = []
     evaluate = program.evaluate
     program.evaluate = lambda z: looks.append(z) or evaluate(z)
@@ -282,13 +283,10 @@ def test_slowing_down_by_little_more_than_has_to_be_takes_few_looks():
 
 
 def test_nothing_is_slowed_down_where_that_cures_nothing():
-    options, program, z = tm.Options(), Slow(False), np.ones(1)
-    watch = Watch(Progress(options), options, USUAL, 1.0, 1e9)
-    merit = Merit(np.ones(1), program.rows, 0.0, np.ones(1))
-    iterate = Iterate(z, program.evaluate(z), merit, TrustRegion(), np.zeros(1))
-    watch.keep(program, iterate)
+    program = Slow(False)
+    iterate = Iterate.of(program, np.ones(1), 1.0)
     program.evaluate = None  # not asked
-    assert not watch._cured_by_time
+    assert cured(program, iterate, np.inf, 1e-6) is None
 
 
 # -- rows of distances that a motion rests on ------------------------------------------

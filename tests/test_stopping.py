@@ -17,8 +17,8 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.planner import descent, finer_grid
 from tominpmp.planner.attempt import Attempt
-from tominpmp.solvers.slp import SlpSolver
-from tominpmp.solvers.smoothing import SmoothingSolver
+from tominpmp.solvers.objective import QuietTorques
+from tominpmp.solvers.trust_region_step import TrustRegionStep
 from tominpmp.stopping import Deadline, Stop
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
@@ -70,7 +70,7 @@ class Interrupter:
 @pytest.mark.usefixtures("clock")
 def test_exact_switching_interrupted_keeps_the_motion(monkeypatch, after, way):
     callback, steps = Interrupter(after, way), []
-    usual = SlpSolver.step
+    usual = TrustRegionStep.propose
 
     def counted(self, *arguments):
         done = usual(self, *arguments)
@@ -80,7 +80,7 @@ def test_exact_switching_interrupted_keeps_the_motion(monkeypatch, after, way):
     def pay(budget, evaluations):
         assert not callback.over, "it looks for exact switching still"
 
-    monkeypatch.setattr(SlpSolver, "step", counted)
+    monkeypatch.setattr(TrustRegionStep, "propose", counted)
     monkeypatch.setattr(stopping.Budget, "pay", pay)
     options = tm.Options(refine="switching", callback=callback)
     solution = tm.plan(pendulums(), options)
@@ -137,13 +137,13 @@ def test_interrupted_in_a_later_stage(monkeypatch, stage):
 
 @pytest.mark.usefixtures("clock")
 def test_interrupted_while_torques_are_made_quiet(monkeypatch):
-    usual = SmoothingSolver.step
+    usual = QuietTorques.model
 
     def pressed(self, *arguments):
         press()
         return usual(self, *arguments)
 
-    monkeypatch.setattr(SmoothingSolver, "step", pressed)
+    monkeypatch.setattr(QuietTorques, "model", pressed)
     solution = tm.plan(reach(), tm.Options(effort="quick", slack=0.02))
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok

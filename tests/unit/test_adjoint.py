@@ -10,7 +10,9 @@ from sample_arms import make_arm, slide
 
 import tominpmp as tm
 from tominpmp.linear_programs import make_solver
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers import loop
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
@@ -189,8 +191,8 @@ def test_stretching_makes_the_same_motion_slower(rng):
 
 def solve(nlp, z, **options):
     options = tm.Options(tolerance=1e-6, **options)
-    solver = SlpSolver(nlp, options, 0.0, make_solver("highs"), corrections=4)
-    return solver.run(z)
+    method = trust_regions(options, make_solver("highs"))
+    return loop.solve(nlp, MinimumTime.of(options), z, *method)
 
 
 RAILS = [("near", 20), ("near", 40), ("exact", 30), ("exact", 40)]

@@ -11,7 +11,7 @@ from tests.sample_arms import Link, make_arm
 from tominpmp.constraints import States
 from tominpmp.linear_programs import make_solver
 from tominpmp.linear_programs.program import LinearProgram
-from tominpmp.solvers.slp import first_weight
+from tominpmp.solvers.trust_region_step import first_weight
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription

@@ -9,7 +9,9 @@ from sample_arms import DOWNWARD, make_arm, rod, slide
 
 import tominpmp as tm
 from tominpmp.linear_programs import make_solver
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers import loop
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.integrator import rollout
@@ -170,8 +172,8 @@ def test_stretching_keeps_the_path():
 
 def solve(nlp, z, **options):
     options = tm.Options(tolerance=1e-6, **options)
-    solver = SlpSolver(nlp, options, 0.0, make_solver("highs"), corrections=4)
-    return solver.run(z)
+    method = trust_regions(options, make_solver("highs"))
+    return loop.solve(nlp, MinimumTime.of(options), z, *method)
 
 
 def on_a_rail(velocity=1e3):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.trust_region_step import TrustRegionStep
 
 # The search for the best motion is looked at elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
@@ -28,7 +28,7 @@ def test_nothing_that_limits_a_motion_is_said_at_once(
     def step(*_: object) -> None:
         pytest.fail("an iteration is made, and it would take many")
 
-    monkeypatch.setattr(SlpSolver, "step", step)
+    monkeypatch.setattr(TrustRegionStep, "__call__", step)
     with pytest.raises(tm.ProblemError) as caught:
         plan_quickly(reach(effort=wide, velocity=wide))
     assert caught.value.field == "robot"

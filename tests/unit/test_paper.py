@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
-from tominpmp.linear_programs import make_solver
-from tominpmp.solvers.paper import PaperSolver
+from tominpmp.solvers.fixed_step import fixed_steps
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import MinimumTime
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -30,15 +29,16 @@ def on_a_rail(velocity=1e3):
     return nlp, nlp.transcription.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
 
 
-def solver(nlp, callback=lambda record: None, **options):
+def solved(nlp, z, callback=None, keep=None, **options):
     defaults = {"max_iterations": 400, "control_step": 0.2, "time_step": 0.02}
-    options = tm.Options(**{**defaults, **options})
-    return PaperSolver(nlp, options, make_solver("highs"), callback)
+    options = tm.Options(**{**defaults, "lp_solver": "highs", **options})
+    least, method = MinimumTime.of(options), fixed_steps(options)
+    return solve(nlp, least, z, *method, callback=callback, keep=keep)
 
 
 def test_it_ends_at_the_least_time():
     nlp, z = on_a_rail()
-    result = solver(nlp).run(z)
+    result = solved(nlp, z)
     assert result.status is Status.CONVERGED
     assert result.best.duration == pytest.approx(LEAST, rel=1e-5)
     assert result.best.violation <= 1e-6
@@ -49,13 +49,13 @@ def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
     """There it does not matter which interval brakes a little: no step is the last."""
     nlp, z = on_a_rail(velocity=0.8)
     least = 1.0 / 0.8 + 0.8 / 2.0
-    result = solver(nlp, max_iterations=80).run(z)
+    result = solved(nlp, z, max_iterations=80)
     assert result.status is Status.ITERATION_LIMIT
     last = result.history[-20:]
     assert max(record.violation for record in last) < 0.1
     assert all(0.9 * least < record.duration < least for record in last)
     before, after = (
-        solver(nlp, max_iterations=count).run(z).iterate.z for count in (79, 80)
+        solved(nlp, z, max_iterations=count).iterate.z for count in (79, 80)
     )
     moved = np.abs(
         nlp.transcription.split(after)[0] - nlp.transcription.split(before)[0]
@@ -65,14 +65,14 @@ def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
 
 def test_steps_are_fixed_and_all_are_taken():
     nlp, z = on_a_rail()
-    iterate = solver(nlp).init(z)
+    missed = nlp.rows.largest_violation(nlp.evaluate(z))
     torque, duration = nlp.transcription.split(z)[0], nlp.cost @ z
     # The violation is driven down first, whatever becomes of the duration.
-    records = solver(nlp, max_iterations=30).run(z).history
+    records = solved(nlp, z, max_iterations=30).history
     assert all(record.accepted for record in records)
-    assert records[5].violation < iterate.violation
+    assert records[5].violation < missed
     for count in (1, 2, 3):
-        one = solver(nlp, max_iterations=count).run(z).iterate
+        one = solved(nlp, z, max_iterations=count).iterate
         now = nlp.transcription.split(one.z)[0]
         assert np.abs(now - torque).max() == pytest.approx(0.2)
         assert abs(one.duration - duration) <= 0.02 + 1e-12
@@ -81,11 +81,11 @@ def test_steps_are_fixed_and_all_are_taken():
 
 def test_the_best_iterate_keeps_the_constraints():
     nlp, z = on_a_rail()
-    result = solver(nlp, max_iterations=5).run(z)
+    result = solved(nlp, z, max_iterations=5)
     assert result.status is Status.ITERATION_LIMIT
     assert result.best is None
     assert result.iterate.violation > 0.1
-    long = solver(nlp, max_iterations=60).run(z)
+    long = solved(nlp, z, max_iterations=60)
     good = [r.duration for r in long.history if r.violation <= 1e-6]
     assert long.best.duration == min(good)
 
@@ -98,7 +98,7 @@ def test_a_callback_ends_it():
         seen.append(record)
         return Status.TIME_LIMIT if record.iteration == 6 else None
 
-    result = solver(nlp, stop).run(z)
+    result = solved(nlp, z, stop)
     assert result.status is Status.TIME_LIMIT
     assert tuple(seen) == result.history and len(seen) == 7
 
@@ -116,9 +116,9 @@ def test_an_interruption_keeps_what_there_is():
         kept.append(iterate)
 
     with pytest.raises(KeyboardInterrupt):
-        replace(solver(nlp, interrupt), keep=keep).run(z)
+        solved(nlp, z, interrupt, keep)
     assert kept[-1].violation <= 1e-6
-    assert len(kept) == 62  # the first one, and one an iteration
+    assert len(kept) == 63  # the first one, one an iteration, and the last again
 
 
 @pytest.mark.parametrize("obstacle", [False, True])
@@ -142,7 +142,7 @@ def test_the_papers_example_is_forced_to_be_feasible_first(obstacle):
     transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.5)
     nlp = NonlinearProgram.of(transcription, "exact")
     z = nlp.transcription.pack(np.zeros((25, 3)), np.array([1.5]))
-    result = solver(nlp, max_iterations=160, feasibility=5e-3).run(z)
+    result = solved(nlp, z, max_iterations=160, feasibility=5e-3)
     assert result.history[0].violation > 1.0
     assert result.best is not None
     # The paper's times, which it passes on its way down.

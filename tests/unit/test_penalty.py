@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
-from tominpmp.solvers.penalty import PenaltySolver, _Run
+from tominpmp.solvers.loop import Loop, solve
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.penalty import penalty_rounds
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -26,9 +30,15 @@ def on_a_rail(**limits):
     return nlp, nlp.transcription.pack(np.zeros((INTERVALS, 1)), np.array([1.0]))
 
 
+def solved(nlp, z, callback=None, keep=None, **options):
+    options = tm.Options(**options)
+    least, method = MinimumTime.of(options), penalty_rounds(options, z)
+    return solve(nlp, least, z, *method, callback=callback, keep=keep)
+
+
 def test_it_ends_near_the_least_time():
     nlp, z = on_a_rail()
-    result = PenaltySolver(nlp, tm.Options(feasibility=1e-5)).run(z)
+    result = solved(nlp, z, feasibility=1e-5)
     assert result.status is Status.CONVERGED
     assert result.best.violation <= 1e-5
     # The least time to where it ends, as far as that is from the goal.
@@ -42,7 +52,7 @@ def test_it_ends_near_the_least_time():
 
 def test_path_constraints_are_penalised_too():
     nlp, z = on_a_rail(velocity=0.8)
-    result = PenaltySolver(nlp, tm.Options(feasibility=1e-4)).run(z)
+    result = solved(nlp, z, feasibility=1e-4)
     assert result.status is Status.CONVERGED
     least = 1.0 / 0.8 + 0.8 / 2.0
     assert least * (1 - 1e-5) <= result.best.duration <= 1.05 * least
@@ -52,13 +62,17 @@ def test_path_constraints_are_penalised_too():
 def test_violations_fall_as_the_weight_grows():
     """From outside: T rises with the weight K, and violations fall like 1 / K."""
     nlp, z = on_a_rail()
-    run = _Run(PenaltySolver(nlp, tm.Options()), z)
+    options = tm.Options()
+    step, _ = penalty_rounds(options, z)
+    least = MinimumTime.of(options)
+    loop = Loop(nlp, least, step.start(nlp, least, z))
     durations, violations = [], []
-    for weight in (1e2, 1e3, 1e4):
+    for raises in (1, 2, 3):
         for _ in range(8):  # to the bottom of each
-            run.minimise(weight)
-        durations.append(run.duration)
-        violations.append(run.iterate.violation)
+            loop.state = replace(loop.state, raises=raises)
+            step(loop)
+        durations.append(loop.state.duration)
+        violations.append(loop.state.violation)
     assert durations[0] < durations[1] < durations[2] < LEAST
     assert violations[0] > violations[1] > violations[2]
     assert violations[1] / violations[2] == pytest.approx(10.0, rel=0.1)
@@ -74,7 +88,7 @@ def test_a_goal_out_of_reach_is_infeasible():
     transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.5)
     nlp = NonlinearProgram.of(transcription)
     z = nlp.transcription.pack(np.zeros((INTERVALS, 3)), np.array([1.5]))
-    result = PenaltySolver(nlp, tm.Options()).run(z)
+    result = solved(nlp, z)
     assert result.status is Status.INFEASIBLE
     assert result.best is None
     assert result.iterate.violation > 0.01
@@ -83,8 +97,7 @@ def test_a_goal_out_of_reach_is_infeasible():
 
 def test_the_iteration_limit_holds():
     nlp, z = on_a_rail()
-    limited = PenaltySolver(nlp, tm.Options(max_iterations=1))
-    result = limited.run(z)
+    result = solved(nlp, z, max_iterations=1)
     assert result.status is Status.ITERATION_LIMIT
     assert 0 < len(result.history) <= 40
     numbers = [record.iteration for record in result.history]
@@ -97,7 +110,7 @@ def test_a_callback_ends_it():
     def stop(record):
         return Status.TIME_LIMIT if record.iteration == 3 else None
 
-    result = PenaltySolver(nlp, tm.Options(), stop).run(z)
+    result = solved(nlp, z, stop)
     assert result.status is Status.TIME_LIMIT
     assert len(result.history) == 4
 
@@ -115,8 +128,8 @@ def test_an_interruption_keeps_what_there_is():
         kept.append(iterate)
 
     with pytest.raises(KeyboardInterrupt):
-        PenaltySolver(nlp, tm.Options(), interrupt, keep).run(z)
-    assert len(kept) == 5  # the first one, and one an iteration
+        solved(nlp, z, interrupt, keep)
+    assert len(kept) == 6  # the first one, one an iteration, and the last again
     assert kept[-1].duration < kept[0].duration
 
 
@@ -132,6 +145,6 @@ def test_the_papers_example_ends_above_the_linear_programs():
     transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.5)
     nlp = NonlinearProgram.of(transcription, "violated")
     z = nlp.transcription.pack(np.zeros((40, 3)), np.array([1.5]))
-    result = PenaltySolver(nlp, tm.Options(feasibility=1e-3)).run(z)
+    result = solved(nlp, z, feasibility=1e-3)
     assert result.status is Status.CONVERGED
     assert 0.8313 < result.best.duration < 0.983

@@ -8,13 +8,14 @@ import numpy as np
 import piqp
 import pytest
 from test_linear_programs import random_program, reference
-from test_slp import Program
+from test_slp import Program, first_program, least_time
 
-import tominpmp as tm
-from tominpmp.linear_programs import USUALLY, Nearly, PiqpSolver, make_solver
+from tominpmp.linear_programs import USUALLY, Nearly, PiqpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, RowExchange
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.iterate import Outcome, Trial
+from tominpmp.solvers.loop import Loop
+from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region import GROWTH
 from tominpmp.status import Status
 
@@ -55,8 +56,8 @@ def worst_angle(program, z):
 
 def solve(exchange, **changes):
     options = Options(tolerance=1e-6, **changes)
-    solver = SlpSolver(shadow([0.0, 1.5]), options, 0.0, make_solver("highs"))
-    return replace(solver, exchange=exchange).run(np.array([2.0, 0.7, 2.5]))
+    start = [2.0, 0.7, 2.5]
+    return least_time(shadow([0.0, 1.5]), start, "highs", options, exchange=exchange)
 
 
 def test_rows_join_until_none_is_missing():
@@ -94,23 +95,26 @@ def test_trust_region_goes_on():
 
 def test_rows_are_looked_for_again_once_those_that_joined_are_done():
     exchange = RowExchange(revise=worst_angle)
-    iterate = at_rest([1.0, 1.0, 2.0**0.5])
+    loop = at_rest([1.0, 1.0, 2.0**0.5])
     still = replace(exchange, level=0.0)
-    assert not still.due(iterate, None)
-    done, _ = still.extended(iterate, 10, 5)
-    assert done.due(iterate, None)
-    assert not done.looked.due(iterate, None)
-    moved = at_rest([1.2, 1.2, 1.2 * 2.0**0.5])
-    assert not done.due(moved, None)
-    broken = at_rest([1.1, 1.0, 2.0**0.5])
-    assert not done.due(broken, None)
+    assert not still.due(loop, None)
+    done = replace(still, joined_at=loop.state.duration)
+    assert done.due(loop, None)
+    looked, status = done.look(loop, None)
+    assert status is None
+    assert not looked.due(loop, None)
+    assert not done.due(at_rest([1.2, 1.2, 1.2 * 2.0**0.5]), None)
+    assert not done.due(at_rest([1.1, 1.0, 2.0**0.5]), None)
 
 
 def at_rest(z):
-    """An iterate whose merit has not changed lately."""
+    """A loop at an iterate whose merit has not changed lately."""
     program = shadow([0.0, np.pi / 4])
-    solver = SlpSolver(program, Options(), 0.0, make_solver("highs"))
-    return replace(solver.init(np.array(z)), gains=(1e-9,))
+    state, _ = first_program(program, np.array(z), 0.1)
+    loop = Loop(program, MinimumTime.of(Options()), replace(state, gains=(1e-9,)))
+    trial = Trial(state.z, state.values, state.duration)
+    loop.outcome = Outcome(trial, 0.0, 0.0, 1.0, accepted=True)
+    return loop
 
 
 def test_rows_that_join_bring_iterations_of_their_own():
@@ -145,18 +149,28 @@ def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
     assert piqp.PIQP_SOLVED == solver._solver.result.info.status
 
 
-def test_a_plan_needs_no_round_of_its_own_for_rows_between_the_nodes(monkeypatch):
-    rounds, usual = [], SlpSolver.run
+def test_a_motion_that_ends_is_looked_at_between_the_rows():
+    """However it has ended: its rows are not all that it needs."""
+    result = solve(RowExchange(level=0.0, revise=worst_angle), max_iterations=3)
+    assert result.best is not None
+    assert result.best.duration == pytest.approx(2.0**0.5, rel=1e-4)
 
-    def run(self, z, *, after=None):
-        if self.exchange is not None:  # others are judged by certificates
-            rounds.append(after is not None)
-        return usual(self, z, after=after)
 
-    monkeypatch.setattr(SlpSolver, "run", run)
-    robot = tm.load_robot("planar3r")
-    problem = tm.Problem(robot, [0.5, 0.4, 0.3], tm.JointGoal([2.0, -0.6, 0.4]))
-    solution = tm.plan(problem, intervals=16, refine=None, effort="quick")
-    assert solution.success, solution.message
-    assert rounds
-    assert sum(rounds) <= 1
+def test_who_gives_a_motion_up_has_it_looked_at_no_more():
+    looks = []
+
+    def revise(program, z):
+        looks.append(z)
+
+    options = Options(max_iterations=3)
+    for status, count in ((None, 1), (Status.STALLED, 0), (Status.TIME_LIMIT, 0)):
+        looks.clear()
+        least_time(
+            shadow([0.0, 1.5]),
+            [2.0, 0.7, 2.5],
+            "highs",
+            options,
+            exchange=RowExchange(level=0.0, revise=revise),
+            callback=lambda _, status=status: status,
+        )
+        assert len(looks) >= count if count else not looks

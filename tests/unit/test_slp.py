@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs import HighsSolver, make_solver
 from tominpmp.options import Options
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers import trust_region_step
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.model import Model
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.stop import Iterations, first_of
 from tominpmp.solvers.subproblem import LEAST_ROOM, build_subproblem
 from tominpmp.solvers.trust_region import TrustRegion
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.base import (
     Linearization,
@@ -79,11 +86,34 @@ def circle():
     )
 
 
+def least_time(program, start, lp="highs", options=None, **watched):
+    """The outcome of steps within trust regions."""
+    options = options or Options()
+    method = trust_regions(options, trust_region_step.make_solver(lp))
+    least = MinimumTime.of(options)
+    return solve(program, least, np.array(start, float), *method, **watched)
+
+
+def first_program(program, z, radius):
+    """The iterate that steps within trust regions begin with, and its program."""
+    options = Options()
+    step, _ = trust_regions(options, make_solver("highs"))
+    state = step.start(program, MinimumTime.of(options), z)
+    return state, of_step(program, state, radius)
+
+
+def of_step(program, state, radius):
+    """The program of a step."""
+    steps = program.step_bounds(state.z, radius)
+    linearization = program.linearize(state.z, state.values, steps)
+    model = Model(lambda z, _: program.cost @ z, program.cost)
+    return build_subproblem(state, model, linearization, steps)
+
+
 @pytest.mark.parametrize("lp", ["highs", "piqp"])
 @pytest.mark.parametrize("start", [(2.0, 0.8, 3.0), (0.1, 0.2, 0.5), (4, 4, 10)])
 def test_curved_constraints_from_any_start(lp, start):
-    solver = SlpSolver(circle(), Options(tolerance=1e-7), 0.0, make_solver(lp))
-    result = solver.run(np.array(start, float))
+    result = least_time(circle(), start, lp, Options(tolerance=1e-7))
     assert result.status is Status.CONVERGED
     assert result.best.duration == pytest.approx(2.0, abs=2e-5)
     assert result.best.duration >= 2.0 - 1e-5
@@ -99,9 +129,7 @@ def test_equations_are_met():
         [-2, 0.01],
         [2, 1.5],
     )
-    result = SlpSolver(program, Options(), 0.0, make_solver("highs")).run(
-        np.array([-1.0, 1.0])
-    )
+    result = least_time(program, [-1.0, 1.0])
     assert result.status is Status.CONVERGED
     assert result.best.duration == pytest.approx(np.pi / 6, abs=1e-5)
 
@@ -114,9 +142,7 @@ def test_contradiction_is_infeasible_never_converged():
         [-3, 0.1],
         [3, 5],
     )
-    result = SlpSolver(program, Options(), 0.0, make_solver("highs")).run(
-        np.array([0.2, 1.0])
-    )
+    result = least_time(program, [0.2, 1.0])
     assert result.status is Status.INFEASIBLE
     assert result.best is None
 
@@ -128,8 +154,7 @@ def test_merit_never_rises_and_the_callback_ends_the_iteration():
         records.append(record)
         return Status.TIME_LIMIT if len(records) == 3 else None
 
-    solver = SlpSolver(circle(), Options(), 0.0, make_solver("highs"), callback)
-    result = solver.run(np.array([4.0, 4.0, 10.0]))
+    result = least_time(circle(), [4.0, 4.0, 10.0], callback=callback)
     assert result.status is Status.TIME_LIMIT
     assert len(result.history) == 3
     assert all(record.actual >= 0 for record in records)
@@ -149,29 +174,20 @@ def test_interruption_keeps_the_best(monkeypatch):
 
     program.evaluate = interrupted
     kept = []
-    solver = SlpSolver(
-        program,
-        Options(),
-        0.0,
-        make_solver("highs"),
-        keep=lambda transcription, iterate: kept.append(iterate),
-    )
+
+    def keep(_, iterate):
+        kept.append(iterate)
+
     with pytest.raises(KeyboardInterrupt):
-        solver.run(np.array([3.0, 3.0, 10.0]))
+        least_time(program, [3.0, 3.0, 10.0], keep=keep)
     assert kept[-1].violation <= 1e-6
 
 
 def test_rows_out_of_reach_are_left_out_without_loss():
     program = circle()
     z = np.array([2.0, 2.0, 10.0])
-    solver = SlpSolver(program, Options(), 0.0, make_solver("highs"))
-    iterate = solver.init(z)
     for radius, count in ((1e-3, 0), (2.0, 1), (3.0, 2)):
-        steps = program.step_bounds(z, radius)
-        linearization = program.linearize(z, iterate.values, steps)
-        sub = build_subproblem(
-            iterate.merit, iterate.values, linearization, steps, None, z
-        )
+        _, sub = first_program(program, z, radius)
         assert sub.rows.size == count
 
 
@@ -181,26 +197,18 @@ def test_no_step_is_always_admissible():
     for _ in range(20):
         program = circle()
         z = rng.uniform(program.low, program.high)
-        solver = SlpSolver(program, Options(), 0.0, make_solver("highs"))
-        iterate = solver.init(z)
-        steps = program.step_bounds(z, 0.1)
-        linearization = program.linearize(z, iterate.values, steps)
-        sub = build_subproblem(
-            iterate.merit, iterate.values, linearization, steps, None, z
-        )
+        _, sub = first_program(program, z, 0.1)
         assert make_solver("highs").solve(sub.program).optimal
 
 
 def test_elastic_variables_have_room_for_interior_points():
     program = circle()
     z = np.zeros(program.size)
-    iterate = SlpSolver(program, Options(), 0.0, make_solver("highs")).init(z)
-    steps = program.step_bounds(z, 0.1)
-    linearization = program.linearize(z, iterate.values, steps)
-    merit, rows = iterate.merit, program.rows
+    state, _ = first_program(program, z, 0.1)
+    rows = program.rows
     for violation, room in ((2e-9, LEAST_ROOM), (1e-3, 1e-3)):
         values = np.where(np.isfinite(rows.upper), rows.upper, rows.lower) + violation
-        sub = build_subproblem(merit, values, linearization, steps, None, z)
+        sub = of_step(program, replace(state, values=values), 0.1)
         elastic = sub.program.upper[sub.free.size :]
         assert elastic.size > 0
         assert elastic == pytest.approx(np.full(elastic.size, room), rel=1e-6)
@@ -225,8 +233,7 @@ def test_what_the_duration_does_not_hang_on_stays_where_it_is():
         [-5, -5, 0.1],
         [5, 5, 20],
     )
-    solver = SlpSolver(program, Options(tolerance=1e-7), 0.0, make_solver("piqp"))
-    result = solver.run(np.array([0.3, 2.0, 3.0]))
+    result = least_time(program, [0.3, 2.0, 3.0], "piqp", Options(tolerance=1e-7))
     assert result.status is Status.CONVERGED
     assert result.best.z[0] == pytest.approx(0.3, abs=1e-6)
     # What it hangs on moves all the way.
@@ -238,3 +245,33 @@ def test_groups_are_as_violated_as_their_worst_row_in_any_order():
     for groups, worst in (([0, 0, 1, 1], [1.0, 3.0]), ([0, 1, 0, 1], [3.0, 0.5])):
         rows = Rows.stack([("torque", lower, lower + 9.0, np.array(groups))])
         np.testing.assert_array_equal(rows.group_violation(values), worst)
+
+
+def test_a_program_that_is_not_solved_is_no_sign_of_an_optimum(monkeypatch):
+    class Failing(HighsSolver):
+        def solve(self, program):
+            return replace(super().solve(program), optimal=False)
+
+    monkeypatch.setattr(trust_region_step, "make_solver", lambda name: Failing())
+    result = least_time(circle(), [2.0, 0.8, 3.0])
+    assert result.status is Status.NUMERICAL_FAILURE
+    assert result.best is None
+
+
+def test_rules_go_together_and_the_first_one_speaks():
+    seen = []
+
+    def after(count, status):
+        def rule(loop):
+            seen.append(count)
+            return status if len(loop.history) >= count else None
+
+        return rule
+
+    options, start = Options(tolerance=1e-9), np.array([4.0, 4.0, 10.0])
+    step, _ = trust_regions(options, make_solver("highs"))
+    rules = after(3, Status.STALLED), after(2, Status.FEASIBLE), Iterations(2)
+    found = solve(circle(), MinimumTime.of(options), start, step, first_of(*rules))
+    assert found.status is Status.FEASIBLE
+    assert len(found.history) == 2
+    assert seen == [3, 2, 3, 2]

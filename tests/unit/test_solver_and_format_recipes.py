@@ -18,7 +18,9 @@ import tominpmp as tm
 from tominpmp.files import export
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -67,8 +69,10 @@ def test_a_solver_of_linear_programs_of_ones_own(planar3r: tm.Robot) -> None:
 
     start = transcription.start(lambda t: line(t / 2.0), 2.0, np.array([2.0]))
     program = NonlinearProgram.of(transcription).at(start)
+    options = tm.Options()
+    least = MinimumTime.of(options)
     found = {
-        name: SlpSolver(program, tm.Options(), 0.0, lp).run(start)
+        name: solve(program, least, start, *trust_regions(options, lp))
         for name, lp in (("own", ScipySolver()), ("highs", make_solver("highs")))
     }
     assert found["own"].status is tm.Status.CONVERGED
@@ -99,7 +103,7 @@ def test_a_format_of_files_of_ones_own(
     monkeypatch.setitem(export.WRITERS, ".words", write_words)
     monkeypatch.setitem(export.READERS, ".words", read_words)
     problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
-    smooth = {"starts": 1, "intervals": 12, "refine": None, "control": "spline"}
+    smooth = {"starts": 1, "intervals": 10, "refine": None, "control": "spline"}
     solution = tm.plan(problem, **smooth)
     path = solution.export(tmp_path / "motion.words", dt=0.004)
     again = tm.load_motion(path)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
@@ -12,9 +10,6 @@ from scipy.optimize import brentq
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.exceptions import OptionsError
-from tominpmp.solvers.quadratic import iterate
-from tominpmp.solvers.trust_region import TrustRegion
-from tominpmp.status import Status
 
 
 def rail(force: float) -> tm.Robot:
@@ -121,13 +116,3 @@ def test_scenario_files_know_it(tmp_path):
     path = tmp_path / "arm.toml"
     tm.save_scenario(path, problem, options)
     assert tm.load_scenario(path).options.energy == "work"
-
-
-def test_a_program_that_is_not_solved_is_no_sign_of_an_optimum():
-    def step(state):
-        region = state.region.after(0.0, 0.3)
-        return SimpleNamespace(violation=0.0, region=region), np.inf
-
-    state = SimpleNamespace(violation=0.0, region=TrustRegion())
-    result = iterate(state, step, lambda _: 1.0, tm.Options(), lambda: False, 1e-6)
-    assert result.status is Status.STALLED

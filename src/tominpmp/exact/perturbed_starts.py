@@ -21,8 +21,9 @@ from tominpmp.initial_guess.inverse_kinematics import find_configurations
 from tominpmp.linear_programs import LpSolver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.solvers.callbacks import Callback
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.loop import Callback, solve
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.stopping import Budget
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import driven_joints
@@ -69,7 +70,9 @@ def on_grid(
     grid = CollocationTranscription(system, shares, duration)
     start = grid.start(path, np.array([duration]))
     program = NonlinearProgram.of(grid).at(start)
-    found = SlpSolver(program, options, SMOOTHING * duration, lp, callback).run(start)
+    least = MinimumTime.of(options, SMOOTHING * duration)
+    method = trust_regions(options, lp)
+    found = solve(program, least, start, *method, callback=callback)
     last = found.iterate if found.best is None else found.best
     return program.trajectory(last.z)
 

@@ -28,8 +28,6 @@ from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.progress import Progress
 from tominpmp.solvers.iterate import Iterate, SlpResult
-from tominpmp.solvers.merit import Merit
-from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import EVALUATIONS, Budget
 from tominpmp.transcription.controls import driven_joints
@@ -151,7 +149,8 @@ def exact_switches(
     for motion in reversed(search.found):
         arcs, y = _transcribe(sharpen(granted, motion, budget.part()))
         iterate = _iterate(arcs, y)
-        result = SlpResult(Status.CONVERGED, iterate, iterate, tuple(progress.records))
+        records = tuple(progress.records)
+        result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
         exact = Attempt.of(attempt.name, arcs, attempt.initial, result)
         exact = exact.verified(system.problem, options)
         if exact.found:
@@ -217,6 +216,4 @@ def _transcribe(motion: OptimisedArcs) -> tuple[ArcTranscription, np.ndarray]:
 
 def _iterate(arcs: ArcTranscription, y: np.ndarray) -> Iterate:
     """Arcs as an iterate."""
-    merit = Merit(arcs.cost, arcs.rows, 0.0, np.ones(len(arcs.rows.kinds)))
-    zero = np.zeros(arcs.rows.size)
-    return Iterate(y, arcs.evaluate(y), merit, TrustRegion(), zero)
+    return Iterate.of(arcs, y, 1.0)

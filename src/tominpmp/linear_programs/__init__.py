@@ -7,7 +7,7 @@ from tominpmp.linear_programs.choice import available_solvers, make_solver
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.piqp import USUALLY, Nearly, PiqpSolver
 from tominpmp.linear_programs.solver import LpSolver
-from tominpmp.linear_programs.through_qpsolvers import QpsolversSolver, solve_quadratic
+from tominpmp.linear_programs.through_qpsolvers import QpsolversSolver
 
 __all__ = [
     "USUALLY",
@@ -18,5 +18,4 @@ __all__ = [
     "QpsolversSolver",
     "available_solvers",
     "make_solver",
-    "solve_quadratic",
 ]

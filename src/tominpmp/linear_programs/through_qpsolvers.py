@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,53 +38,38 @@ class QpsolversSolver(LpSolver):
 
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
         """Solve the last program from scratch with other row bounds."""
-        program = self._program
-        assert program is not None  # noqa: S101
-        changed = replace(program, row_lower=row_lower, row_upper=row_upper)
-        return solve_quadratic(changed, program.curved, self.name)
+        assert self._program is not None  # noqa: S101
+        import qpsolvers  # takes longer to import than most plans take
 
-
-def solve_quadratic(
-    program: LinearProgram, curvature: sp.csc_matrix, name: str, **settings: Any
-) -> LpSolution:
-    """Solve a program with x^T P x / 2 added to its objective, through qpsolvers.
-
-    Args:
-        program: Linear objective, rows and bounds.
-        curvature: P, positive semidefinite, shape (n, n).
-        name: Name of the solver.
-        **settings: Its own settings.
-    """
-    import qpsolvers  # takes longer to import than most plans take
-
-    begin = time.perf_counter()
-    rows, size = program.matrix.tocsr(), program.cost.size
-    row_lower, row_upper = program.row_lower, program.row_upper
-    equal = row_lower == row_upper
-    high = ~equal & (row_upper < HUGE)
-    low = ~equal & (row_lower > -HUGE)
-    problem = qpsolvers.Problem(
-        curvature,
-        program.cost,
-        sp.vstack([rows[high], -rows[low]], format="csc"),
-        np.concatenate([row_upper[high], -row_lower[low]]),
-        rows[equal].tocsc() if equal.any() else None,
-        row_upper[equal] if equal.any() else None,
-        program.lower,
-        program.upper,
-    )
-    left = seconds_left()
-    if name in TIME_LIMITS and np.isfinite(left):
-        settings = {TIME_LIMITS[name]: left, **settings}
-    solution = qpsolvers.solve_problem(problem, solver=name, **settings)
-    check()
-    duals = np.zeros(row_lower.size)
-    if solution.found and solution.z is not None:
-        count = int(high.sum())
-        duals[high] = solution.z[:count]
-        duals[low] -= solution.z[count:]
-    if solution.found and solution.y is not None and equal.any():
-        duals[equal] = solution.y
-    x = np.zeros(size) if solution.x is None else solution.x
-    seconds = time.perf_counter() - begin
-    return LpSolution(bool(solution.found), x, duals, 0, seconds, curved=True)
+        begin = time.perf_counter()
+        program, name = self._program, self.name
+        rows, size = program.matrix.tocsr(), program.cost.size
+        equal = row_lower == row_upper
+        high = ~equal & (row_upper < HUGE)
+        low = ~equal & (row_lower > -HUGE)
+        problem = qpsolvers.Problem(
+            program.curved,
+            program.cost,
+            sp.vstack([rows[high], -rows[low]], format="csc"),
+            np.concatenate([row_upper[high], -row_lower[low]]),
+            rows[equal].tocsc() if equal.any() else None,
+            row_upper[equal] if equal.any() else None,
+            program.lower,
+            program.upper,
+        )
+        left = seconds_left()
+        settings: dict[str, Any] = {}
+        if name in TIME_LIMITS and np.isfinite(left):
+            settings[TIME_LIMITS[name]] = left
+        solution = qpsolvers.solve_problem(problem, solver=name, **settings)
+        check()
+        duals = np.zeros(row_lower.size)
+        if solution.found and solution.z is not None:
+            count = int(high.sum())
+            duals[high] = solution.z[:count]
+            duals[low] -= solution.z[count:]
+        if solution.found and solution.y is not None and equal.any():
+            duals[equal] = solution.y
+        x = np.zeros(size) if solution.x is None else solution.x
+        seconds = time.perf_counter() - begin
+        return LpSolution(bool(solution.found), x, duals, 0, seconds, curved=True)

@@ -82,7 +82,6 @@ class Attempt:
             initial if isinstance(initial, Trajectory) else program.trajectory(initial),
             violations,
             result.history,
-            remark=result.remark,
             layout=layout,
             apart=apart,
             rows=times,

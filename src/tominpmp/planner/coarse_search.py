@@ -30,7 +30,7 @@ from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.descent import MANY_INTERVALS, descend, descended
 from tominpmp.planner.progress import Kept, Progress
 from tominpmp.planner.rescue import guarded, slowed_down
-from tominpmp.solvers.slp import TIME_SCALINGS
+from tominpmp.solvers.objective import TIME_SCALINGS
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions

@@ -20,7 +20,6 @@ from tominpmp.arrays import Array
 from tominpmp.exceptions import OptionsError
 from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart
-from tominpmp.linear_programs import make_solver
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
@@ -31,14 +30,16 @@ from tominpmp.planner.control_period_outcome import (
     succeeded,
 )
 from tominpmp.planner.control_period_segments import Course, Knots
-from tominpmp.planner.descent import SMOOTHING_SHARE
+from tominpmp.planner.descent import SMOOTHING_SHARE, near_to_it
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.progress import Progress
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
+from tominpmp.solvers.exchange import FAR, RowExchange
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.rounds import FAR, solve_in_rounds
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.grid import Ticks, ticks_of
@@ -328,27 +329,22 @@ def _solve(
         if there is one, and the last outcome.
     """
     ticks = knots.ticks
-    near = replace(
-        options,
-        objective="time",
-        trust_region=RADIUS * options.trust_region,
-        max_iterations=min(options.max_iterations, ITERATIONS),
+    near = near_to_it(replace(options, objective="time"), RADIUS, ITERATIONS)
+    tv_weight = options.smoothing
+    if tv_weight is None:
+        tv_weight = SMOOTHING_SHARE * ticks.duration
+    callback.goal, callback.last = ticks.duration, np.inf
+    begun, z = rested(*knots.program(system))
+    result = solve(
+        begun,
+        MinimumTime.of(near, tv_weight),
+        z,
+        *trust_regions(near, accuracy=EXACT),
+        exchange=RowExchange(level=0.0),
+        callback=callback,
     )
-    smoothing = options.smoothing
-    if smoothing is None:
-        smoothing = SMOOTHING_SHARE * ticks.duration
-    callback.goal = ticks.duration
-    lp = make_solver(options.lp_solver)
-    program, z = rested(*knots.program(system))
-
-    def solve(
-        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
-    ) -> SlpResult:
-        callback.last = np.inf
-        solver = SlpSolver(program, options, smoothing, lp, callback, accuracy=EXACT)
-        return solver.run(z, after=after)
-
-    program, result = solve_in_rounds(program, z, near, solve, rough=False)
+    program = result.program
+    assert isinstance(program, NonlinearProgram)  # noqa: S101
     if result.best is None:
         return program, None, result
     # What has room on its rows may be above that duration by more than a trace.

@@ -25,9 +25,10 @@ from tominpmp.planner.first_program import Begun, first_program
 from tominpmp.planner.progress import Judge, Progress
 from tominpmp.solvers.exchange import RowExchange, with_missing_rows
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.restoration import LIGHT
-from tominpmp.solvers.rounds import Solve, solve_in_rounds
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -134,6 +135,21 @@ def descended(
     return repaired(system, progress, make, repairs)
 
 
+def near_to_it(options: Options, radius: float, iterations: int) -> Options:
+    """Options for going on with a motion that is near to what is looked for.
+
+    Args:
+        options: Options of the plan.
+        radius: Share of the usual trust region.
+        iterations: So many are enough.
+    """
+    return replace(
+        options,
+        trust_region=radius * options.trust_region,
+        max_iterations=min(iterations, options.max_iterations),
+    )
+
+
 def quieting(system: ProblemFunctions, options: Options, duration: float) -> float:
     """Weight of the total variation on a grid finer than the search's [s].
 
@@ -202,53 +218,47 @@ def descend(
         progress: Sees and keeps the motions.
         overload: Excess of torques between the rows that is let pass.
     """
-    smoothing = options.smoothing
-    if smoothing is None:
-        smoothing = SMOOTHING_SHARE * guess.duration
-    lp = make_solver(options.lp_solver)
-    # What the last violations cost is less than a finer grid brings.
-    light = LIGHT if options.refine == "auto" else 0.0
+    tv_weight = options.smoothing
+    if tv_weight is None:
+        tv_weight = SMOOTHING_SHARE * guess.duration
     exchange = RowExchange(
-        longest=LONGEST,
-        light=light,
+        # What the last violations cost is less than a finer grid brings.
+        light=LIGHT if options.refine == "auto" else 0.0,
         revise=partial(with_missing_rows, overload=overload),
     )
     accuracy = FREE_ACCURACY if system.final_configuration is None else None
+    lp = make_solver(options.lp_solver)
 
-    def solve(
-        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
+    def solved(
+        program: NonlinearProgram,
+        start: Array,
+        options: Options,
+        exchange: RowExchange | None = None,
     ) -> SlpResult:
-        return SlpSolver(
+        return solve(
             program,
-            options,
-            smoothing,
-            lp,
-            progress,
-            keep=progress.keep,
+            MinimumTime.of(options, tv_weight),
+            start,
+            *trust_regions(options, lp, accuracy),
             exchange=exchange,
-            accuracy=accuracy,
-        ).run(z, after=after)
+            callback=progress,
+            keep=progress.keep,
+        )
 
     program, start = first_program(system, options, guess)
     initial = program.trajectory(start)
     if isinstance(guess, SegmentedGuess) and not guess.solved:
         if options.control in DEGREES:
-            program, start = _smooth_start(system, options, guess, solve)
-    program, result = solve_in_rounds(
-        program,
-        start,
-        options,
-        solve,
-        rough=False,
-        light=light,
-        over=lambda: progress.let_go,
-        overload=overload,
-    )
-    return Attempt.of(guess.name, program, initial, result)
+            program, start = _smooth_start(system, options, guess, solved)
+    result = solved(program, start, options, exchange)
+    return Attempt.of(guess.name, result.program, initial, result)
 
 
 def _smooth_start(
-    system: ProblemFunctions, options: Options, guess: SegmentedGuess, solve: Solve
+    system: ProblemFunctions,
+    options: Options,
+    guess: SegmentedGuess,
+    solved: Callable[[NonlinearProgram, Array, Options], SlpResult],
 ) -> Begun:
     """Program with continuous accelerations for a guess, and where to begin.
 
@@ -258,15 +268,15 @@ def _smooth_start(
     few = replace(options, max_iterations=FIRST_ITERATIONS)
     if guess.stops:
         program, start = first_program(at_rest_on_the_way(system), options, guess)
-        stopping = solve(program, start, few, None).best
+        stopping = solved(program, start, few).best
         program, start = first_program(system, options, guess)
         start = start if stopping is None else stopping.z
         return program.at(start), start
     jumping = replace(few, control="constant")
     program, start = first_program(system.without_smooth_limits(), jumping, guess)
-    found = solve(program, start, jumping, None).best
-    if found is not None:
-        motion = program.trajectory(found.z)
+    result = solved(program, start, jumping)
+    if result.best is not None:
+        motion = result.program.trajectory(result.best.z)
         better = solved_guess(guess.name, motion, system.problem.segments)
         guess = replace(better, solved=False)
     return first_program(system, options, guess)

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
-from tominpmp.initial_guess.guess import Guess
-from tominpmp.initial_guess.segments import SegmentedGuess, solved_guess
+from tominpmp.initial_guess.segments import solved_guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
@@ -24,11 +23,9 @@ from tominpmp.planner.first_program import (
     rested,
     segmented_program,
 )
-from tominpmp.planner.later_stage import Former, Over, bettered, made
+from tominpmp.planner.later_stage import Over, bent, bettered, made
 from tominpmp.solution import Solution
-from tominpmp.solvers.energy import EnergySolver
-from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.rounds import solve_in_rounds
+from tominpmp.solvers.objective import TimeAndEnergy
 from tominpmp.status import Status
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.layout import QUADRATIC, Layout, split_intervals
@@ -77,24 +74,23 @@ def _best(solution: Solution, former: Trajectory) -> Solution | str:
     if options.energy == "work":
         fits = fits or former.degree == QUADRATIC
     if options.method == "collocation" or not fits:
-        found = _cheaper(solution, former, _as_guess, _converted)
+        found = _cheaper(solution, former, _converted)
     if found is None and options.method != "collocation":
         # Where another spline is too far from what the problem allows, the motion is
         # bettered as it is.
-        found = _cheaper(solution, former, _as_it_is, _taken_up)
+        found = _cheaper(solution, former, _taken_up)
     return NO_CHEAPER if found is None else found
 
 
 def _cheaper(
     solution: Solution,
     former: Trajectory,
-    taken: Callable[[ProblemFunctions, Trajectory], Former],
-    program: Callable[[ProblemFunctions, Options, Former], Begun],
+    begun: Callable[[ProblemFunctions, Options, Trajectory], Begun],
 ) -> Solution | None:
     """The solution with a motion of less cost, begun with one kind of program."""
     options = solution.options
-    make = partial(_solved, options, program)
-    motion = made(solution, former, FINER * options.intervals, taken, make)
+    make = partial(_solved, options, begun, former)
+    motion = made(solution, former, FINER * options.intervals, make)
     if motion is None or not motion.verification.ok:
         return None
     found = replace(
@@ -130,36 +126,23 @@ def _message(found: Solution, former: Trajectory) -> str:
 
 def _solved(
     options: Options,
-    begun: Callable[[ProblemFunctions, Options, Former], Begun],
+    begun: Callable[[ProblemFunctions, Options, Trajectory], Begun],
+    former: Trajectory,
     system: ProblemFunctions,
-    former: Former,
     intervals: int,
     over: Over,
 ) -> tuple[Trajectory | None, Status]:
     """The motion of least cost on a grid, and how the iteration ended."""
-    weight = options.energy_weight
     program, z = begun(system, replace(options, intervals=intervals), former)
-    z = _as_slow_as_is_best(EnergySolver(program, options, weight), z)
-
-    def solve(
-        program: NonlinearProgram, z: Array, options: Options, _: SlpResult | None
-    ) -> SlpResult:
-        return EnergySolver(program, options, weight, over).run(z)
-
-    program, result = solve_in_rounds(program, z, options, solve, rough=False)
+    objective = TimeAndEnergy.of(options)
+    z = _as_slow_as_is_best(objective, program, z)
+    result = bent(program, objective, z, options, over)
     if result.best is None:
         return None, result.status
-    return program.trajectory(result.best.z), result.status
+    return result.program.trajectory(result.best.z), result.status
 
 
-def _as_guess(system: ProblemFunctions, former: Trajectory) -> Guess:
-    """The fastest motion as a guess."""
-    if system.parts:
-        return solved_guess("former motion", former, system.problem.segments)
-    return warm_start(system, former)
-
-
-def _converted(system: ProblemFunctions, options: Options, guess: Guess) -> Begun:
+def _converted(system: ProblemFunctions, options: Options, former: Trajectory) -> Begun:
     """Program near to the fastest motion, of splines that fit the energy.
 
     Torques that spend little do not jump; where work counts, motors push, coast and
@@ -168,21 +151,18 @@ def _converted(system: ProblemFunctions, options: Options, guess: Guess) -> Begu
     if options.method != "collocation":
         control: Control = "constant" if options.energy == "work" else "linear"
         options = replace(options, control=control)
-    if isinstance(guess, SegmentedGuess):
-        # What is carried changes at the ends of segments, and so do torques.
-        return segmented_program(system, options, guess, breaks=True)
-    return first_program(system, options, guess)
-
-
-def _as_it_is(system: ProblemFunctions, former: Trajectory) -> Trajectory:
-    return former
+    if not system.parts:
+        return first_program(system, options, warm_start(system, former))
+    # What is carried changes at the ends of segments, and so do torques.
+    guess = solved_guess("former motion", former, system.problem.segments)
+    return segmented_program(system, options, guess, breaks=True)
 
 
 def _taken_up(system: ProblemFunctions, options: Options, former: Trajectory) -> Begun:
     """Program of the fastest motion itself, on a finer grid."""
     layout = Layout.of_motion(former, system.problem.segments)
     if layout is None:
-        return _converted(system, options, _as_guess(system, former))
+        return _converted(system, options, former)
     of, z = layout.taken_up(system, former)
     while of.intervals < options.intervals:
         longest = np.argsort(-of.motion(z).h, kind="stable")
@@ -192,22 +172,21 @@ def _taken_up(system: ProblemFunctions, options: Options, former: Trajectory) ->
     return rested(NonlinearProgram.of(of).at(z), z)
 
 
-def _as_slow_as_is_best(solver: EnergySolver, z: Array) -> Array:
+def _as_slow_as_is_best(
+    objective: TimeAndEnergy, nlp: NonlinearProgram, z: Array
+) -> Array:
     """The same path, as slow as is best for it; as it is if limits do not allow it."""
-    nlp = solver.nlp
 
     def slower(power: float) -> Array:
         return nlp.stretch(z, float(np.exp(power)))
 
     found = minimize_scalar(
-        lambda power: solver.objective(slower(power)),
+        lambda power: objective.value(nlp, slower(power), z),
         bounds=(0.0, np.log(SLOWEST)),
         method="bounded",
     )
     best, power = z, float(found.x)
-    allowed = max(
-        nlp.rows.largest_violation(nlp.evaluate(z)), solver.options.feasibility
-    )
+    allowed = max(nlp.rows.largest_violation(nlp.evaluate(z)), objective.feasibility)
     for _ in range(SLOWER_TRIALS):
         best = slower(power)
         if nlp.rows.largest_violation(nlp.evaluate(best)) <= allowed:

@@ -11,25 +11,26 @@ of it, and the next round looks where controls bend now.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt, fastest
-from tominpmp.planner.descent import quieting, repaired
+from tominpmp.planner.descent import near_to_it, quieting, repaired
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import KEPT, improvement_of
 from tominpmp.problem import Problem
-from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.exchange import RowExchange
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.loop import Loop, solve
+from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.restoration import LIGHT, cured
-from tominpmp.solvers.rounds import solve_in_rounds
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.stop import first_of
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
-from tominpmp.transcription.base import Program
 from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import Gridded, split_intervals
@@ -111,8 +112,11 @@ def on_finer_grid(
     programs = max(thrift.work * made, LEAST_PROGRAMS)
 
     def make(tried: ProblemFunctions, _: int, __: Attempt | None) -> Attempt:
-        watch = Watch(progress, options, thrift, best.duration, programs)
-        return _refined(tried, options, best, watch) or best
+        def spent() -> bool:
+            return sum(record.programs for record in progress.records) >= programs
+
+        enough = Enough(thrift, best.duration, spent)
+        return _refined(tried, options, best, progress, enough) or best
 
     def work(system: ProblemFunctions) -> Attempt:
         # Links that rows have kept apart would touch without them.
@@ -133,102 +137,77 @@ def on_finer_grid(
 
 
 def _refined(
-    system: ProblemFunctions, options: Options, attempt: Attempt, watch: Watch
+    system: ProblemFunctions,
+    options: Options,
+    attempt: Attempt,
+    progress: Progress,
+    enough: Enough,
 ) -> Attempt | None:
     """A motion on finer grids, replayed; None if that brings next to nothing."""
     assert attempt.layout is not None  # noqa: S101
     of, z = attempt.layout.taken_up(system, attempt.trajectory)
-    best: tuple[NonlinearProgram, SlpResult] | None = None
-    thrift, rows, reached = watch.thrift, attempt.rows, attempt.duration
+    best: SlpResult | None = None
+    thrift, rows, reached = enough.thrift, attempt.rows, attempt.duration
     for _ in range(thrift.rounds):
         split = to_be_split(of, z, thrift.bends)
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
-        watch.begin()
-        program, result = _solve(of, z, rows, options, watch)
-        found = result.best
-        logger.info("%d intervals: promise %.1e", of.intervals, watch.first)
+        result = _solve(of, z, rows, options, progress, enough)
+        found, first = result.best, enough.first(result.history)
+        logger.info("%d intervals: promise %.1e", of.intervals, first)
         if found is None or found.duration >= reached:
             break
-        best, reached = (program, result), found.duration
-        if watch.first < FALLS * thrift.worth or watch.spent:
+        best, reached = result, found.duration
+        if first < FALLS * thrift.worth or enough.spent():
             break
+        program = result.program
+        assert isinstance(program, NonlinearProgram)  # noqa: S101
         assert isinstance(program.transcription, Gridded)  # noqa: S101
         of, z = program.transcription, found.z
         rows = times_of_rows(program, z)
     if best is None or reached > (1.0 - thrift.gain) * attempt.duration:
         return None
-    history = tuple(watch.progress.records)
-    result = replace(best[1], status=attempt.status, history=history)
-    finer = Attempt.of(attempt.name, best[0], attempt.initial, result)
+    history = tuple(progress.records)
+    result = replace(best, status=attempt.status, history=history)
+    finer = Attempt.of(attempt.name, result.program, attempt.initial, result)
     finer = replace(finer, remark=attempt.remark)
     return finer.verified(system.problem, options)
 
 
-class Watch:
-    """Callback that ends the iterations of a round when no more is promised.
-
-    Args:
-        progress: Is shown every record.
-        options: Options of the plan.
-        thrift: What finer grids must bring, and may take.
-        duration: T of the motion that has to be beaten [s].
-        programs: How many all rounds may take.
+@dataclass(frozen=True)
+class Enough:
+    """Rule that ends the iterations of a round when no more is promised.
 
     Attributes:
-        first: What the first step of the round promised, as a share of T.
+        thrift: What finer grids must bring, and may take.
+        duration: T of the motion that has to be beaten [s].
+        spent: Tells whether the programs of all rounds are used up.
     """
 
-    def __init__(
-        self,
-        progress: Progress,
-        options: Options,
-        thrift: Thrift,
-        duration: float,
-        programs: float,
-    ) -> None:
-        self.progress, self.options, self.thrift = progress, options, thrift
-        self.duration, self.programs = duration, programs
-        self.begin()
+    thrift: Thrift
+    duration: float
+    spent: Callable[[], bool]
 
-    def begin(self) -> None:
-        """Begin with a round."""
-        self.first, self.iterations = np.nan, 0
-        self.latest: tuple[Program, Iterate] | None = None
+    def first(self, history: Sequence[IterationRecord]) -> float:
+        """What the first step of a round has promised, as a share of T."""
+        return history[0].predicted / self.duration
 
-    def __call__(self, record: IterationRecord) -> Status | None:
-        """See a record; a status ends the iteration."""
-        status = self.progress(record)
-        promised = record.predicted / self.duration
-        left = promised - max(record.actual, 0.0) / self.duration
-        self.iterations += 1
-        if np.isnan(self.first):
-            self.first = promised
-        enough = left < self.thrift.enough or self.spent
-        enough = enough or self.iterations >= ITERATIONS
-        enough = enough and record.violation <= CURABLE and self._cured_by_time
-        enough = enough or self.first < self.thrift.worth
-        return status or (Status.CONVERGED if enough else None)
-
-    @property
-    def spent(self) -> bool:
-        """Whether the programs are used up."""
-        made = sum(record.programs for record in self.progress.records)
-        return made >= self.programs
-
-    def keep(self, program: Program, iterate: Iterate) -> None:
-        """See the best motion so far, or the present one, and have it kept."""
-        self.latest = (program, iterate)
-        self.progress.keep(program, iterate)
-
-    @property
-    def _cured_by_time(self) -> bool:
-        """Whether slowing down cures all that is violated: it parts nothing."""
-        if self.latest is None:
-            return True
-        limit = self.options.feasibility
-        return cured(*self.latest, np.inf, limit) is not None
+    def __call__(self, loop: Loop) -> Status | None:
+        """CONVERGED once it is enough."""
+        record = loop.history[-1]
+        vain = self.first(loop.history) < self.thrift.worth
+        if vain and len(loop.history) == 1:
+            return Status.CONVERGED
+        left = (record.predicted - max(record.actual, 0.0)) / self.duration
+        enough = vain or left < self.thrift.enough or self.spent()
+        enough = enough or len(loop.history) >= ITERATIONS
+        if not enough or record.violation > CURABLE:
+            return None
+        # Slowing down cures all that is violated, where it parts nothing.
+        best, limit = loop.best or loop.state, loop.objective.feasibility
+        slower = cured(loop.program, best, np.inf, limit)
+        return None if slower is None else Status.CONVERGED
 
 
 def _solve(
@@ -236,23 +215,20 @@ def _solve(
     z: Array,
     rows: Mapping[str, Array],
     options: Options,
-    watch: Watch,
-) -> tuple[NonlinearProgram, SlpResult]:
+    progress: Progress,
+    enough: Enough,
+) -> SlpResult:
     """A few programs on a new grid, with the rows of distances that there were."""
-    lp = make_solver(options.lp_solver)
-    smoothing = quieting(of.system, options, float(of.cost @ z))
-    few = replace(
-        options,
-        trust_region=RADIUS * options.trust_region,
-        max_iterations=min(options.max_iterations, MOST_ITERATIONS),
+    tv_weight = quieting(of.system, options, float(of.cost @ z))
+    few = near_to_it(options, RADIUS, MOST_ITERATIONS)
+    step, stop = trust_regions(few)
+    return solve(
+        with_rows_at(NonlinearProgram.of(of).at(z), z, rows),
+        MinimumTime.of(few, tv_weight),
+        z,
+        step,
+        first_of(enough, stop),
+        exchange=RowExchange(level=0.0, light=LIGHT),
+        callback=progress,
+        keep=progress.keep,
     )
-    program = with_rows_at(NonlinearProgram.of(of).at(z), z, rows)
-
-    def solve(
-        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
-    ) -> SlpResult:
-        watch.iterations = 0
-        solver = SlpSolver(program, options, smoothing, lp, watch, keep=watch.keep)
-        return solver.run(z, after=after)
-
-    return solve_in_rounds(program, z, few, solve, rough=False, light=LIGHT)

@@ -10,15 +10,24 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
+from tominpmp.arrays import Array
+from tominpmp.linear_programs import make_solver
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.options import Options
 from tominpmp.planner.descent import REPAIRS
 from tominpmp.planner.rescue import NUMERICAL
 from tominpmp.solution import Solution
-from tominpmp.status import Status
+from tominpmp.solvers.exchange import RowExchange
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.trust_region_step import trust_regions
+from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification import Verification, verify
 
 logger = logging.getLogger(__name__)
@@ -27,10 +36,8 @@ logger = logging.getLogger(__name__)
 REPLAYS = 2.0
 
 Over = Callable[[], bool]
-# What a stage begins with, as the motion or a guess that is made of it.
-Former = TypeVar("Former")
 # Makes a motion on a grid of so many intervals, and says how its iteration ended.
-Make = Callable[[ProblemFunctions, Former, int, Over], tuple[Trajectory | None, Status]]
+Make = Callable[[ProblemFunctions, int, Over], tuple[Trajectory | None, Status]]
 
 
 class Made(NamedTuple):
@@ -83,8 +90,7 @@ def made(
     solution: Solution,
     former: Trajectory,
     intervals: int,
-    taken: Callable[[ProblemFunctions, Trajectory], Former],
-    make: Make[Former],
+    make: Make,
 ) -> Made | None:
     """Make another motion, on finer grids until its replay is all right.
 
@@ -92,7 +98,6 @@ def made(
         solution: The solution.
         former: Its motion.
         intervals: Of the first grid.
-        taken: Takes the motion as a guess.
         make: Makes the motion.
 
     Returns:
@@ -106,9 +111,9 @@ def made(
 
     complete = ProblemFunctions.of(problem.alternative_of(former))
     system = complete.first_tried
-    guess, found = taken(system, former), None
+    found = None
     for refinement in range(1 + REPAIRS):
-        motion, status = make(system, guess, intervals, over)
+        motion, status = make(system, intervals, over)
         if motion is None:
             break
         verdict = verify(problem, motion, options.tolerances, checker=problem.checker)
@@ -119,3 +124,28 @@ def made(
             system = complete  # with rows for the links
         intervals = intervals * 2 ** (refinement + 1)
     return found
+
+
+def bent(
+    program: NonlinearProgram,
+    objective: Objective,
+    z: Array,
+    options: Options,
+    over: Over,
+) -> SlpResult:
+    """Solve a program for an objective that bends, by quadratic programs.
+
+    Args:
+        program: The program.
+        objective: What is to be least.
+        z: Where to begin.
+        options: Limits and the trust region.
+        over: Tells whether the time is up.
+    """
+
+    def seen(_: IterationRecord) -> Status | None:
+        return Status.TIME_LIMIT if over() else None
+
+    method = trust_regions(options, make_solver("piqp"))
+    exchange = RowExchange(level=0.0)
+    return solve(program, objective, z, *method, exchange=exchange, callback=seen)

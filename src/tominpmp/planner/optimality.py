@@ -21,16 +21,18 @@ from tominpmp.certificate.clearances import CLOSE
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
-from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt, fastest
+from tominpmp.planner.descent import near_to_it
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import improvement_of
 from tominpmp.problem import Problem
+from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.rounds import solve_in_rounds
-from tominpmp.solvers.slp import ACCURACY, SlpSolver
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import ACCURACY, trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.transcription.distance_rows import with_rows_at
 from tominpmp.transcription.layout import Layout
@@ -158,36 +160,6 @@ def _anything_near(problem: Problem, attempt: Attempt) -> bool:
     return judged.min_clearance < margin + close
 
 
-class Budget:
-    """Callback that ends iterations when there have been enough.
-
-    Args:
-        progress: Is shown every record.
-        limit: So many iterations are enough.
-
-    Attributes:
-        used: Iterations so far.
-    """
-
-    def __init__(self, progress: Progress, limit: int) -> None:
-        self.progress, self.limit, self.used = progress, limit, 0
-
-    @property
-    def spent(self) -> bool:
-        """Whether there have been enough."""
-        return self.used >= self.limit
-
-    def allow(self, more: int) -> None:
-        """Have so many left at least."""
-        self.limit = max(self.limit, self.used + more)
-
-    def __call__(self, record: IterationRecord) -> Status | None:
-        """See a record; a status ends the iteration."""
-        self.used += 1
-        status = self.progress(record)
-        return status or (Status.ITERATION_LIMIT if self.spent else None)
-
-
 class Settling:
     """Improves a motion until its certificate accepts it.
 
@@ -209,25 +181,34 @@ class Settling:
     ) -> None:
         self.system, self.progress = system, progress
         self.tolerance = tolerance
-        self.budget = Budget(progress, iterations)
-        self.options = options
+        self.options, self.limit = options, iterations
+
+    @property
+    def spent(self) -> bool:
+        """Whether there have been as many iterations as there may be."""
+        return len(self.progress.records) >= self.limit
+
+    def _allow(self, more: int) -> None:
+        """Have so many iterations left at least, as far as options allow."""
+        more = min(more, self.options.max_iterations)
+        self.limit = max(self.limit, len(self.progress.records) + more)
 
     def run(self, attempt: Attempt) -> Attempt:
         """The motion, or a faster one, with the status that it deserves."""
         best, seen = attempt, self.examine(attempt)
         segments = self.system.problem.segments
         layout = attempt.layout or Layout.of_motion(attempt.trajectory, segments)
-        gain, budget = np.inf, self.budget
+        gain = np.inf
         for _ in range(ROUNDS):
             spent = self._spend_padding(seen)
             idle = gain <= LITTLE and not spent
-            if self._enough(seen) or layout is None or idle or budget.spent:
+            if self._enough(seen) or layout is None or idle or self.spent:
                 break
             further = self._further(best, layout)
             gain = 1.0 - further.duration / best.duration
             if gain > self.tolerance:
                 # The search had not come to its end.
-                budget.allow(min(FEWEST, self.options.max_iterations))
+                self._allow(FEWEST)
             if gain > 0.0:
                 best, layout = further, further.layout
                 seen = self.examine(best)
@@ -266,47 +247,44 @@ class Settling:
         of, z = layout.taken_up(self.system, best.trajectory)
         program, z = rested(NonlinearProgram.of(of).at(z), z)
         for _ in range(CLOSER_LOOKS):
-            program, result = self._solved(program, z)
+            result = self._solved(program, z)
             if result.best is None:
                 return best
-            attempt = self._replayed(best, program, result)
+            attempt = self._replayed(best, result)
             if attempt is None or attempt.found:
                 return attempt or best
             # What passes fast may come too close between all rows.
             z = result.best.z
+            assert isinstance(result.program, NonlinearProgram)  # noqa: S101
+            program = result.program
             assert attempt.verification is not None  # noqa: S101
             times = np.array([item.time for item in attempt.verification.violations])
             gradual = (block.name for block in program.blocks if block.gradual)
             program = with_rows_at(program, z, dict.fromkeys(gradual, times))
-            self.budget.allow(min(ITERATIONS, self.options.max_iterations))
+            self._allow(ITERATIONS)
         return best
 
-    def _solved(
-        self, program: NonlinearProgram, z: Array
-    ) -> tuple[NonlinearProgram, SlpResult]:
+    def _solved(self, program: NonlinearProgram, z: Array) -> SlpResult:
         """Some iterations, with rows where they show some to be missing."""
-        options, keep = self.options, self.budget.progress.keep
-        lp = make_solver(options.lp_solver)
-        near = replace(
-            options,
-            trust_region=RADIUS * options.trust_region,
-            max_iterations=min(ITERATIONS, options.max_iterations),
+        near = near_to_it(self.options, RADIUS, ITERATIONS)
+
+        def seen(record: IterationRecord) -> Status | None:
+            status = self.progress(record)
+            return status or (Status.ITERATION_LIMIT if self.spent else None)
+
+        return solve(
+            program,
+            MinimumTime.of(near, near.smoothing or 0.0),
+            z,
+            *trust_regions(near),
+            exchange=RowExchange(level=0.0),
+            callback=seen,
+            keep=self.progress.keep,
         )
-        smoothing = options.smoothing or 0.0
 
-        def solve(
-            program: NonlinearProgram, z: Array, few: Options, after: SlpResult | None
-        ) -> SlpResult:
-            solver = SlpSolver(program, few, smoothing, lp, self.budget, keep=keep)
-            return solver.run(z, after=after)
-
-        return solve_in_rounds(program, z, near, solve, rough=False)
-
-    def _replayed(
-        self, best: Attempt, program: NonlinearProgram, result: SlpResult
-    ) -> Attempt | None:
+    def _replayed(self, best: Attempt, result: SlpResult) -> Attempt | None:
         """What has come of a motion, replayed; None if it is no faster."""
-        found = Attempt.of(best.name, program, best.initial, result)
+        found = Attempt.of(best.name, result.program, best.initial, result)
         found = replace(found, remark=best.remark, history=())
         if not (found.feasible and found.trajectory.duration < best.duration):
             return None
@@ -317,7 +295,7 @@ class Settling:
         history = tuple(self.progress.records)
         if seen.certificate.ok:
             return replace(best, status=Status.CONVERGED, history=history)
-        status = Status.ITERATION_LIMIT if self.budget.spent else Status.STALLED
+        status = Status.ITERATION_LIMIT if self.spent else Status.STALLED
         if best.status not in (Status.CONVERGED, Status.STALLED):
             status = best.status
         promise = 100.0 * seen.certificate.stationarity

@@ -131,7 +131,8 @@ def _rescued(
                 feasible = [] if slow is None else [slow]
         for item in feasible or progress.kept[-1:]:
             best = item.iterate if item.feasible else None
-            result = SlpResult(status, item.iterate, best, tuple(progress.records))
+            records = tuple(progress.records)
+            result = SlpResult(status, item.iterate, best, records, item.program)
             try:
                 attempt = Attempt.of(name, item.program, initial, result)
                 last = last or attempt

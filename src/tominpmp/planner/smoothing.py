@@ -13,11 +13,9 @@ from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.motion.measures import roughness, way_of
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.later_stage import Over, bettered, made
+from tominpmp.planner.later_stage import Over, bent, bettered, made
 from tominpmp.solution import Solution
-from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.rounds import solve_in_rounds
-from tominpmp.solvers.smoothing import SmoothingSolver
+from tominpmp.solvers.objective import QuietTorques
 from tominpmp.status import Status
 from tominpmp.transcription.grid import Ticks, ticks_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -81,7 +79,7 @@ def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution 
     options, limits = solution.options, solution.problem.robot.limits
     before = roughness(former, limits)
     make = partial(_quieter, options, former, share)
-    found = made(solution, former, former.t.size - 1, warm_start, make)
+    found = made(solution, former, former.t.size - 1, make)
     if found is None:
         return NO_QUIETER
     trajectory = found.trajectory
@@ -111,12 +109,11 @@ def _quieter(
     former: Trajectory,
     slack: float,
     system: ProblemFunctions,
-    guess: WarmStart,
     intervals: int,
     over: Over,
 ) -> tuple[Trajectory | None, Status]:
     """Quieter motion in the form of the former one, and how the iteration ended."""
-    ticks = None
+    ticks, guess = None, warm_start(system, former)
     if options.control_period is None:
         program, z = _program(system, options, guess, former, intervals)
         z = program.stretch(z, 1.0 + slack)
@@ -125,17 +122,11 @@ def _quieter(
         count = ticks_of((1.0 + slack) * former.duration, period)
         ticks = Ticks.near(period, count, former.t, intervals)
         program, z = guess.clocked_program(system, ticks)
-
-    def solve(
-        program: NonlinearProgram, z: Array, options: Options, _: SlpResult | None
-    ) -> SlpResult:
-        times = program.transcription.sequence_times(z)
-        return SmoothingSolver(program, options, times, over).run(z)
-
-    program, result = solve_in_rounds(program, z, options, solve, rough=False)
+    objective = QuietTorques.of(program, z, options.feasibility)
+    result = bent(program, objective, z, options, over)
     if result.best is None:
         return None, result.status
-    motion = program.trajectory(result.best.z)
+    motion = result.program.trajectory(result.best.z)
     return motion if ticks is None else ticks.timed(motion), result.status
 
 

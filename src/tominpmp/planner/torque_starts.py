@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.descent import repaired
 from tominpmp.planner.progress import Progress
 from tominpmp.planner.rescue import guarded
-from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.paper import PaperSolver
-from tominpmp.solvers.penalty import PenaltySolver
-from tominpmp.solvers.rounds import solve_in_rounds
-from tominpmp.solvers.slp import SlpSolver
+from tominpmp.solvers.exchange import RowExchange
+from tominpmp.solvers.fixed_step import fixed_steps
+from tominpmp.solvers.loop import Rule, Step, solve
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.penalty import penalty_rounds
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
@@ -137,23 +136,22 @@ def shoot(
     )
     selection = INSTANTS["paper" if paper else options.method]
     program = NonlinearProgram.of(transcription, selection)
-    lp = make_solver(options.lp_solver)
-    first = program.trajectory(z)
-
-    def solve(
-        program: NonlinearProgram, z: Array, options: Options, after: SlpResult | None
-    ) -> SlpResult:
-        if options.method == "penalty":
-            result = PenaltySolver(program, options, progress, progress.keep).run(z)
-        elif paper:
-            result = PaperSolver(program, options, lp, progress, progress.keep).run(z)
-        else:
-            smoothing, keep = options.smoothing or 0.0, progress.keep
-            solver = SlpSolver(program, options, smoothing, lp, progress, keep=keep)
-            return solver.run(z, after=after)
-        former = () if after is None else after.history
-        return replace(result, history=(*former, *result.history))
-
-    program, result = solve_in_rounds(program, z, options, solve)
+    method: tuple[Step, Rule]
+    if options.method == "penalty":
+        method = penalty_rounds(options, z)
+    else:
+        method = fixed_steps(options) if paper else trust_regions(options)
+    objective = MinimumTime.of(options, 0.0 if paper else options.smoothing or 0.0)
+    result = solve(
+        program,
+        objective,
+        z,
+        *method,
+        exchange=RowExchange(),
+        callback=progress,
+        keep=progress.keep,
+    )
     found = result.iterate if result.best is None else result.best
-    return Attempt.of("shooting", program, first, result), found.z
+    return Attempt.of(
+        "shooting", result.program, program.trajectory(z), result
+    ), found.z

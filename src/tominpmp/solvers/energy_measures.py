@@ -18,14 +18,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.constraints import Partials, States
-from tominpmp.transcription.base import Motion
+from tominpmp.solvers.model import Model
+from tominpmp.transcription.base import Motion, StepBounds, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -36,46 +36,8 @@ SHARES = (0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15))
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 # Change of a duration by which curvature along it is found.
 STRETCH = 1e-3
-
-Measure = Literal["torque_squared", "work"]
-
-
-class Terms(NamedTuple):
-    """Terms of a sum over the Gauss points, with their derivatives.
-
-    Attributes:
-        values: Shape (k,).
-        jacobian: Shape (k, size).
-    """
-
-    values: Array
-    jacobian: sp.csr_matrix
-
-
-@dataclass(frozen=True, eq=False)
-class EnergyModel:
-    """An energy near an iterate.
-
-    Attributes:
-        value: What it is.
-        gradient: Its gradient but for the kinks, shape (size,).
-        curvature: Its curvature, positive semidefinite, shape (size, size).
-        kinks: Terms p of which max(p, 0) is to be added; None for none.
-    """
-
-    value: float
-    gradient: Array
-    curvature: sp.csc_matrix
-    kinks: Terms | None = None
-
-    def change(self, step: Array) -> float:
-        """By how much a step changes it."""
-        smooth = float(self.gradient @ step + 0.5 * step @ (self.curvature @ step))
-        if self.kinks is None:
-            return smooth
-        here, jacobian = self.kinks
-        there = here + jacobian @ step
-        return smooth + float(np.sum(np.maximum(there, 0.0) - np.maximum(here, 0.0)))
+# Share of the work that a step as long as the trust region costs in each unknown.
+TRACE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +55,13 @@ class Energy(ABC):
         """What it is."""
 
     @abstractmethod
-    def model(self, z: Array) -> EnergyModel:
-        """A convex model near an iterate."""
+    def model(self, z: Array, steps: StepBounds) -> Model:
+        """A convex model near an iterate.
+
+        Args:
+            z: The iterate.
+            steps: Box for the step.
+        """
 
     def _points(self, motion: Motion) -> tuple[Instants, States]:
         of = self.nlp.transcription
@@ -138,7 +105,7 @@ class Energy(ABC):
     def _of_pace(
         self, z: Array, value: float, jacobian: sp.csr_matrix
     ) -> sp.csr_matrix:
-        """Curvature along slower motions that the squares alone do not have.
+        """Root of the curvature along slower motions that the squares do not have.
 
         From rest to rest the pace is changed as one, of several segments too: with that
         of a part of them alone, the path would change.
@@ -155,8 +122,7 @@ class Energy(ABC):
             missing = max(bend - 2.0 * float(along @ along), 0.0)
             cost = nlp.cost * pace
             roots.append(np.sqrt(missing) / float(cost @ z) * cost)
-        root = sp.csr_matrix(np.array(roots))
-        return sp.csr_matrix(root.T @ root)
+        return sp.csr_matrix(np.array(roots))
 
     def _paces(self, z: Array) -> Iterator[Array]:
         """Which unknowns are durations, for each part of the motion between stops."""
@@ -192,17 +158,16 @@ class SquaredTorques(Energy):
         moving = float(np.sum(squares.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
         return moving + sum(float(held @ held) for held, _ in self._held(motion))
 
-    def model(self, z: Array) -> EnergyModel:
+    def model(self, z: Array, steps: StepBounds) -> Model:
         """The integral near an iterate."""
-        terms = self._terms(z)
-        residual, jacobian = terms.values, terms.jacobian
-        gradient = 2.0 * (jacobian.T @ residual)
-        value = float(residual @ residual)
-        curvature = 2.0 * (jacobian.T @ jacobian) + self._of_pace(z, value, jacobian)
-        return EnergyModel(value, np.asarray(gradient), sp.csc_matrix(curvature))
+        residual, jacobian = self._terms(z)
+        gradient = np.asarray(2.0 * (jacobian.T @ residual))
+        pace = self._of_pace(z, float(residual @ residual), jacobian)
+        root = sp.vstack([np.sqrt(2.0) * jacobian, pace], format="csr")
+        return Model(lambda z, _: self(z), gradient, root)
 
-    def _terms(self, z: Array) -> Terms:
-        """Roots of the terms."""
+    def _terms(self, z: Array) -> tuple[Array, sp.csr_matrix]:
+        """Roots of the terms of the sum, and their Jacobian."""
         of = self.nlp.transcription
         motion = of.motion(z)
         at, states = self._points(motion)
@@ -221,7 +186,7 @@ class SquaredTorques(Energy):
         stays = list(self._held(motion, differentiated=True))
         values = [size * torques, *(held for held, _ in stays)]
         matrices = [jacobian, *(by for _, by in stays if by is not None)]
-        return Terms(np.concatenate(values), sp.vstack(matrices, format="csr"))
+        return np.concatenate(values), sp.vstack(matrices, format="csr")
 
     def _held(
         self, motion: Motion, *, differentiated: bool = False
@@ -260,16 +225,31 @@ class PositiveWork(Energy):
         power = np.maximum(self._torques(states) * states.v, 0.0).sum(axis=1)
         return float(np.sum(power.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
 
-    def model(self, z: Array) -> EnergyModel:
-        """The work near an iterate."""
-        terms = self._terms(z)
-        value = float(np.sum(np.maximum(terms.values, 0.0)))
-        none = sp.csr_matrix((1, z.size))
-        pace = sp.csc_matrix(self._of_pace(z, value, none))
-        return EnergyModel(value, np.zeros(z.size), pace, terms)
+    def model(self, z: Array, steps: StepBounds) -> Model:
+        """The work near an iterate: max(p, 0) is half of p, and half of its size.
 
-    def _terms(self, z: Array) -> Terms:
-        """Work of each motor by Gauss points."""
+        Of terms that no step of the box brings to zero the sign is known.
+        """
+        power, jacobian = self._terms(z)
+        value = float(np.sum(np.maximum(power, 0.0)))
+        box = np.maximum(steps.upper, -steps.lower)
+        near = np.abs(power) <= abs(jacobian) @ box
+        kinks = jacobian[near]
+        signs = np.where(near, 0.5, power > 0.0)
+        # A trace of curvature for what is free to be anything.
+        trace = np.sqrt(TRACE * value)
+        still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
+        return Model(
+            lambda z, _: self(z),
+            np.asarray(jacobian.T @ signs),
+            self._of_pace(z, value, sp.csr_matrix((1, z.size))),
+            still,
+            Variation(kinks, power[near] - kinks @ z),
+            0.5,
+        )
+
+    def _terms(self, z: Array) -> tuple[Array, sp.csr_matrix]:
+        """Work of each motor by Gauss points, and its Jacobian."""
         of = self.nlp.transcription
         motion = of.motion(z)
         at, states = self._points(motion)
@@ -285,7 +265,7 @@ class PositiveWork(Energy):
         power = (torques * speeds).ravel()
         jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
         jacobian = jacobian + sp.diags(share * power) @ by_length
-        return Terms(size * power, sp.csr_matrix(jacobian))
+        return size * power, sp.csr_matrix(jacobian)
 
 
 def _power(partials: Partials, rows: slice, torques: Array, speeds: Array) -> Partials:
@@ -298,7 +278,7 @@ def _power(partials: Partials, rows: slice, torques: Array, speeds: Array) -> Pa
     return by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
 
 
-def energy_measure(nlp: NonlinearProgram, measure: Measure) -> Energy:
-    """The energy of an option, for a program."""
-    kinds = {"torque_squared": SquaredTorques, "work": PositiveWork}
-    return kinds[measure](nlp)
+MEASURES: dict[str, type[Energy]] = {
+    "torque_squared": SquaredTorques,
+    "work": PositiveWork,
+}

@@ -1,29 +1,30 @@
 """Rows between the nodes join the running iteration.
 
-Constraints are rows at chosen instants. As the duration settles the motion is looked at
-between them, at first while it is rough, and what is missing becomes rows of the next
-linear program (semi-infinite exchange, Hettich and Kortanek, 1993); trust region and
-weights of the merit stay as they are.
+Constraints are rows at chosen instants. As the objective settles the motion is looked
+at between them, at first while it is rough, and what is missing becomes rows of the
+next program (semi-infinite exchange, Hettich and Kortanek, 1993); trust region and
+weights of the merit stay as they are. An iteration that ends is looked at in any case,
+and goes on where rows are missing.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from tominpmp.arrays import Array
 from tominpmp.constraints.friction import OVERLOAD
-from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.restoration import cured
-from tominpmp.status import Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.exchange import revised
 from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.verification.verification import LONGEST
 
-# Rows are looked for when the duration changes by less than such a share of it in an
-# iteration; after each time, by less than this share of what it was then.
+# Rows are looked for when the merit changes by less than such a share of the duration
+# in an iteration; after each time, by less than this share of what it was then.
 ROUGH, FINER = 1e-2, 0.1
 # Or once rows have joined, when what they asked for is done but for this, and duration
 # has not changed by more than this share of it: they seldom move the motion.
@@ -32,8 +33,11 @@ DONE, UNMOVED = 1e-3, 1e-3
 FAR = 1e-2
 # Iterations that rows give to what they have joined, and how often.
 ITERATIONS, EXTENSIONS = 25, 12
-# Rows that join may need a step of this share of the usual one at least.
-LEAST_RADIUS = 0.1
+# Rows that join on the way may need a step of this share of the usual one at least. A
+# motion that was nearly optimal without them is mended with this share at most: all of
+# it is used for unknowns that the duration leaves free, and what that breaks anew goes
+# with its square.
+LEAST_RADIUS, SMALLEST = 0.1, 0.01
 
 Revise = Callable[[Program, Array], tuple[Program, Array] | None]
 
@@ -58,15 +62,15 @@ def with_missing_rows(
 
 @dataclass(frozen=True)
 class RowExchange:
-    """When a running iteration looks between its rows, and what finds those missing.
+    """When an iteration looks between its rows, and what finds those missing.
 
     Attributes:
-        level: Change of the duration in an iteration, as a share of it, below which the
-            motion is looked at.
+        level: Merit gained in an iteration, as a share of the duration, below which the
+            motion is looked at; 0 looks only where the iteration ends.
         extensions: How often rows have joined and given it more iterations.
         joined_at: Duration when rows joined last [s]; None while none have.
         longest: Motions that last longer are not looked at [s].
-        light: Once the iteration has settled violations of rows that join are left to
+        light: Once the iteration has ended violations of rows that join are left to
             slowing down, if they are no larger than this.
         revise: Gives the program with all that an iterate shows to be missing, and the
             iterate within its bounds; None if nothing is.
@@ -75,74 +79,78 @@ class RowExchange:
     level: float = ROUGH
     extensions: int = 0
     joined_at: float | None = None
-    longest: float = np.inf
+    longest: float = LONGEST
     light: float = 0.0
     revise: Revise = with_missing_rows
 
-    def due(self, iterate: Iterate, status: Status | None) -> bool:
+    def due(self, loop: Loop, status: Status | None) -> bool:
         """Whether it is time to look at the motion.
 
         Args:
-            iterate: Where the iteration stands.
-            status: How the iteration is to end; None if it goes on.
-        """
-        if status not in (None, Status.CONVERGED) or iterate.duration > self.longest:
-            return False
-        if iterate.violation > FAR or not iterate.gains:
-            return False
-        if status is Status.CONVERGED or self._done(iterate):
-            return True
-        return iterate.gains[-1] < self.level * iterate.duration
-
-    def _done(self, iterate: Iterate) -> bool:
-        """Whether what rows asked for that have joined is done."""
-        if self.joined_at is None or iterate.violation > DONE:
-            return False
-        return abs(iterate.duration - self.joined_at) <= UNMOVED * self.joined_at
-
-    @property
-    def looked(self) -> RowExchange:
-        """The same once the motion was looked at."""
-        return replace(self, level=FINER * self.level, joined_at=None)
-
-    def enough(
-        self, program: Program, iterate: Iterate, status: Status | None, limit: float
-    ) -> bool:
-        """Whether slowing down is the cure for what rows that have joined show.
-
-        Args:
-            program: The program with these rows.
-            iterate: Where the iteration stands.
+            loop: The iteration.
             status: How it is to end; None if it goes on.
-            limit: Largest violation that is let pass.
         """
-        settled = status is Status.CONVERGED and self.light > 0.0
-        return settled and cured(program, iterate, self.light, limit) is not None
+        state = loop.state
+        given_up = loop.shown is Status.STALLED  # whoever judges it wants no more of it
+        if status in STOPPED or given_up or state.duration > self.longest:
+            return False
+        if status is not None:
+            return loop.best is not None or state.violation <= FAR
+        # What has not moved since it was looked at would show nothing new.
+        moved = loop.outcome is not None and loop.outcome.accepted
+        if not (moved and state.gains) or state.violation > FAR:
+            return False
+        return self._done(loop) or state.gains[-1] < self.level * state.duration
 
-    def extended(
-        self, iterate: Iterate, limit: int, count: int
-    ) -> tuple[RowExchange, int]:
-        """The same once rows have joined, and the limit on the iterations.
+    def _done(self, loop: Loop) -> bool:
+        """Whether what rows asked for that have joined is done."""
+        if self.joined_at is None or loop.state.violation > DONE:
+            return False
+        changed = abs(loop.state.duration - self.joined_at)
+        return changed <= UNMOVED * self.joined_at
+
+    def look(
+        self, loop: Loop, status: Status | None
+    ) -> tuple[RowExchange, Status | None]:
+        """Look at the motion, and have the rows join that are missing.
 
         Args:
-            iterate: Where the iteration stands.
-            limit: The limit by now.
-            count: Iterations that were made.
-        """
-        more = replace(self, joined_at=iterate.duration)
-        if self.extensions == EXTENSIONS:
-            return more, limit
-        more = replace(more, extensions=self.extensions + 1)
-        return more, max(limit, count + ITERATIONS)
+            loop: The iteration, which goes on with these rows.
+            status: How it is to end; None if it goes on.
 
-    def joined(
-        self, program: Program, iterate: Iterate
-    ) -> tuple[Program, Iterate] | None:
-        """Program and iterate with the rows that are missing; None if none are."""
-        changed = self.revise(program, iterate.z)
+        Returns:
+            The exchange once it has looked, and how the iteration is to end now.
+        """
+        looked = replace(self, level=FINER * self.level, joined_at=None)
+        changed, reached = self.revise(loop.program, loop.state.z), loop.state
+        if changed is None and status is not None:
+            loop.end(status)
+            if loop.state is not reached:
+                changed = self.revise(loop.program, loop.state.z)
         if changed is None:
-            return None
-        program, z = changed
-        radius = max(iterate.region.radius, LEAST_RADIUS)
-        region = replace(iterate.region, radius=radius)
-        return program, replace(iterate.on(program, z), region=region, gains=())
+            return looked, status
+        if status is not None and self.extensions == EXTENSIONS:
+            # It has settled on rows that are not all that it needs.
+            settled = status is Status.CONVERGED
+            return looked, Status.ITERATION_LIMIT if settled else status
+        loop.program, z = changed
+        joined = loop.state.on(loop.program, z)
+        radius = max(joined.region.radius, LEAST_RADIUS)
+        if self.level == 0.0:
+            radius = min(max(math.sqrt(joined.violation), SMALLEST), LEAST_RADIUS)
+        region = replace(joined.region, radius=radius)
+        loop.state, loop.best = replace(joined, region=region, gains=()), None
+        looked = replace(looked, joined_at=loop.state.duration)
+        if self.extensions < EXTENSIONS:
+            looked = replace(looked, extensions=self.extensions + 1)
+            loop.granted = len(loop.history) + ITERATIONS
+        if status is None:
+            return looked, None
+        loop.state = replace(loop.state, raises=0)
+        # Slowing down is a cure for light violations.
+        limit = loop.objective.feasibility
+        slower = cured(loop.program, loop.state, self.light, limit)
+        if slower is None or not self.light:
+            return looked, None
+        loop.state = loop.best = slower
+        return looked.look(loop, status)

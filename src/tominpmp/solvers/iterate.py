@@ -1,11 +1,12 @@
-"""State of the iteration, and what a step of it brought."""
+"""Where an iteration stands, and what a step of it brought."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from tominpmp.arrays import Array
-from tominpmp.linear_programs.program import LpSolution
 from tominpmp.solvers.merit import Merit
 from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
@@ -14,44 +15,54 @@ from tominpmp.transcription.base import Program
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """State of the iteration.
+    """Where an iteration stands.
 
     Attributes:
         z: Unknowns.
         values: Row values there.
-        merit: Weights of the merit.
+        cost: Gradient of the duration, which is cost @ z.
+        merit: Weights of the violations.
         region: Trust region.
-        multipliers: Of all rows, from the last linear program.
+        multipliers: Of all rows, from the last program.
         raises: How often weights were raised for want of feasibility.
         gains: Merit gained in the last iterations [s], the newest last.
     """
 
     z: Array
     values: Array
+    cost: Array
     merit: Merit
     region: TrustRegion
     multipliers: Array
     raises: int = 0
     gains: tuple[float, ...] = ()
 
+    @classmethod
+    def of(cls, program: Program, z: Array, weights: Array | float) -> Iterate:
+        """An iterate of a program of which no multiplier is known.
+
+        Args:
+            program: The program.
+            z: Unknowns.
+            weights: Weights of the violations, by kinds of rows or of all [s].
+        """
+        rows = program.rows
+        merit = Merit(rows, np.broadcast_to(weights, len(rows.kinds)))
+        none = np.zeros(rows.size)
+        return cls(z, program.evaluate(z), program.cost, merit, TrustRegion(), none)
+
     @property
     def duration(self) -> float:
         """T [s]."""
-        return float(self.merit.cost @ self.z)
+        return float(self.cost @ self.z)
 
     @property
     def violation(self) -> float:
         """Largest violation of all rows."""
         return self.merit.rows.largest_violation(self.values)
 
-    def better_than(self, best: Iterate | None, feasibility: float) -> Iterate | None:
-        """This iterate if it is feasible and faster than the best one, else that."""
-        if self.violation > feasibility:
-            return best
-        return self if best is None or self.duration < best.duration else best
-
     def on(self, program: Program, z: Array) -> Iterate:
-        """The state for nearly the same program, with other rows and unknowns."""
+        """The iterate of nearly the same program, with other rows and unknowns."""
         former = self.merit.rows
         return replace(
             self,
@@ -64,40 +75,21 @@ class Iterate:
 
 @dataclass(frozen=True, eq=False)
 class SlpResult:
-    """Outcome of the iteration.
+    """Outcome of an iteration.
 
     Attributes:
         status: How it ended.
         iterate: The last iterate.
-        best: The fastest iterate without violation, if there was one.
+        best: The iterate of the least objective without violation, if there was one.
         history: One record an iteration.
-        remark: A sentence for the user, if there is something to say.
-        program: The program as it was in the end, where rows have joined it on the way;
-            None if it is the one that was given.
+        program: The program as it was in the end, with the rows that have joined it.
     """
 
     status: Status
     iterate: Iterate
     best: Iterate | None
     history: tuple[IterationRecord, ...]
-    remark: str = ""
-    program: Program | None = None
-
-
-@dataclass
-class Effort:
-    """Counts the work of one iteration."""
-
-    programs: int = 0
-    pivots: int = 0
-    seconds: float = 0.0
-
-    def add(self, solution: LpSolution) -> LpSolution:
-        """Count a linear program and hand it on."""
-        self.programs += 1
-        self.pivots += solution.iterations
-        self.seconds += solution.seconds
-        return solution
+    program: Program
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +104,20 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a step brought."""
+    """What a step brought.
+
+    Attributes:
+        trial: The best point that was tried.
+        predicted: Reduction of the merit that the program predicted [s].
+        actual: Reduction that was had [s].
+        ratio: Of the two, for the whole step.
+        accepted: Whether the step was taken.
+        settled: Whether no more progress is predicted, or was had lately.
+    """
 
     trial: Trial
     predicted: float
     actual: float
     ratio: float
     accepted: bool
+    settled: bool = False

@@ -1,11 +1,11 @@
-r"""Exact penalty merit: duration, variation of the controls and violations.
+r"""Exact penalty merit: an objective and the violations of its limits.
 
 .. math::
-    \phi(z) = T(z) + \gamma \, TV(z) + \sum_g \mu_g \max_{i \in g} v_i(z)
+    \phi(z) = f(z) + \sum_g \mu_g \max_{i \in g} v_i(z)
 
 with the violations v of the rows of a group g. It is exact when each weight is above
-the sum of the multipliers of its group (Fletcher, 1987); the linear program of an
-iteration has one elastic variable a group for it.
+the sum of the multipliers of its group (Fletcher, 1987); the program of an iteration
+has one elastic variable a group for it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.transcription.base import Variation
 from tominpmp.transcription.rows import Rows
 
 # Weights stay this much above the multipliers seen.
@@ -28,26 +27,15 @@ NEGLIGIBLE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Merit:
-    """Weights of the merit function.
+    """Weights of the violations in the merit function.
 
     Attributes:
-        cost: Gradient of the duration.
         rows: What the rows are.
-        smoothing: Weight gamma of the total variation [s].
         weights: Weight mu of each kind of row [s], shape (kinds,).
     """
 
-    cost: Array
     rows: Rows
-    smoothing: float
     weights: Array
-
-    def __call__(self, z: Array, values: Array, variation: Variation | None) -> float:
-        """Merit of an iterate [s]."""
-        total = float(self.cost @ z)
-        if variation is not None:
-            total += self.smoothing * variation.total(z)
-        return total + self.penalty(values)
 
     def penalty(self, values: Array) -> float:
         """Weighted violations [s]."""
@@ -55,7 +43,7 @@ class Merit:
         return float(self.weights[self.rows.group_kind] @ violation)
 
     def raised(self, multipliers: Array, before: Array, promised: Array) -> Merit:
-        """Raise the weights above the multipliers of a linear program.
+        """Raise the weights above the multipliers of a program.
 
         Those of a group with an elastic variable add up to its weight at most and say
         nothing about it; its weight is doubled where the program would leave the

@@ -12,21 +12,20 @@ equation.
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.callbacks import Callback, Keep, go_on, keep_nothing
-from tominpmp.solvers.iterate import Iterate, SlpResult
-from tominpmp.solvers.merit import Merit
-from tominpmp.solvers.trust_region import TrustRegion
-from tominpmp.status import IterationRecord, Status
+from tominpmp.solvers.iterate import Iterate, Outcome, Trial
+from tominpmp.solvers.loop import Loop, Rule
+from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.stop import Iterations, Raises, first_of, settled
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.base import Program
 from tominpmp.transcription.program import NonlinearProgram
 
 # The first weight K, in shares of T, and its growth from round to round. From a smaller
@@ -34,9 +33,6 @@ from tominpmp.transcription.program import NonlinearProgram
 FIRST_WEIGHT = 30.0
 WEIGHT_GROWTH = 10.0
 ROUNDS = 11
-# Violations fall like 1 / K; where two rounds leave more than this share of them, no
-# weight will remove the rest.
-STUCK = 0.5
 # Quasi-Newton iterations a round, and in all for each of ``options.max_iterations``:
 # one of them costs about a tenth of an iteration with a linear program. What a round
 # leaves undone the next one does, with smaller violations.
@@ -48,129 +44,92 @@ MEMORY = 30
 DURATIONS = (0.3, 20.0)
 
 
-class _Stop(Exception):
-    """Leaves the quasi-Newton method.
+def penalty_rounds(options: Options, z: Array) -> tuple[PenaltyRound, Rule]:
+    """Rounds of the penalty method, and when they end.
 
-    Attributes:
-        status: Why.
+    Args:
+        options: The limit on the iterations.
+        z: Where the first one begins.
     """
-
-    def __init__(self, status: Status) -> None:
-        super().__init__(status.value)
-        self.status = status
+    most = ITERATION_FACTOR * options.max_iterations
+    return PenaltyRound(z, most), first_of(
+        settled, Raises(ROUNDS - 1), Iterations(most)
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class PenaltySolver:
-    """Exterior penalty function method on the adjoint transcription.
+class PenaltyRound:
+    """A round of the exterior penalty function method on the adjoint transcription.
+
+    Each of its quasi-Newton iterations has a record.
 
     Attributes:
-        nlp: The nonlinear program.
-        options: Tolerances and limits.
-        callback: Sees every record; a status ends the iteration.
-        keep: Is given the best motion so far, or the present one.
+        first: What to begin with, whose duration tells the scale.
+        most: Quasi-Newton iterations of all rounds at most.
     """
 
-    nlp: NonlinearProgram
-    options: Options
-    callback: Callback = go_on
-    keep: Keep = keep_nothing
+    first: Array
+    most: int
 
-    def run(self, z: Array) -> SlpResult:
-        """Minimise with growing weights until the violations are gone."""
-        run = _Run(self, z)
-        status = Status.INFEASIBLE
-        weight = FIRST_WEIGHT * run.duration
-        left: list[float] = []
-        try:
-            for _ in range(ROUNDS):
-                run.minimise(weight)
-                left.append(run.iterate.violation)
-                if left[-1] <= self.options.feasibility:
-                    status = Status.CONVERGED
-                    break
-                if len(left) > 2 and left[-1] > STUCK * left[-3]:
-                    break
-                weight *= WEIGHT_GROWTH
-        except _Stop as stop:
-            status = stop.status
-        return SlpResult(status, run.iterate, run.best, tuple(run.history))
+    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+        """The iterate to begin with."""
+        return Iterate.of(program, z, 0.0)
 
+    def __call__(self, loop: Loop) -> None:
+        """Minimise with the present weight, and raise it for the next round."""
+        self.minimise(loop)
+        settled = loop.state.violation <= loop.objective.feasibility
+        if loop.outcome is not None:
+            loop.outcome = replace(loop.outcome, settled=settled)
+        raises = 0 if settled else loop.state.raises + 1
+        loop.state = replace(loop.state, raises=raises)
 
-class _Run:
-    """One run: the present iterate, the best one and the history."""
-
-    def __init__(self, solver: PenaltySolver, z: Array) -> None:
-        nlp = solver.nlp
-        self.solver, self.nlp = solver, nlp
-        self.begin = time.perf_counter()
-        self.history: list[IterationRecord] = []
-        self.best: Iterate | None = None
-        self.rows = nlp.rows
+    def minimise(self, loop: Loop) -> None:
+        """Go to the least of duration and penalty, as far as a round does."""
+        assert isinstance(loop.program, NonlinearProgram)  # noqa: S101
+        nlp, rows = loop.program, loop.program.rows
+        torques = nlp.transcription
+        assert isinstance(torques, AdjointTranscription)  # noqa: S101
+        scale, lower, upper = _scaled(torques, self.first)
+        weight = FIRST_WEIGHT * float(nlp.cost @ self.first)
+        weight *= WEIGHT_GROWTH**loop.state.raises
         # The mean over the instants stands for the integral over tau.
-        counts = np.bincount(self.rows.group)
-        goal = self.rows.kind == self.rows.kinds.index("goal")
-        self.share = np.where(goal, 1.0, 1.0 / counts[self.rows.group])
-        transcription = nlp.transcription
-        assert isinstance(transcription, AdjointTranscription)  # noqa: S101
-        intervals, columns = transcription.shares.shape
-        torques = z.size - columns
-        # The torques as functions of time: one of an interval counts by its length.
-        # With these units the iterations end 6 % to 10 % lower than with each torque
-        # in its range, in the same time.
-        lengths = transcription.shares @ z[torques:]
-        unit = np.sqrt(lengths.sum() / lengths)
-        units = np.repeat(unit, torques // intervals)
-        rest = np.ones(columns)
-        self.scale = np.concatenate([units, z[torques:]])
-        lower, upper = transcription.torque_bounds
-        self.lower = np.concatenate([lower / units, DURATIONS[0] * rest])
-        self.upper = np.concatenate([upper / units, DURATIONS[1] * rest])
-        self.iterate = self.make(z, nlp.evaluate(z))
-        solver.keep(nlp, self.iterate)
-        # What the quasi-Newton method evaluated last: unknowns, rows and objective.
-        self.trial = z, self.iterate.values, np.inf
-
-    @property
-    def duration(self) -> float:
-        """T [s]."""
-        return self.iterate.duration
-
-    def make(self, z: Array, values: Array) -> Iterate:
-        """Wrap unknowns and row values as an iterate."""
-        merit = Merit(self.nlp.cost, self.rows, 0.0, np.zeros(len(self.rows.kinds)))
-        return Iterate(z, values, merit, TrustRegion(), np.zeros(self.rows.size))
-
-    def minimise(self, weight: float) -> None:
-        """One round with the weight K."""
+        goal = rows.kind == rows.kinds.index("goal")
+        share = np.where(goal, 1.0, 1.0 / np.bincount(rows.group)[rows.group])
+        latest = Trial(loop.state.z, loop.state.values, np.inf)
 
         def function(y: Array) -> tuple[float, Array]:
+            nonlocal latest
             check()
-            z = y * self.scale
-            values = self.nlp.evaluate(z)
-            over = np.maximum(values - self.rows.upper, 0.0)
-            under = np.minimum(values - self.rows.lower, 0.0)
-            excess = over + under
-            total = float(self.nlp.cost @ z)
-            total += weight * float(self.share @ excess**2)
-            self.trial = z, values, total
-            gradient = self.nlp.cost
-            if self.nlp.transcription.motion(
-                z
-            ).finite:  # else the line search turns back
-                force = 2.0 * weight * self.share * excess
-                gradient = gradient + self.nlp.gradient(z, force)
-            return total, gradient * self.scale
+            z = y * scale
+            values = nlp.evaluate(z)
+            excess = np.maximum(values - rows.upper, 0.0)
+            excess += np.minimum(values - rows.lower, 0.0)
+            total = float(nlp.cost @ z) + weight * float(share @ excess**2)
+            latest = Trial(z, values, total)
+            gradient = nlp.cost
+            if nlp.transcription.motion(z).finite:  # else the line search turns back
+                gradient = gradient + nlp.gradient(z, 2.0 * weight * share * excess)
+            return total, gradient * scale
 
         def callback(y: Array) -> None:
-            self.note(y * self.scale)
+            nonlocal nlp
+            z, state = y * scale, loop.state
+            values = latest.values if np.array_equal(z, latest.z) else nlp.evaluate(z)
+            loop.program = nlp = nlp.near(z)
+            gained = state.duration - float(nlp.cost @ z)
+            trial = Trial(z, values, latest.merit)
+            state = replace(state, z=z, values=values)
+            loop.reached(state, Outcome(trial, 0.0, gained, 1.0, True))
+            if loop.shown is not None or len(loop.history) >= self.most:
+                raise StopIteration
 
         minimize(
             function,
-            self.iterate.z / self.scale,
+            loop.state.z / scale,
             jac=True,
             method="L-BFGS-B",
-            bounds=np.stack([self.lower, self.upper], axis=1),
+            bounds=np.stack([lower, upper], axis=1),
             callback=callback,
             options={
                 "maxiter": ROUND_ITERATIONS,
@@ -181,36 +140,22 @@ class _Run:
             },
         )
 
-    def note(self, z: Array) -> None:
-        """Record an iterate of the quasi-Newton method."""
-        solver, before = self.solver, self.iterate
-        known = np.array_equal(z, self.trial[0])
-        values = self.trial[1] if known else self.nlp.evaluate(z)
-        self.iterate = iterate = self.make(z, values)
-        self.nlp = self.nlp.near(z)
-        if iterate.violation <= solver.options.feasibility and (
-            self.best is None or iterate.duration < self.best.duration
-        ):
-            self.best = iterate
-        solver.keep(self.nlp, self.best or iterate)
-        record = IterationRecord(
-            iteration=len(self.history),
-            duration=iterate.duration,
-            violation=iterate.violation,
-            objective=self.trial[2],
-            predicted=0.0,
-            actual=before.duration - iterate.duration,
-            radius=1.0,
-            accepted=True,
-            programs=0,
-            pivots=0,
-            program_seconds=0.0,
-            seconds=time.perf_counter() - self.begin,
-        )
-        self.history.append(record)
-        status = solver.callback(record)
-        limit = ITERATION_FACTOR * solver.options.max_iterations
-        if status is None and len(self.history) >= limit:
-            status = Status.ITERATION_LIMIT
-        if status is not None:
-            raise _Stop(status)
+
+def _scaled(torques: AdjointTranscription, z: Array) -> tuple[Array, Array, Array]:
+    """Units of the unknowns, and their bounds in these.
+
+    The torques count as functions of time: one of an interval counts by its length. So
+    the iterations end 6 % to 10 % lower than with each torque in its range, in the same
+    time.
+    """
+    columns, intervals = torques.shares.shape[1], torques.intervals
+    count = z.size - columns
+    lengths = torques.shares @ z[count:]
+    units = np.repeat(np.sqrt(lengths.sum() / lengths), count // intervals)
+    least, most = torques.torque_bounds
+    rest = np.ones(columns)
+    return (
+        np.concatenate([units, z[count:]]),
+        np.concatenate([least / units, DURATIONS[0] * rest]),
+        np.concatenate([most / units, DURATIONS[1] * rest]),
+    )

@@ -1,7 +1,7 @@
-r"""The linear program of an iteration: step, total variation and elastic variables.
+r"""The convex program of an iteration: step, total variation and elastic variables.
 
 .. math::
-    \min \; c^T d + \gamma \sum (p + m) + \sum_g \mu_g e_g
+    \min \; g^T d + |R d|^2 / 2 + |S d|^2 / 2 + w \sum (p + m) + \sum_g \mu_g e_g
     \quad s.t. \quad l \le g(z) + J d - s e_g \le u, \quad
     G (z + d) + G_0 = p - m
 
@@ -21,8 +21,10 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.linear_programs.compressed import Compressed, single, sorted_in
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.solvers.merit import NEGLIGIBLE, Merit
-from tominpmp.transcription.base import Linearization, StepBounds, Variation
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.merit import NEGLIGIBLE
+from tominpmp.solvers.model import Model
+from tominpmp.transcription.base import Linearization, StepBounds
 from tominpmp.transcription.rows import Rows
 
 # Keys of rows and columns that are not of the transcription begin here.
@@ -33,18 +35,15 @@ LEAST_ROOM = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Subproblem:
-    """A linear program and how to read its solution.
+    """The program of an iteration and how to read its solution.
 
     Attributes:
-        program: The linear program.
+        program: The program, linear but for the curvature of its objective.
         free: Indices of the unknowns that can move, shape (k,).
         rows: Indices of the transcription's rows in it, shape (r,).
         size: Number of unknowns of the transcription.
         row_count: Number of rows of the transcription.
         matrix: Jacobian of its rows in the unknowns that can move, shape (r, k).
-        root: Root of the curvature of its objective in all unknowns, shape (j, size);
-            None if that is linear.
-        near: The same for the square of each unknown by itself, shape (size,).
     """
 
     program: LinearProgram
@@ -53,17 +52,6 @@ class Subproblem:
     size: int
     row_count: int
     matrix: sp.csr_matrix
-    root: sp.csr_matrix | None = None
-    near: Array | None = None
-
-    def bend(self, step: Array) -> float:
-        """What its curvature adds to the objective for a step."""
-        total = 0.0
-        if self.root is not None:
-            total += 0.5 * float(np.sum((self.root @ step) ** 2))
-        if self.near is not None:
-            total += 0.5 * float(np.sum((self.near * step) ** 2))
-        return total
 
     def change(self, step: Array) -> Array:
         """What its linearised rows change by in a step, shape (r,)."""
@@ -91,30 +79,22 @@ class Subproblem:
 
 
 def build_subproblem(
-    merit: Merit,
-    values: Array,
+    state: Iterate,
+    model: Model,
     linearization: Linearization,
     steps: StepBounds,
-    variation: Variation | None,
-    z: Array,
-    root: sp.csr_matrix | None = None,
-    near: Array | None = None,
     accuracy: float = 1e-6,
 ) -> Subproblem:
-    """Build the linear program at an iterate.
+    """Build the program at an iterate.
 
     Args:
-        merit: Weights.
-        values: Row values g(z), shape (m,).
+        state: The iterate.
+        model: The objective near it.
         linearization: Jacobian of the rows that may matter.
         steps: Box for the step.
-        variation: Differences of the controls; None leaves them out.
-        z: Iterate, shape (size,).
-        root: Root of the curvature of the objective, shape (k, size); None for none.
-        near: The same for the square of each unknown by itself, shape (size,).
         accuracy: A duality gap that is none [s].
     """
-    rows = merit.rows
+    merit, values, rows = state.merit, state.values, state.merit.rows
     moving = steps.upper - steps.lower > 0.0
     free = np.flatnonzero(moving)
     chosen, body, low, high = _rows_within_reach(
@@ -124,18 +104,23 @@ def build_subproblem(
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     matrix = body.rows()
     columns, count = [matrix], chosen.size
-    cost, lower, upper = [merit.cost[free]], [steps.lower[free]], [steps.upper[free]]
+    cost, lower, upper = (
+        [model.gradient[free]],
+        [steps.lower[free]],
+        [steps.upper[free]],
+    )
     keys, row_keys, row_low, row_high = [free], [chosen], [low], [high]
     further: list[Compressed] = []
-    if variation is not None:
-        differences = variation.matrix @ z + variation.offset
+    if model.variation is not None:
+        variation = model.variation
+        differences = variation.matrix @ state.z + variation.offset
         k = differences.size
         own = Compressed.of(variation.matrix).chosen(moving)
         columns, count = [body.followed_by(own).rows()], count + k
         either = np.repeat([-1.0, 1.0], k)
         places = chosen.size + np.tile(np.arange(k), 2)
         further.append(single(either, places, count))
-        cost += [np.full(2 * k, merit.smoothing)]
+        cost += [np.full(2 * k, model.weight)]
         lower += [np.zeros(2 * k)]
         upper += [np.full(2 * k, np.inf)]
         keys += [_KEY_BLOCK + np.arange(2 * k)]
@@ -162,17 +147,15 @@ def build_subproblem(
         np.concatenate(upper),
         np.concatenate(row_keys),
         np.concatenate(keys),
-        _curvature(root, near, free, whole.shape[1]),
+        _curvature(model, free, whole.shape[1]),
         accuracy,
     )
-    return Subproblem(program, free, chosen, z.size, rows.size, matrix, root, near)
+    return Subproblem(program, free, chosen, state.z.size, rows.size, matrix)
 
 
-def _curvature(
-    root: sp.csr_matrix | None, near: Array | None, free: IntArray, size: int
-) -> sp.csc_matrix | None:
+def _curvature(model: Model, free: IntArray, size: int) -> sp.csc_matrix | None:
     """Curvature of the objective in all columns, from its roots in the unknowns."""
-    own = None
+    own, root, near = None, model.root, model.near
     if near is not None:
         squares = np.zeros(size)
         squares[: free.size] = near[free] ** 2

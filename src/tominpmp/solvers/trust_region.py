@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 # Steps are taken when they bring this share of the predicted reduction (Fletcher,
@@ -14,8 +13,6 @@ ACCEPT = 0.1
 AIM = 0.5
 GROWTH = 2.5
 SHRINK = 0.5
-# Radii for removing a violation from a motion that is nearly optimal.
-REPAIR_LEAST, REPAIR_MOST = 0.01, 0.1
 
 
 @dataclass(frozen=True)
@@ -50,16 +47,3 @@ class TrustRegion:
     def exhausted(self) -> bool:
         """Whether the radius is too small to get anywhere."""
         return self.radius < self.smallest
-
-
-def repairing(violation: float) -> TrustRegion:
-    """Trust region for removing a violation from a motion that is nearly optimal.
-
-    A linear program uses the whole of it for unknowns that the duration leaves free,
-    and what that breaks anew goes with its square.
-
-    Args:
-        violation: The largest one.
-    """
-    radius = min(max(math.sqrt(violation), REPAIR_LEAST), REPAIR_MOST)
-    return TrustRegion(radius)

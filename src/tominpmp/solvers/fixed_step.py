@@ -1,0 +1,146 @@
+r"""The paper's iteration, word for word: fixed steps, every one of them taken.
+
+At torques u and duration T the linear program (equations 14 and 15)
+
+.. math::
+    \min \; T + \delta T \quad s.t. \quad g + \delta g = 0, \quad
+    h + \delta h \le 0, \quad u_l \le u + \delta u \le u_u, \\
+    |\delta u| \le \rho, \quad |\delta T| \le \epsilon, \quad 0 \le T + \delta T
+
+is solved, with rows for the goal g and for path constraints h at the active instants S,
+and the step is taken whatever it brings. As long as the linearised
+equations cannot be met within such a step, elastic variables with a large weight take
+up the rest: "at initial iterations the trajectory is forced to satisfy (8) and (9), and
+then the proper minimization of the functional (10) follows".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from tominpmp.arrays import Array
+from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.linear_programs.program import LinearProgram
+from tominpmp.options import Options
+from tominpmp.solvers.iterate import Iterate, Outcome, Trial
+from tominpmp.solvers.loop import Loop, Rule
+from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.stop import Iterations, exhausted, first_of
+from tominpmp.status import Status
+from tominpmp.stopping import check
+from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.base import Linearization, Program, StepBounds
+from tominpmp.transcription.program import NonlinearProgram
+
+# Weight of the elastic variables, in shares of T; far above the multipliers, so that
+# violations are reduced as fast as the steps allow before the duration counts.
+ELASTIC_WEIGHT = 10.0
+# The iteration ends when T has varied by less than this share over a window.
+SETTLED = 1e-6
+WINDOW = 20
+
+
+def fixed_steps(options: Options) -> tuple[FixedStep, Rule]:
+    """The paper's steps, and when they end.
+
+    Args:
+        options: Lengths of the steps, the solver and the limit on the iterations.
+    """
+    lp = make_solver(options.lp_solver)
+    step = FixedStep(lp, options.control_step, options.time_step)
+    limits = exhausted, Iterations(options.max_iterations)
+    return step, first_of(_steady, *limits)
+
+
+def _steady(loop: Loop) -> Status | None:
+    """CONVERGED where the duration has hardly changed over a window."""
+    last = [record.duration for record in loop.history[-WINDOW:]]
+    if len(last) < WINDOW or loop.state.violation > loop.objective.feasibility:
+        return None
+    steady = max(last) - min(last) < SETTLED * last[-1]
+    return Status.CONVERGED if steady else None
+
+
+@dataclass(frozen=True, eq=False)
+class FixedStep:
+    """The paper's step of fixed length on the adjoint transcription.
+
+    Attributes:
+        lp: Solver of the linear programs.
+        control_step: Largest change rho of a torque, as a share of its limit.
+        time_step: Largest change epsilon of the duration [s].
+    """
+
+    lp: LpSolver
+    control_step: float
+    time_step: float
+
+    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+        """The iterate to begin with: the paper's u^0 and T^0."""
+        return Iterate.of(program, z, ELASTIC_WEIGHT * float(program.cost @ z))
+
+    def __call__(self, loop: Loop) -> None:
+        """Solve one linear program, and take its step."""
+        check()
+        nlp, state = loop.program, loop.state
+        assert isinstance(nlp, NonlinearProgram)  # noqa: S101
+        torques, z = nlp.transcription, state.z
+        assert isinstance(torques, AdjointTranscription)  # noqa: S101
+        steps = torques.fixed_steps(z, self.control_step, self.time_step)
+        linearization = nlp.linearize(z, state.values, steps)
+        program = _build_program(state, linearization, steps)
+        solution = loop.counted(self.lp.solve(program))
+        if not solution.optimal:
+            loop.reached(replace(state, region=replace(state.region, radius=0.0)), None)
+            return
+        z = z + solution.x[: z.size]
+        values = nlp.evaluate(z)
+        multipliers = np.zeros(nlp.rows.size)
+        multipliers[linearization.rows] = solution.row_duals
+        merit = float(nlp.cost @ z) + state.merit.penalty(values)
+        state = replace(state, z=z, values=values, multipliers=multipliers)
+        loop.reached(state, Outcome(Trial(z, values, merit), 0.0, 0.0, 0.0, True))
+
+
+def _build_program(
+    state: Iterate, linearization: Linearization, steps: StepBounds
+) -> LinearProgram:
+    """The linear program (14)-(15) with an elastic variable for each constraint.
+
+    Args:
+        state: The iterate, with the weights of the elastic variables.
+        linearization: Jacobian of the rows of the program.
+        steps: Box for the step.
+    """
+    merit, chosen = state.merit, linearization.rows
+    rows = merit.rows
+    here, group = state.values[chosen], rows.group[chosen]
+    low, high = rows.lower[chosen] - here, rows.upper[chosen] - here
+    # Elastic variables, one upwards and one downwards: for each equation, and for each
+    # path constraint at all of its instants.
+    equation = low == high
+    column = np.where(equation, chosen, rows.size + group)
+    used, column = np.unique(column, return_inverse=True)
+    shape = (chosen.size, used.size)
+    index = np.arange(chosen.size)
+    ones = np.ones(chosen.size)
+    over = sp.csr_matrix((-ones, (index, column)), shape=shape)
+    under = sp.csr_matrix((ones, (index, column)), shape=shape)
+    weights = np.zeros(used.size)
+    weights[column] = merit.weights[rows.kind[chosen]]
+    count = used.size
+    size = steps.lower.size
+    keys = np.concatenate([np.arange(size), size + used, size + 2 * rows.size + used])
+    return LinearProgram(
+        np.concatenate([state.cost, weights, weights]),
+        sp.hstack([linearization.matrix, over, under], format="csc"),
+        low,
+        high,
+        np.concatenate([steps.lower, np.zeros(2 * count)]),
+        np.concatenate([steps.upper, np.full(2 * count, np.inf)]),
+        chosen,
+        keys,
+    )

@@ -1,0 +1,188 @@
+"""The loop that all methods share: step, ask when to stop, look between the rows.
+
+Each iteration takes a step towards less of an objective under the limits of a program.
+Objective, step and stop are values, and each of them may be another one:
+
+- the objective is the least time, time against energy, or quiet torques in a given
+  time (:mod:`~tominpmp.solvers.objective`),
+- the step is that of a convex program within a trust region
+  (:mod:`~tominpmp.solvers.trust_region_step`), the fixed one of the paper
+  (:mod:`~tominpmp.solvers.fixed_step`), or a round of the penalty method
+  (:mod:`~tominpmp.solvers.penalty`),
+- rules that go together tell when to stop (:mod:`~tominpmp.solvers.stop`).
+
+On the way, or at the end, the motion is looked at between the rows
+(:mod:`~tominpmp.solvers.exchange`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.linear_programs.program import LpSolution
+from tominpmp.solvers.iterate import Iterate, Outcome, SlpResult
+from tominpmp.solvers.objective import Objective
+from tominpmp.status import IterationRecord, Status
+from tominpmp.stopping import Stop, grace
+from tominpmp.transcription.base import Program
+
+if TYPE_CHECKING:
+    from tominpmp.solvers.exchange import RowExchange
+
+# Sees every record; a status ends the loop.
+Callback = Callable[[IterationRecord], Status | None]
+# Is given motions on the way, should the rest be cut short.
+Keep = Callable[[Program, Iterate], None]
+# How a loop ends; None if it goes on.
+Rule = Callable[["Loop"], Status | None]
+# Time for slowing a motion down once the loop was told to stop [s].
+RESTORING = 0.2
+
+
+class Step(Protocol):
+    """A way to make steps."""
+
+    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+        """The iterate to begin with, and the weights of its violations."""
+
+    def __call__(self, loop: Loop) -> None:
+        """Make a step, and have the loop go where it leads to."""
+
+
+def solve(
+    program: Program,
+    objective: Objective,
+    z: Array,
+    step: Step,
+    stop: Rule,
+    *,
+    exchange: RowExchange | None = None,
+    callback: Callback | None = None,
+    keep: Keep | None = None,
+) -> SlpResult:
+    """Iterate until it is time to stop, and the motion keeps its limits between rows.
+
+    Args:
+        program: The nonlinear program.
+        objective: What is to be least.
+        z: Where to begin.
+        step: Makes the steps.
+        stop: Tells when to stop, and how that is called.
+        exchange: Looks between the rows; None for programs that no rows join.
+        callback: Sees every record; a status ends the loop.
+        keep: Is given the best motion so far, or the present one while there is none:
+            the loop may be told to stop at any time.
+
+    Raises:
+        Stop: If it was told to; the motion that it had is kept.
+    """
+    first = step.start(program, objective, z)
+    loop = Loop(program, objective, first, callback, keep)
+    status = loop.begin()
+    try:
+        while status is None:
+            loop.program = loop.program.near(loop.state.z)
+            step(loop)
+            status = stop(loop) or loop.shown
+            if objective.any_will_do and loop.best is not None:
+                status = Status.FEASIBLE
+            if exchange is not None and exchange.due(loop, status):
+                exchange, status = exchange.look(loop, status)
+    except (Stop, KeyboardInterrupt):
+        with grace(RESTORING), contextlib.suppress(Stop):
+            loop.end(None)
+            loop.save()
+        raise
+    loop.end(status)
+    if status is Status.CONVERGED and loop.best is None:
+        status = Status.INFEASIBLE
+    return SlpResult(status, loop.state, loop.best, tuple(loop.history), loop.program)
+
+
+@dataclass(eq=False)
+class Loop:
+    """A loop on the way: where it stands, and the records of its steps.
+
+    Attributes:
+        program: The nonlinear program, with the rows that have joined it.
+        objective: What is to be least.
+        state: Where it stands.
+        callback: Sees every record; a status ends the loop.
+        keep: Is given the best motion so far, or the present one while there is none.
+        best: The best iterate that keeps its limits; None while there is none.
+        outcome: Of the last step; None if its program could not be solved.
+        history: One record an iteration.
+        shown: How the callback ends the loop; None if it goes on.
+        granted: Iterations that rows which have joined are granted in all.
+    """
+
+    program: Program
+    objective: Objective
+    state: Iterate
+    callback: Callback | None = None
+    keep: Keep | None = None
+    best: Iterate | None = None
+    outcome: Outcome | None = None
+    history: list[IterationRecord] = field(default_factory=list)
+    shown: Status | None = None
+    granted: int = 0
+    _begun: float = field(default_factory=time.perf_counter)
+    _solved: list[LpSolution] = field(default_factory=list)
+
+    def begin(self) -> Status | None:
+        """Look at the first iterate; FEASIBLE if that is enough."""
+        self.save()
+        if self.objective.any_will_do:
+            self.best = self.objective.better(self.program, self.state, None)
+        return None if self.best is None else Status.FEASIBLE
+
+    def counted(self, solution: LpSolution) -> LpSolution:
+        """Count a program as work of the present iteration, and hand it on."""
+        self._solved.append(solution)
+        return solution
+
+    def reached(self, state: Iterate, outcome: Outcome | None) -> None:
+        """Go to where an iteration has led to, and tell of it."""
+        self.state, self.outcome = state, outcome
+        self.best = self.objective.better(self.program, state, self.best)
+        self.save()
+        record = IterationRecord(
+            iteration=len(self.history),
+            duration=state.duration,
+            violation=state.violation,
+            objective=np.inf if outcome is None else outcome.trial.merit,
+            predicted=0.0 if outcome is None else outcome.predicted,
+            actual=0.0 if outcome is None else outcome.actual,
+            radius=state.region.radius,
+            accepted=outcome is not None and outcome.accepted,
+            programs=len(self._solved),
+            pivots=sum(solution.iterations for solution in self._solved),
+            program_seconds=sum(solution.seconds for solution in self._solved),
+            seconds=time.perf_counter() - self._begun,
+        )
+        self._solved = []
+        self.history.append(record)
+        self.shown = None if self.callback is None else self.callback(record)
+
+    def end(self, status: Status | None) -> None:
+        """Go to the motion that the loop ends with, slowed down if it has to be.
+
+        Args:
+            status: How it ends; None if it was told to stop.
+        """
+        if status is Status.FEASIBLE and self.best is not None:
+            self.state = self.best
+        self.state = self.objective.restored(self.program, self.state)
+        self.best = self.objective.better(self.program, self.state, self.best)
+
+    def save(self) -> None:
+        """Have the best motion kept, or the present one while there is none."""
+        if self.keep is not None:
+            self.keep(self.program, self.best or self.state)

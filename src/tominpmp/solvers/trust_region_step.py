@@ -1,0 +1,308 @@
+"""Sequential convex programming: linearise, solve, correct, accept or shrink.
+
+A linear program knows nothing of what bends. Where the solution is no vertex of its
+rows, as on a way that a tool speed rules and that is shortest where it is straight, its
+steps loop to the ends of the trust region and back. Constraints that are convex
+functions of what is linear tell their curvature; weighted with the multipliers of the
+last program it is added to the objective, and the steps are those of Newton's method.
+
+The error of a linearisation is put into the right-hand side and the same program is
+solved once more, which keeps steps along curved constraints from being refused
+(Maratos effect; Fletcher and Sainz de la Maza, 1989; as feasibility iterations
+Kiessling, Zanelli, Nurkanovic, Gillis, Diehl, Zeilinger, Pipeleers and Swevers, 2022).
+If the merit still does not fall, a shorter step is sought: that costs evaluations,
+while a smaller trust region would cost another program.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.arrays import Array
+from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.linear_programs.program import LpSolution
+from tominpmp.options import Options
+from tominpmp.solvers.iterate import Iterate, Outcome, Trial
+from tominpmp.solvers.loop import Loop, Rule
+from tominpmp.solvers.model import Model
+from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.restoration import RESTORABLE
+from tominpmp.solvers.stop import Iterations, Raises, exhausted, first_of, settled
+from tominpmp.solvers.subproblem import Subproblem, build_subproblem
+from tominpmp.solvers.trust_region import ACCEPT, GROWTH, TrustRegion
+from tominpmp.stopping import check
+from tominpmp.transcription.base import Program
+
+# Weights of the merit before any multiplier is known, in shares of the objective: what
+# the duration can gain at most from a violation of 100 % of a torque (T/2), or of a
+# limit of joints' velocities or of the speed of a tool (T).
+FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0, "speed": 2.0}
+OTHER_WEIGHT = 10.0
+# Raising of the weights when the iteration settles on a violated constraint.
+WEIGHT_GROWTH = 10.0
+WEIGHT_RAISES = 4
+# Gap of a program that is none, as a share of the tolerance. With half of it programs
+# take more iterations; with twice as much warm starts on a clock took a period more.
+ACCURACY = 0.1
+# No progress is predicted if it is less than this share of the tolerance.
+QUIET = 0.1
+# Progress is judged over this many iterations.
+WINDOW = 3
+# Rounds of putting rows into a program that its step breaks by more than this.
+ADDITIONS = 3
+MISSED = 1e-4
+LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
+# A step that brings this share of what was predicted needs no correction.
+ENOUGH = 0.8
+# Second-order corrections of a step, by what the rows are: without equations a second
+# one costs a third more programs and brings nothing (benchmarks/random_goals.py).
+CORRECTIONS, CORRECTIONS_OF_EQUATIONS = 1, 4
+# Another correction follows while one leaves at most this share of the violation.
+CONTRACTION = 0.5
+# They are for violations between these.
+CORRECTABLE = 1.0
+EXACT = 1e-10
+# Share of the violation that the error of a step may have once the objective has
+# settled, and the radius that is left at least.
+SETTLED_ERROR = 0.05
+SETTLED_RADIUS = 0.01
+# Shorter motions are settled to a share of this: an arm that is at its goal already
+# would get there sooner and sooner [s].
+SHORTEST = 0.01
+
+
+def trust_regions(
+    options: Options, lp: LpSolver | None = None, accuracy: float | None = None
+) -> tuple[TrustRegionStep, Rule]:
+    """Steps within trust regions, and when they end.
+
+    Args:
+        options: The first radius, the solver and the limit on the iterations.
+        lp: Another solver of the programs of the steps; None for that of the options.
+        accuracy: Gap of such a program that is none, as a share of the objective; None
+            fits its tolerance.
+    """
+    lp = make_solver(options.lp_solver) if lp is None else lp
+    limits = Raises(WEIGHT_RAISES), exhausted, Iterations(options.max_iterations)
+    step = TrustRegionStep(lp, options.trust_region, accuracy)
+    return step, first_of(settled, *limits)
+
+
+class _Proposal(NamedTuple):
+    """What the program of an iteration proposes.
+
+    Attributes:
+        program: The program.
+        model: Its objective.
+        solution: Its solution.
+        step: The step, shape (size,).
+        promised: Row values that the linearisation promises, shape (m,).
+        reached: Row values where the step leads, shape (m,).
+        room: Rows that have more of it need not be exact.
+    """
+
+    program: Subproblem
+    model: Model
+    solution: LpSolution
+    step: Array
+    promised: Array
+    reached: Array
+    room: float
+
+
+@dataclass(frozen=True, eq=False)
+class TrustRegionStep:
+    """A step of sequential linear, or quadratic, programming on any transcription.
+
+    Attributes:
+        lp: Solver of the programs.
+        radius: Radius of the trust region to begin with [rad].
+        accuracy: Gap of a program that is none, as a share of the objective; None fits
+            its tolerance.
+    """
+
+    lp: LpSolver
+    radius: float
+    accuracy: float | None = None
+
+    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+        """The iterate to begin with, and the weights of its violations."""
+        state = Iterate.of(program, z, 0.0)
+        shares = np.array([first_weight(kind) for kind in program.rows.kinds])
+        weights = objective.value(program, z, state.values) * shares
+        return replace(state, merit=replace(state.merit, weights=weights))
+
+    def __call__(self, loop: Loop) -> None:
+        """Linearise, solve, correct, search, accept or shrink."""
+        state, objective = loop.state, loop.objective
+        found = self.propose(loop)
+        if found is None:
+            region = state.region.after(0.0, 0.1)
+            loop.reached(replace(state, region=region), None)
+            return
+        outcome = self.search(loop, found)
+        trial, merit = outcome.trial, state.merit
+        multipliers = found.program.multipliers(found.solution)
+        if outcome.accepted:
+            state = replace(state, z=trial.z, values=trial.values)
+        gained = max(outcome.actual, 0.0)
+        state = replace(
+            state,
+            merit=merit.raised(multipliers, loop.state.values, found.promised),
+            region=self.region_after(loop, found, outcome),
+            multipliers=multipliers,
+            gains=(*state.gains, gained)[-WINDOW:],
+        )
+        little = objective.tolerance * max(
+            objective.value(loop.program, state.z, state.values), SHORTEST
+        )
+        settled = outcome.predicted < QUIET * little or (
+            len(state.gains) == WINDOW and sum(state.gains) < little
+        )
+        if settled and not objective.restorable(loop.program, state):
+            # Settled on a violated constraint: its weight may be below its multiplier.
+            merit = state.merit.scaled(WEIGHT_GROWTH)
+            state = replace(state, merit=merit, raises=state.raises + 1, gains=())
+        loop.reached(state, replace(outcome, settled=settled))
+
+    def propose(self, loop: Loop) -> _Proposal | None:
+        """Build the program of an iteration and solve it.
+
+        Rows far from their bounds are left out at first; those that the step breaks are
+        put in.
+
+        Returns:
+            The proposal; None if the program could not be solved.
+        """
+        nlp, objective, state, lp = loop.program, loop.objective, loop.state, self.lp
+        z, values = state.z, state.values
+        radius = self.radius * state.region.radius
+        steps = objective.within(nlp, nlp.step_bounds(z, radius))
+        # The next step may be as much longer as trust regions grow.
+        room = GROWTH * nlp.attention(steps)
+        accuracy = self.accuracy
+        if accuracy is None:
+            accuracy = ACCURACY * objective.tolerance
+        accuracy *= objective.value(nlp, z, values)
+        root = nlp.curvature(z, state.multipliers) if lp.curved else None
+        unknown = lp.curved and root is None  # no multipliers yet, or nothing bends
+        selecting = values
+        linearization = nlp.linearize(z, selecting, steps)
+        model = objective.model(nlp, state, steps, linearization).bent(root)
+        for additions in range(1 + ADDITIONS):
+            check()
+            program = build_subproblem(state, model, linearization, steps, accuracy)
+            solution = self._solved(loop, program)
+            if unknown and solution.optimal:
+                root = nlp.curvature(z, program.multipliers(solution))
+                unknown = False
+                if root is not None:
+                    model = model.bent(root)
+                    program = build_subproblem(
+                        state, model, linearization, steps, accuracy
+                    )
+                    solution = self._solved(loop, program)
+            if not solution.optimal:
+                return None
+            step = program.step(solution)
+            reached = nlp.evaluate(z + step, room)
+            broken = nlp.rows.violation(reached) > MISSED
+            broken[linearization.rows] = False
+            if additions == ADDITIONS or not np.any(broken):
+                break
+            selecting = np.where(broken, reached, selecting)
+            linearization = nlp.linearize(z, selecting, steps)
+        promised = values.copy()
+        promised[program.rows] += program.change(step)
+        return _Proposal(program, model, solution, step, promised, reached, room)
+
+    def _solved(self, loop: Loop, program: Subproblem) -> LpSolution:
+        """Solution of the program of an iteration."""
+        solution = loop.counted(self.lp.solve(program.program))
+        if not solution.optimal:
+            solution = loop.counted(make_solver("highs").solve(program.program))
+        return solution
+
+    def search(self, loop: Loop, found: _Proposal) -> Outcome:
+        """Try the step, corrections of it, then shorter ones."""
+        nlp, state, rows = loop.program, loop.state, loop.program.rows
+        program, model, penalty = found.program, found.model, state.merit.penalty
+        z, values, step = state.z, state.values, found.step
+
+        def tried(
+            step: Array, damping: float = 1.0, known: Array | None = None
+        ) -> Trial:
+            check()
+            there = z + damping * step
+            reached = nlp.evaluate(there, found.room) if known is None else known
+            merit = model.value(there, reached) + penalty(reached)
+            return Trial(there, reached, merit, damping)
+
+        now = model.value(z, values)
+        promise = model.change(z, step, curved=found.solution.curved)
+        model_there = now + promise + penalty(found.promised)
+        now += penalty(values)
+        predicted = max(now - model_there, 0.0)
+        trial = best = tried(step, known=found.reached)
+        equations = bool(np.any(rows.lower == rows.upper))
+        for _ in range(CORRECTIONS_OF_EQUATIONS if equations else CORRECTIONS):
+            left = rows.largest_violation(trial.values)
+            brought = (now - trial.merit) / max(predicted, 1e-12)
+            if brought >= ENOUGH or not EXACT < left < CORRECTABLE:
+                break
+            error = trial.values[program.rows] - (
+                values[program.rows] + program.change(trial.z - z)
+            )
+            again = loop.counted(self.lp.resolve(*program.corrected(error)))
+            if not again.optimal:
+                break
+            trial = tried(program.step(again))
+            best = min(best, trial, key=lambda trial: trial.merit)
+            if rows.largest_violation(trial.values) > CONTRACTION * left:
+                break
+        ratio = (now - best.merit) / max(predicted, 1e-12)
+        if ratio < ACCEPT:
+            for damping in LINE_SEARCH:
+                trial = tried(step, damping)
+                if now - trial.merit > ACCEPT * damping * predicted:
+                    best = trial
+                    break
+            else:
+                best = replace(best, damping=LINE_SEARCH[-1])
+        actual = now - best.merit
+        return Outcome(best, predicted, actual, ratio, actual > 0.0)
+
+    def region_after(
+        self, loop: Loop, found: _Proposal, outcome: Outcome
+    ) -> TrustRegion:
+        """Trust region for the next step.
+
+        A linear program uses the whole of it for unknowns that the objective leaves
+        free, with an error of the square of the radius. Once the objective has settled
+        it is kept below the last violation, which a step of its size removes.
+        """
+        state, trial, objective = loop.state, outcome.trial, loop.objective
+        region = state.region.after(outcome.ratio, trial.damping)
+        left = loop.program.rows.largest_violation(trial.values)
+        value = objective.value(loop.program, state.z, state.values)
+        little = objective.tolerance * value
+        gradient = found.model.gradient
+        change = max(abs(gradient @ (trial.z - state.z)), abs(gradient @ found.step))
+        if change > little or not objective.feasibility < left <= RESTORABLE:
+            return region
+        enough = math.sqrt(SETTLED_ERROR * left) / self.radius
+        return replace(region, radius=min(region.radius, max(enough, SETTLED_RADIUS)))
+
+
+def first_weight(kind: str) -> float:
+    """Weight of a kind of rows before any multiplier is known, in shares of T.
+
+    Kinds are named as "torque", "torque on segment 2", or "speed of frame tip".
+    """
+    of_all, _, _ = kind.partition(" on segment")
+    quantity, _, _ = of_all.partition(" of ")
+    return FIRST_WEIGHTS.get(quantity, OTHER_WEIGHT)
