@@ -178,6 +178,8 @@ def repaired(
     tried = system if progress.links_touched else system.first_tried
     attempt, doublings = make(tried, 0, None), 0
     while attempt.refuted and attempt.status not in STOPPED:
+        if progress.let_go:
+            break  # its judge wants no more of it
         if attempt.trajectory.duration > LONGEST:
             break  # no repair makes it short enough to be replayed
         if attempt.touches and tried is not system:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +21,9 @@ from tominpmp.solvers.loop import Rule, Step, solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.penalty import penalty_rounds
 from tominpmp.solvers.trust_region_step import trust_regions
+from tominpmp.status import IterationRecord
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -135,23 +138,31 @@ def shoot(
         system, shares, float(z[-1]), substeps=substeps
     )
     selection = INSTANTS["paper" if paper else options.method]
-    program = NonlinearProgram.of(transcription, selection)
+    nlp = NonlinearProgram.of(transcription, selection)
+    gradual = any(block.gradual for block in nlp.blocks)
+    program: Program = nlp
     method: tuple[Step, Rule]
-    if options.method == "penalty":
-        method = penalty_rounds(options, z)
-    else:
-        method = fixed_steps(options) if paper else trust_regions(options)
+    passes = 2 if gradual and (paper or options.method == "penalty") else 1
     objective = MinimumTime.of(options, 0.0 if paper else options.smoothing or 0.0)
-    result = solve(
-        program,
-        objective,
-        z,
-        *method,
-        exchange=RowExchange(),
-        callback=progress,
-        keep=progress.keep,
-    )
+    initial = program.trajectory(z)
+    history: list[IterationRecord] = []
+    for _ in range(passes):
+        # Among obstacles methods without a trust region go farther from a new start.
+        if options.method == "penalty":
+            method = penalty_rounds(options, z)
+        else:
+            method = fixed_steps(options) if paper else trust_regions(options)
+        result = solve(
+            program,
+            objective,
+            z,
+            *method,
+            exchange=RowExchange(),
+            callback=progress,
+            keep=progress.keep,
+        )
+        history += result.history
+        program, z = result.program, result.iterate.z
+    result = replace(result, history=tuple(history))
     found = result.iterate if result.best is None else result.best
-    return Attempt.of(
-        "shooting", result.program, program.trajectory(z), result
-    ), found.z
+    return Attempt.of("shooting", program, initial, result), found.z

@@ -88,7 +88,6 @@ def solve(
     status = loop.begin()
     try:
         while status is None:
-            loop.program = loop.program.near(loop.state.z)
             step(loop)
             status = stop(loop) or loop.shown
             if objective.any_will_do and loop.best is not None:
@@ -150,6 +149,7 @@ class Loop:
 
     def reached(self, state: Iterate, outcome: Outcome | None) -> None:
         """Go to where an iteration has led to, and tell of it."""
+        self.program = self.program.near(state.z)
         self.state, self.outcome = state, outcome
         self.best = self.objective.better(self.program, state, self.best)
         self.save()

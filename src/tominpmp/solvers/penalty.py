@@ -13,6 +13,7 @@ equation.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from scipy.optimize import minimize
@@ -86,8 +87,7 @@ class PenaltyRound:
 
     def minimise(self, loop: Loop) -> None:
         """Go to the least of duration and penalty, as far as a round does."""
-        assert isinstance(loop.program, NonlinearProgram)  # noqa: S101
-        nlp, rows = loop.program, loop.program.rows
+        nlp, rows = cast(NonlinearProgram, loop.program), loop.program.rows
         torques = nlp.transcription
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         scale, lower, upper = _scaled(torques, self.first)
@@ -116,11 +116,11 @@ class PenaltyRound:
             nonlocal nlp
             z, state = y * scale, loop.state
             values = latest.values if np.array_equal(z, latest.z) else nlp.evaluate(z)
-            loop.program = nlp = nlp.near(z)
             gained = state.duration - float(nlp.cost @ z)
             trial = Trial(z, values, latest.merit)
             state = replace(state, z=z, values=values)
             loop.reached(state, Outcome(trial, 0.0, gained, 1.0, True))
+            nlp = cast(NonlinearProgram, loop.program)
             if loop.shown is not None or len(loop.history) >= self.most:
                 raise StopIteration
 

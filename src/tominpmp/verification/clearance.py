@@ -274,7 +274,7 @@ def _proof(
     """
     least, most = margins - slack, max_stretches * margins.size
     found = Approach(checker, motion, least, stray=stray, most=most).run()
-    nearest = found.nearest._replace(margin=float(margins[found.pair]))
+    nearest = found.nearest()._replace(margin=float(margins[found.pair]))
     own = np.arange(margins.size) >= checker.obstacle_pairs
     proved = not found.violated and found.doubt == 0.0
     bounds = least + max(found.sure, 0.0)

@@ -146,9 +146,9 @@ class Approach:
         self.violated, self.doubt = False, 0.0
         self._most, self.stretches, self.given_up = most, 0, np.inf
 
-    @property
     def nearest(self) -> Contact:
-        """The pair with the least room that was found."""
+        """The pair with the least room that was found, looked at more closely."""
+        self._sharpen()
         margin = float(self._margins[self.pair])
         return self._checker.contact(self.pair, self.room + margin, margin)
 
@@ -168,7 +168,6 @@ class Approach:
         for at in range(0, edges.size - 1, most):
             part = edges[at : at + most + 1]
             self._look(self._path.stretches(part[:-1], part[1:]))
-        self._sharpen()
         return self
 
     def _look(self, stretches: Stretches) -> None:

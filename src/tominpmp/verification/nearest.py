@@ -72,27 +72,21 @@ def closest(
     bound = None
     while True:
         try:
-            found = _nearest(problem, replay, part, tolerance)
+            margins = part.margins(problem.margin)
+            allowed = _touching(problem, part, margins, tolerance)
+            found = Approach(part, replay, margins, allowed, NEAR_END).run()
         except Stop:
             # No time to cut meshes: a bound of what is there is better than nothing.
             if bound is None:
                 raise
-            return bound
-        names, cut = frozenset(found[1][:2]), part.cut or frozenset()
+            found = bound
+            break
+        names, cut = frozenset(part.pairs[found.pair]), part.cut or frozenset()
         if not checker.lone or names <= cut:
-            return found
-        bound = bound if found[0].violated else found
+            break
+        bound = bound if found.violated or found.doubt > 0.0 else found
         part = checker.with_cut(cut | names)
-
-
-def _nearest(
-    problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
-) -> tuple[LimitViolation, Contact]:
-    """The pair of a checker that has the least room, as it is asked for."""
-    margins = checker.margins(problem.margin)
-    allowed = _touching(problem, checker, margins, tolerance)
-    found = Approach(checker, replay, margins, allowed, NEAR_END).run()
-    pair = found.nearest
+    pair = found.nearest()
     lack, violated = -found.room, found.violated or found.doubt > 0.0
     if violated and not found.violated:
         lack = max(lack, found.doubt)
