@@ -5,7 +5,7 @@ PYTHON ?=
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
-PYTEST_ARGS ?=
+
 LOCK_ARGS ?=
 
 .DEFAULT_GOAL := help
@@ -28,6 +28,9 @@ $(STAMP): requirements.lock pyproject.toml
 .PHONY: demo
 demo: setup ## Plan the paper's example; figures and an animation go to out/
 	@$(BIN)/python examples/paper_demo.py
+
+# On all cores, whole files each: what a file plans once serves all its tests.
+PYTEST_ARGS ?= -n auto --dist loadfile
 
 .PHONY: test
 test: setup ## Run the tests (PYTEST_ARGS="-k lp -x" to choose)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tominpmp.arrays import Array
-from tominpmp.solvers.energy_measures import Energy
+from tominpmp.solvers.time_and_energy import Energy
 from tominpmp.transcription.base import StepBounds
 
 DIRECTIONS = 3

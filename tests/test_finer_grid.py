@@ -21,7 +21,6 @@ from tominpmp.planner.finer_grid import (
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
-from tominpmp.solvers.restoration import cured, restored
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.bends import BENDS
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
@@ -276,7 +275,7 @@ def test_slowing_down_by_little_more_than_has_to_be_takes_few_looks():
     looks = []
     evaluate = program.evaluate
     program.evaluate = lambda z: looks.append(z) or evaluate(z)
-    slower = restored(program, iterate, 1e-6)
+    slower = MinimumTime.of(tm.Options()).restored(program, iterate)
     assert slower.violation <= 1e-6
     assert 1.0 < slower.duration <= 1.0 + 1.05e-4
     assert len(looks) <= 3
@@ -286,7 +285,8 @@ def test_nothing_is_slowed_down_where_that_cures_nothing():
     program = Slow(False)
     iterate = Iterate.of(program, np.ones(1), 1.0)
     program.evaluate = None  # not asked
-    assert cured(program, iterate, np.inf, 1e-6) is None
+    least = MinimumTime.of(tm.Options())
+    assert least.cured(program, iterate, np.inf) is None
 
 
 # -- rows of distances that a motion rests on ------------------------------------------

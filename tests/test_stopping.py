@@ -17,7 +17,7 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.planner import descent, finer_grid
 from tominpmp.planner.attempt import Attempt
-from tominpmp.solvers.objective import QuietTorques
+from tominpmp.solvers.quiet_torques import QuietTorques
 from tominpmp.solvers.trust_region_step import TrustRegionStep
 from tominpmp.stopping import Deadline, Stop
 

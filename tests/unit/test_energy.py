@@ -12,7 +12,7 @@ import tominpmp as tm
 from tests.energy_derivatives import check_gradient
 from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.exceptions import OptionsError
-from tominpmp.solvers.energy_measures import PositiveWork, SquaredTorques
+from tominpmp.solvers.time_and_energy import PositiveWork, SquaredTorques
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares

@@ -10,7 +10,7 @@ from tests.energy_derivatives import check_gradient
 from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.initial_guess.segments import solved_guess
 from tominpmp.planner.first_program import segmented_program
-from tominpmp.solvers.energy_measures import PositiveWork, SquaredTorques
+from tominpmp.solvers.time_and_energy import PositiveWork, SquaredTorques
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification import verify

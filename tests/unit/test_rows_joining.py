@@ -13,10 +13,9 @@ from test_slp import Program, first_program, least_time
 from tominpmp.linear_programs import USUALLY, Nearly, PiqpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, RowExchange
-from tominpmp.solvers.iterate import Outcome, Trial
+from tominpmp.solvers.iterate import GROWTH, Outcome, Trial
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
-from tominpmp.solvers.trust_region import GROWTH
 from tominpmp.status import Status
 
 

@@ -11,12 +11,12 @@ import scipy.sparse as sp
 from tominpmp.linear_programs import HighsSolver, make_solver
 from tominpmp.options import Options
 from tominpmp.solvers import trust_region_step
+from tominpmp.solvers.iterate import TrustRegion
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.stop import Iterations, first_of
 from tominpmp.solvers.subproblem import LEAST_ROOM, build_subproblem
-from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.base import (

@@ -10,8 +10,8 @@ from scipy.optimize import LinearConstraint, minimize
 
 import tominpmp as tm
 from tominpmp.motion.measures import roughness
-from tominpmp.solvers import objective
-from tominpmp.solvers.mean_speeds import mean_speeds
+from tominpmp.solvers import quiet_torques
+from tominpmp.solvers.quiet_torques import mean_speeds
 
 # The search for the best motion is looked at elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
@@ -119,7 +119,7 @@ def test_mean_speeds_are_those_between_the_nodes(problem, options):
         return seen[-1][-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(objective, "mean_speeds", kept)
+        patch.setattr(quiet_torques, "mean_speeds", kept)
         tm.smooth(solution, 0.02)
     nlp, z, speeds = seen[0]
     limits = nlp.system.problem.robot.limits.velocity

@@ -26,8 +26,7 @@ from tominpmp.planner.progress import Judge, Progress
 from tominpmp.solvers.exchange import RowExchange, with_missing_rows
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import solve
-from tominpmp.solvers.objective import MinimumTime
-from tominpmp.solvers.restoration import LIGHT
+from tominpmp.solvers.objective import LIGHT, MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.transcription.bspline import DEGREES

@@ -25,7 +25,7 @@ from tominpmp.planner.first_program import (
 )
 from tominpmp.planner.later_stage import Over, bent, bettered, made
 from tominpmp.solution import Solution
-from tominpmp.solvers.objective import TimeAndEnergy
+from tominpmp.solvers.time_and_energy import TimeAndEnergy
 from tominpmp.status import Status
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.layout import QUADRATIC, Layout, split_intervals

@@ -26,8 +26,7 @@ from tominpmp.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, solve
-from tominpmp.solvers.objective import MinimumTime
-from tominpmp.solvers.restoration import LIGHT, cured
+from tominpmp.solvers.objective import LIGHT, MinimumTime
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -205,8 +204,8 @@ class Enough:
         if not enough or record.violation > CURABLE:
             return None
         # Slowing down cures all that is violated, where it parts nothing.
-        best, limit = loop.best or loop.state, loop.objective.feasibility
-        slower = cured(loop.program, best, np.inf, limit)
+        best = loop.best or loop.state
+        slower = loop.objective.cured(loop.program, best, np.inf)
         return None if slower is None else Status.CONVERGED
 
 

@@ -15,7 +15,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.later_stage import Over, bent, bettered, made
 from tominpmp.solution import Solution
-from tominpmp.solvers.objective import QuietTorques
+from tominpmp.solvers.quiet_torques import QuietTorques
 from tominpmp.status import Status
 from tominpmp.transcription.grid import Ticks, ticks_of
 from tominpmp.transcription.problem_functions import ProblemFunctions

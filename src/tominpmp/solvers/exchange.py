@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from tominpmp.arrays import Array
 from tominpmp.constraints.friction import OVERLOAD
 from tominpmp.solvers.loop import Loop
-from tominpmp.solvers.restoration import cured
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.base import Program
 from tominpmp.transcription.exchange import revised
@@ -148,8 +147,7 @@ class RowExchange:
             return looked, None
         loop.state = replace(loop.state, raises=0)
         # Slowing down is a cure for light violations.
-        limit = loop.objective.feasibility
-        slower = cured(loop.program, loop.state, self.light, limit)
+        slower = loop.objective.cured(loop.program, loop.state, self.light)
         if slower is None or not self.light:
             return looked, None
         loop.state = loop.best = slower

@@ -7,10 +7,113 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.solvers.merit import Merit
-from tominpmp.solvers.trust_region import TrustRegion
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.base import Program
+from tominpmp.transcription.rows import Rows
+
+# Weights stay this much above the multipliers seen.
+WEIGHT_MARGIN = 1.5
+# A violation counts as left alone if this share of it remains.
+STUCK = 0.95
+# Violations below this need no elastic variable.
+NEGLIGIBLE = 1e-9
+# Steps are taken when they bring this share of the predicted reduction (Fletcher,
+# 1987).
+ACCEPT = 0.1
+# Share of the predicted reduction that is aimed for, and how fast the radius follows.
+# Found on the random goals of benchmarks/random_goals.py: with the error of a
+# linearisation quadratic in the radius, it leads to the radius that loses half.
+AIM = 0.5
+GROWTH = 2.5
+SHRINK = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Merit:
+    r"""Exact penalty merit: an objective and the weighted violations of its limits.
+
+    .. math::
+        \phi(z) = f(z) + \sum_g \mu_g \max_{i \in g} v_i(z)
+
+    with the violations v of the rows of a group g. It is exact when each weight is
+    above the sum of the multipliers of its group (Fletcher, 1987); the program of an
+    iteration has one elastic variable a group for it.
+
+    Attributes:
+        rows: What the rows are.
+        weights: Weight mu of each kind of row [s], shape (kinds,).
+    """
+
+    rows: Rows
+    weights: Array
+
+    def penalty(self, values: Array) -> float:
+        """Weighted violations [s]."""
+        violation = self.rows.group_violation(values)
+        return float(self.weights[self.rows.group_kind] @ violation)
+
+    def raised(self, multipliers: Array, before: Array, promised: Array) -> Merit:
+        """Raise the weights above the multipliers of a program.
+
+        Those of a group with an elastic variable add up to its weight at most and say
+        nothing about it; its weight is doubled where the program would leave the
+        violation as it is.
+
+        Args:
+            multipliers: Of all rows, shape (m,).
+            before: Row values, shape (m,).
+            promised: Row values that the program promises, shape (m,).
+        """
+        violation = self.rows.group_violation(before)
+        after = self.rows.group_violation(promised)
+        elastic = violation > NEGLIGIBLE
+        groups = np.zeros(elastic.size)
+        np.add.at(groups, self.rows.group, np.abs(multipliers))
+        kind = self.rows.group_kind
+        needed = np.zeros_like(self.weights)
+        np.maximum.at(needed, kind[~elastic], WEIGHT_MARGIN * groups[~elastic])
+        stuck = np.zeros(self.weights.size, dtype=bool)
+        stuck[kind[elastic & (after > STUCK * violation)]] = True
+        weights = np.where(stuck, 2.0 * self.weights, self.weights)
+        return replace(self, weights=np.maximum(weights, needed))
+
+    def scaled(self, factor: float) -> Merit:
+        """Multiply all weights."""
+        return replace(self, weights=factor * self.weights)
+
+
+@dataclass(frozen=True)
+class TrustRegion:
+    """Trust region radius, as a share of the initial one.
+
+    Attributes:
+        radius: The share.
+        smallest: Below this the iteration has stalled.
+        largest: It grows no further.
+    """
+
+    radius: float = 1.0
+    smallest: float = 1e-6
+    largest: float = 5.0
+
+    def after(self, ratio: float, damping: float) -> TrustRegion:
+        """Radius for the next iteration.
+
+        From the ratio of actual and predicted reduction of the whole step, and the
+        share of the step that was taken after a line search.
+        """
+        if damping < 1.0:
+            factor = max(damping, 0.3)
+        else:
+            # The loss 1 - ratio is proportional to the radius.
+            factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
+        radius = min(self.radius * factor, self.largest)
+        return TrustRegion(radius, self.smallest, self.largest)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the radius is too small to get anywhere."""
+        return self.radius < self.smallest
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,9 @@
 Each iteration takes a step towards less of an objective under the limits of a program.
 Objective, step and stop are values, and each of them may be another one:
 
-- the objective is the least time, time against energy, or quiet torques in a given
-  time (:mod:`~tominpmp.solvers.objective`),
+- the objective is the least time (:mod:`~tominpmp.solvers.objective`), time against
+  energy (:mod:`~tominpmp.solvers.time_and_energy`), or quiet torques in a given time
+  (:mod:`~tominpmp.solvers.quiet_torques`),
 - the step is that of a convex program within a trust region
   (:mod:`~tominpmp.solvers.trust_region_step`), the fixed one of the paper
   (:mod:`~tominpmp.solvers.fixed_step`), or a round of the penalty method

@@ -59,23 +59,3 @@ class Model:
         if root is None or self.root is None:
             return replace(self, root=self.root if root is None else root)
         return replace(self, root=sp.vstack([self.root, root], format="csr"))
-
-    def plus(self, cost: Array, value: Callable[[Array, Array], float]) -> Model:
-        """With a linear function added.
-
-        Args:
-            cost: Its gradient, shape (size,).
-            value: The objective with it.
-        """
-        return replace(self, gradient=self.gradient + cost, value=value)
-
-    def times(self, factor: float) -> Model:
-        """With a factor >= 0, but for its value."""
-        root = np.sqrt(factor)
-        return replace(
-            self,
-            gradient=factor * self.gradient,
-            root=None if self.root is None else root * self.root,
-            near=None if self.near is None else root * self.near,
-            weight=factor * self.weight,
-        )

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
-import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.energy_measures import MEASURES, Energy
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.mean_speeds import mean_speeds
 from tominpmp.solvers.model import Model
-from tominpmp.solvers.restoration import restorable, restored
-from tominpmp.solvers.torque_variation import TorqueVariation
-from tominpmp.transcription.base import Linearization, Program, StepBounds, Variation
-from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.transcription.base import Linearization, Program, StepBounds
 
+# Violations below this are removed by slowing down at the end.
+RESTORABLE = 1e-2
+RESTORATIONS = 8
+# Share of a violation that cures it, as torques go with the square of the pace, and
+# how much more than what is needed is tried.
+HALF, MORE = 0.5, 1.02
+# Violations between the rows below this are cured so, where the grid is to be refined
+# anyway: programs with rows for them bring less than it costs.
+LIGHT = 5e-4
 # Where any motion will do: how much slower one may be made.
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # What a step of all unknowns to the ends of the trust region costs, as a share of T,
@@ -27,15 +30,6 @@ TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # third of it iterations are as many, with three times as much motions end slower by
 # 0.05 %.
 PROXIMAL = 3e-3
-# Further steps for time and energy, and for quiet torques, are not worth their time for
-# these shares of the objective.
-ENERGY_SETTLED, QUIET_SETTLED = 1e-6, 5e-3
-# Residuals of what does not vary at all are measured against this.
-LEAST_NORM = 1e-6
-# Weight of the mean speeds beside the torque variation. A third of it leaves half as
-# much again of the ways beyond the straight ones; three times as much makes torques
-# less quiet by a sixth (24 goals of four arms).
-SPEED_WEIGHT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +95,67 @@ class Objective(ABC):
         return best
 
     def restorable(self, program: Program, state: Iterate) -> bool:
-        """Whether slowing down can remove the violations that are left."""
-        return restorable(program, state, self.feasibility)
+        """Whether slowing down can remove the violations that are left.
+
+        It removes none of equations.
+        """
+        rows = program.rows
+        violation = rows.violation(state.values)
+        equations = violation[rows.lower == rows.upper]
+        return bool(
+            np.max(violation, initial=0.0) <= RESTORABLE
+            and np.max(equations, initial=0.0) <= self.feasibility
+        )
 
     def restored(self, program: Program, state: Iterate) -> Iterate:
-        """The motion without violations, where slowing down is enough."""
-        return restored(program, state, self.feasibility)
+        """Slow a motion down until it keeps its limits, where that is enough.
+
+        The iteration stops when the objective has settled, which may be before the last
+        second-order errors are gone; slowing down by half of such an error removes it,
+        and costs that much. Another program would do no better where it is small.
+        """
+        if state.violation <= self.feasibility or not self.restorable(program, state):
+            return state
+        best, low, high = state, 1.0, np.inf
+        left, falls = state.violation, 0.0
+        factor = 1.0 + HALF * left
+        for _ in range(RESTORATIONS):
+            z, values = program.slower(state.z, factor, state.values)
+            trial = replace(state, z=z, values=values)
+            if trial.violation <= self.feasibility:
+                best, high = trial, factor
+                if falls > 0.0:
+                    break
+            else:
+                falls = max((left - trial.violation) / (factor - low), 0.0)
+                low, left = factor, trial.violation
+            # What is left falls as evenly as it did: a little beyond there is none.
+            beyond = low + MORE * left / falls if falls > 0.0 else np.inf
+            if np.isinf(high):
+                factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
+            else:
+                factor = beyond if beyond < high else 0.5 * (low + high)
+        return best
+
+    def cured(self, program: Program, state: Iterate, light: float) -> Iterate | None:
+        """A motion with light violations, so slow that it has none.
+
+        Args:
+            program: The program.
+            state: An iterate of it.
+            light: The largest violation that is light.
+
+        Returns:
+            The motion; None if its violations are not light, or slowing down is no
+            cure.
+        """
+        rows = program.rows
+        violation, curable = rows.violation(state.values), rows.curable[rows.kind]
+        hard = np.any(violation[~curable] > self.feasibility)
+        if np.max(violation, initial=0.0) > light or hard:
+            return None
+        slower = self.restored(program, state)
+        return slower if slower.violation <= self.feasibility else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,125 +232,3 @@ class AnyMotion(MinimumTime):
                 if trial.violation <= self.feasibility:
                     return trial
         return super().better(program, state, best)
-
-
-@dataclass(frozen=True, eq=False)
-class TimeAndEnergy(Objective):
-    r"""Time against energy.
-
-    .. math:: T + k \int_0^T |u(t)|^2 \, dt \quad \text{or} \quad
-        T + k \int_0^T \sum_i \max(u_i \dot q_i, 0) \, dt
-
-    Attributes:
-        measure: Which energy, as options name it.
-        weight: Its weight k [1/(N^2 m^2) or s/J].
-    """
-
-    measure: str
-    weight: float
-
-    @classmethod
-    def of(cls, options: Options) -> TimeAndEnergy:
-        """The energy that options weigh."""
-        weighed = options.energy, options.energy_weight
-        return cls(ENERGY_SETTLED, options.feasibility, *weighed)
-
-    def value(self, program: Program, z: Array, values: Array) -> float:
-        """T + k times the energy [s]; infinite for no motion."""
-        energy = self._energy(program)
-        if not energy.nlp.transcription.motion(z).finite:
-            return np.inf
-        return float(program.cost @ z) + self.weight * energy(z)
-
-    def model(
-        self,
-        program: Program,
-        state: Iterate,
-        steps: StepBounds,
-        linearization: Linearization,
-    ) -> Model:
-        """The duration, and a convex model of the energy."""
-        return (
-            self._energy(program)
-            .model(state.z, steps)
-            .times(self.weight)
-            .plus(program.cost, lambda z, values: self.value(program, z, values))
-        )
-
-    def _energy(self, program: Program) -> Energy:
-        return MEASURES[self.measure](cast(NonlinearProgram, program))
-
-
-@dataclass(frozen=True, eq=False)
-class QuietTorques(Objective):
-    """Torque variation and mean speeds in a given time, each in shares of what it was.
-
-    Attributes:
-        times: Instants of the sequence of torques as shares of T, shape (k,).
-        torque_norm: What the differences of torques are measured against.
-        speeds: Mean speeds in their shares, linear in the unknowns.
-    """
-
-    times: Array
-    torque_norm: float
-    speeds: Variation
-
-    @classmethod
-    def of(cls, nlp: NonlinearProgram, z: Array, feasibility: float) -> QuietTorques:
-        """The objective for the time of an iterate.
-
-        Args:
-            nlp: The nonlinear program.
-            z: Its iterate.
-            feasibility: Largest violation that is let pass.
-        """
-        times = nlp.transcription.sequence_times(z)
-        torques = TorqueVariation(nlp, times).differences(z, nlp.evaluate(z))
-        matrix, offset = mean_speeds(nlp, z)
-        norm = _norm(matrix @ z + offset) / np.sqrt(SPEED_WEIGHT)
-        speeds = Variation(matrix / norm, offset / norm)
-        return cls(QUIET_SETTLED, feasibility, times, _norm(torques), speeds)
-
-    def value(self, program: Program, z: Array, values: Array) -> float:
-        """Half the sum of the squares: (1 + the weight of the speeds) / 2 at first."""
-        torques = TorqueVariation(cast(NonlinearProgram, program), self.times)
-        differences = torques.differences(z, values) / self.torque_norm
-        speeds = self.speeds.matrix @ z + self.speeds.offset
-        return 0.5 * float(differences @ differences + speeds @ speeds)
-
-    def model(
-        self,
-        program: Program,
-        state: Iterate,
-        steps: StepBounds,
-        linearization: Linearization,
-    ) -> Model:
-        """The squares of residuals that are linear near an iterate."""
-        torques = TorqueVariation(cast(NonlinearProgram, program), self.times)
-        matrix, offset = torques.linearized(state.z, state.values, linearization)
-        parts = [matrix / self.torque_norm, self.speeds.matrix]
-        offsets = [offset / self.torque_norm, self.speeds.offset]
-        root = sp.vstack(parts, format="csr")
-        gradient = root.T @ (root @ state.z + np.concatenate(offsets))
-        return Model(
-            lambda z, values: self.value(program, z, values),
-            np.asarray(gradient),
-            root,
-        )
-
-    def within(self, program: Program, steps: StepBounds) -> StepBounds:
-        """The time stays as it is."""
-        timed = program.cost != 0.0
-        return StepBounds(*(np.where(timed, 0.0, bound) for bound in steps))
-
-    def restorable(self, program: Program, state: Iterate) -> bool:
-        """Whether there are no violations: the time is given."""
-        return state.violation <= self.feasibility
-
-    def restored(self, program: Program, state: Iterate) -> Iterate:
-        """The motion as it is."""
-        return state
-
-
-def _norm(residuals: Array) -> float:
-    return max(float(np.linalg.norm(residuals)), LEAST_NORM)

@@ -21,8 +21,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.linear_programs.compressed import Compressed, single, sorted_in
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.merit import NEGLIGIBLE
+from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
 from tominpmp.solvers.model import Model
 from tominpmp.transcription.base import Linearization, StepBounds
 from tominpmp.transcription.rows import Rows

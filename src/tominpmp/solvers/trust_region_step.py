@@ -26,14 +26,19 @@ from tominpmp.arrays import Array
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.linear_programs.program import LpSolution
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate, Outcome, Trial
+from tominpmp.solvers.iterate import (
+    ACCEPT,
+    GROWTH,
+    Iterate,
+    Outcome,
+    Trial,
+    TrustRegion,
+)
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.model import Model
-from tominpmp.solvers.objective import Objective
-from tominpmp.solvers.restoration import RESTORABLE
+from tominpmp.solvers.objective import RESTORABLE, Objective
 from tominpmp.solvers.stop import Iterations, Raises, exhausted, first_of, settled
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
-from tominpmp.solvers.trust_region import ACCEPT, GROWTH, TrustRegion
 from tominpmp.stopping import check
 from tominpmp.transcription.base import Program
 

@@ -1,7 +1,7 @@
-r"""Measures of the energy that a motion takes, and convex models of them.
+r"""Time against energy: T + k times an energy, and convex models of energies.
 
-Both are sums over the Gauss points of the intervals, of lengths h and with weights w,
-with the robot and the load of each segment:
+Both energies are sums over the Gauss points of the intervals, of lengths h and with
+weights w, with the robot and the load of each segment:
 
 - of squared torques, :math:`\sum |r|^2` with r = sqrt(w h) u. Its linearisation in r
   gives a convex quadratic (Gauss and Newton);
@@ -18,14 +18,24 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.constraints import Partials, States
+from tominpmp.options import Options
+from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.model import Model
-from tominpmp.transcription.base import Motion, StepBounds, Variation
+from tominpmp.solvers.objective import Objective
+from tominpmp.transcription.base import (
+    Linearization,
+    Motion,
+    Program,
+    StepBounds,
+    Variation,
+)
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -34,6 +44,8 @@ from tominpmp.transcription.program import NonlinearProgram
 # degree 5 in time.
 SHARES = (0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15))
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+# Further steps are not worth their time for this share of the objective.
+SETTLED = 1e-6
 # Change of a duration by which curvature along it is found.
 STRETCH = 1e-3
 # Share of the work that a step as long as the trust region costs in each unknown.
@@ -282,3 +294,54 @@ MEASURES: dict[str, type[Energy]] = {
     "torque_squared": SquaredTorques,
     "work": PositiveWork,
 }
+
+
+@dataclass(frozen=True, eq=False)
+class TimeAndEnergy(Objective):
+    r"""Time against energy.
+
+    .. math:: T + k \int_0^T |u(t)|^2 \, dt \quad \text{or} \quad
+        T + k \int_0^T \sum_i \max(u_i \dot q_i, 0) \, dt
+
+    Attributes:
+        measure: Which energy, as options name it.
+        weight: Its weight k [1/(N^2 m^2) or s/J].
+    """
+
+    measure: str
+    weight: float
+
+    @classmethod
+    def of(cls, options: Options) -> TimeAndEnergy:
+        """The energy that options weigh."""
+        weighed = options.energy, options.energy_weight
+        return cls(SETTLED, options.feasibility, *weighed)
+
+    def value(self, program: Program, z: Array, values: Array) -> float:
+        """T + k times the energy [s]; infinite for no motion."""
+        energy = self._energy(program)
+        if not energy.nlp.transcription.motion(z).finite:
+            return np.inf
+        return float(program.cost @ z) + self.weight * energy(z)
+
+    def model(
+        self,
+        program: Program,
+        state: Iterate,
+        steps: StepBounds,
+        linearization: Linearization,
+    ) -> Model:
+        """The duration, and a convex model of the energy."""
+        model, k = self._energy(program).model(state.z, steps), self.weight
+        near = None if model.near is None else np.sqrt(k) * model.near
+        return Model(
+            lambda z, values: self.value(program, z, values),
+            program.cost + k * model.gradient,
+            np.sqrt(k) * model.root,
+            near,
+            model.variation,
+            k * model.weight,
+        )
+
+    def _energy(self, program: Program) -> Energy:
+        return MEASURES[self.measure](cast(NonlinearProgram, program))
