@@ -11,12 +11,11 @@ of it, and the next round looks where controls bend now.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.planner.attempt import Attempt, fastest
 from tominpmp.planner.descent import near_to_it, quieting, repaired
@@ -152,7 +151,20 @@ def _refined(
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
-        result = _solve(of, z, rows, options, progress, enough)
+        # A few programs on the new grid, with the rows of distances that there were.
+        few = near_to_it(options, RADIUS, MOST_ITERATIONS)
+        tv_weight = quieting(system, options, float(of.cost @ z))
+        step, stop = trust_regions(few)
+        result = solve(
+            with_rows_at(NonlinearProgram.of(of).at(z), z, rows),
+            MinimumTime.of(few, tv_weight),
+            z,
+            step,
+            first_of(enough, stop),
+            exchange=RowExchange(level=0.0, light=LIGHT),
+            callback=progress,
+            keep=progress.keep,
+        )
         found, first = result.best, enough.first(result.history)
         logger.info("%d intervals: promise %.1e", of.intervals, first)
         if found is None or found.duration >= reached:
@@ -207,27 +219,3 @@ class Enough:
         best = loop.best or loop.state
         slower = loop.objective.cured(loop.program, best, np.inf)
         return None if slower is None else Status.CONVERGED
-
-
-def _solve(
-    of: Gridded,
-    z: Array,
-    rows: Mapping[str, Array],
-    options: Options,
-    progress: Progress,
-    enough: Enough,
-) -> SlpResult:
-    """A few programs on a new grid, with the rows of distances that there were."""
-    tv_weight = quieting(of.system, options, float(of.cost @ z))
-    few = near_to_it(options, RADIUS, MOST_ITERATIONS)
-    step, stop = trust_regions(few)
-    return solve(
-        with_rows_at(NonlinearProgram.of(of).at(z), z, rows),
-        MinimumTime.of(few, tv_weight),
-        z,
-        step,
-        first_of(enough, stop),
-        exchange=RowExchange(level=0.0, light=LIGHT),
-        callback=progress,
-        keep=progress.keep,
-    )

@@ -146,9 +146,13 @@ class RowExchange:
         if status is None:
             return looked, None
         loop.state = replace(loop.state, raises=0)
-        # Slowing down is a cure for light violations.
-        slower = loop.objective.cured(loop.program, loop.state, self.light)
-        if slower is None or not self.light:
+        # Slowing down is a cure for light violations, and where any motion will do.
+        slower, objective = None, loop.objective
+        if objective.any_will_do:
+            slower = objective.better(loop.program, loop.state, None)
+        elif self.light > 0.0:
+            slower = objective.cured(loop.program, loop.state, self.light)
+        if slower is None:
             return looked, None
         loop.state = loop.best = slower
         return looked.look(loop, status)

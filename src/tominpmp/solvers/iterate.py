@@ -107,8 +107,7 @@ class TrustRegion:
         else:
             # The loss 1 - ratio is proportional to the radius.
             factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
-        radius = min(self.radius * factor, self.largest)
-        return TrustRegion(radius, self.smallest, self.largest)
+        return replace(self, radius=min(self.radius * factor, self.largest))
 
     @property
     def exhausted(self) -> bool:

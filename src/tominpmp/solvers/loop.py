@@ -22,7 +22,7 @@ import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -33,9 +33,6 @@ from tominpmp.solvers.objective import Objective
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
 from tominpmp.transcription.base import Program
-
-if TYPE_CHECKING:
-    from tominpmp.solvers.exchange import RowExchange
 
 # Sees every record; a status ends the loop.
 Callback = Callable[[IterationRecord], Status | None]
@@ -57,6 +54,16 @@ class Step(Protocol):
         """Make a step, and have the loop go where it leads to."""
 
 
+class Look(Protocol):
+    """A way to look between the rows."""
+
+    def due(self, loop: Loop, status: Status | None) -> bool:
+        """Whether it is time to look, with the status that the loop is to end with."""
+
+    def look(self, loop: Loop, status: Status | None) -> tuple[Look, Status | None]:
+        """Have rows join that are missing; how to look next, and the status then."""
+
+
 def solve(
     program: Program,
     objective: Objective,
@@ -64,7 +71,7 @@ def solve(
     step: Step,
     stop: Rule,
     *,
-    exchange: RowExchange | None = None,
+    exchange: Look | None = None,
     callback: Callback | None = None,
     keep: Keep | None = None,
 ) -> SlpResult:
@@ -86,7 +93,10 @@ def solve(
     """
     first = step.start(program, objective, z)
     loop = Loop(program, objective, first, callback, keep)
-    status = loop.begin()
+    loop.save()
+    if objective.any_will_do:
+        loop.best = objective.better(program, first, None)
+    status = None if loop.best is None else Status.FEASIBLE
     try:
         while status is None:
             step(loop)
@@ -135,13 +145,6 @@ class Loop:
     granted: int = 0
     _begun: float = field(default_factory=time.perf_counter)
     _solved: list[LpSolution] = field(default_factory=list)
-
-    def begin(self) -> Status | None:
-        """Look at the first iterate; FEASIBLE if that is enough."""
-        self.save()
-        if self.objective.any_will_do:
-            self.best = self.objective.better(self.program, self.state, None)
-        return None if self.best is None else Status.FEASIBLE
 
     def counted(self, solution: LpSolution) -> LpSolution:
         """Count a program as work of the present iteration, and hand it on."""

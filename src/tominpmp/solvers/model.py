@@ -36,23 +36,21 @@ class Model:
     variation: Variation | None = None
     weight: float = 0.0
 
-    def change(self, z: Array, step: Array, *, curved: bool = True) -> float:
-        """What the objective changes by in a step.
-
-        Args:
-            z: The iterate.
-            step: The step.
-            curved: Whether the curvature counts.
-        """
-        change = float(self.gradient @ step)
+    def straight(self, z: Array) -> float:
+        """What it has without its curvature, but for a constant."""
+        total = float(self.gradient @ z)
         if self.variation is not None:
-            before, after = self.variation.total(z), self.variation.total(z + step)
-            change += self.weight * (after - before)
-        if curved and self.root is not None:
-            change += 0.5 * float(np.sum((self.root @ step) ** 2))
-        if curved and self.near is not None:
-            change += 0.5 * float(np.sum((self.near * step) ** 2))
-        return change
+            total += self.weight * self.variation.total(z)
+        return total
+
+    def bend(self, step: Array) -> float:
+        """What its curvature adds for a step."""
+        total = 0.0
+        if self.root is not None:
+            total += 0.5 * float(np.sum((self.root @ step) ** 2))
+        if self.near is not None:
+            total += 0.5 * float(np.sum((self.near * step) ** 2))
+        return total
 
     def bent(self, root: sp.csr_matrix | None) -> Model:
         """With the root of a further curvature, if there is one."""

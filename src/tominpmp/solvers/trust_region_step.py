@@ -248,10 +248,13 @@ class TrustRegionStep:
             return Trial(there, reached, merit, damping)
 
         now = model.value(z, values)
-        promise = model.change(z, step, curved=found.solution.curved)
-        model_there = now + promise + penalty(found.promised)
+        # In this order nothing is rounded where the objective is its model.
+        promise = now - model.straight(z) + model.straight(z + step)
+        promise += penalty(found.promised)
+        if found.solution.curved:
+            promise += model.bend(step)
         now += penalty(values)
-        predicted = max(now - model_there, 0.0)
+        predicted = max(now - promise, 0.0)
         trial = best = tried(step, known=found.reached)
         equations = bool(np.any(rows.lower == rows.upper))
         for _ in range(CORRECTIONS_OF_EQUATIONS if equations else CORRECTIONS):
