@@ -252,7 +252,7 @@ class Options(Record):
         value, most = getattr(self, name), MOST.get(name, LARGEST)
         if value is None and self._is_optional(name):
             return
-        endless = name == "max_planning_time" and isinstance(value, float)
+        endless = name == "max_planning_time" and number_or_nan(value) == np.inf
         most = np.inf if endless else most
         if number_or_nan(value) > most:
             expected = f"{expected}, at most {most:g}"
