@@ -1,4 +1,4 @@
-"""Certificates of the minimum principle: costates, multipliers, and what they prove."""
+"""Certificates of the minimum principle: costates and multipliers of a motion."""
 
 from __future__ import annotations
 

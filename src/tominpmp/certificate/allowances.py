@@ -1,4 +1,4 @@
-"""What a promise is held against: a controller's clock, and bounds on all motions."""
+"""Allowances for a predicted gain: a controller's clock, and bounds on all motions."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from tominpmp.certificate.certificate import Certificate
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import FEWEST_PERIODS
 
-# Periods of a segment are counted up to this share of one, and joints that are no
-# faster are at rest [rad/s or m/s].
+# Rounding of the number of periods of a segment, and largest speed of a joint at rest
+# [rad/s or m/s].
 SAME = 1e-6
 
 
 def clock_share(trajectory: Trajectory, period: float) -> float:
     """Share of its duration that rounding to whole periods may have cost a motion.
 
-    Each segment is rounded by itself, by less than a period; from one rest to the next
-    all is lost where that takes no more periods than any motion on a clock.
+    Each segment is rounded by itself, by less than a period. A part of the motion from
+    rest to rest that takes no more periods than the fewest of any motion on a clock may
+    be rounding as a whole.
 
     Args:
         trajectory: The motion.
@@ -41,16 +42,16 @@ def clock_share(trajectory: Trajectory, period: float) -> float:
 def with_bound(
     found: Certificate, duration: float, bound: float, reason: str
 ) -> Certificate:
-    """The certificate of an admissible motion with what is known of all motions.
+    """The certificate of an admissible motion with a lower bound on T.
 
-    Where none is faster by more than small changes may promise, a promise of first
-    order that is larger does not count.
+    Where the bound shows that no motion is faster by more than the tolerance, a larger
+    predicted gain of first order does not count.
 
     Args:
         found: The certificate.
-        duration: Of the motion [s].
-        bound: No motion takes less [s].
-        reason: Why.
+        duration: Duration of the motion [s].
+        bound: Lower bound on the duration of all motions [s].
+        reason: Reason of the bound, in words.
     """
     if found.ok or bound < (1.0 - found.tolerance) * duration:
         return found

@@ -10,17 +10,17 @@ from tominpmp.exceptions import BRIEF, shortened
 
 @dataclass(frozen=True, eq=False)
 class ActiveLimit(Record):
-    """A limit that holds a motion for some of the time.
+    """A limit that is active in a motion for some of the time.
 
     Attributes:
         kind: "effort", "velocity", "position", "acceleration", "jerk", "effort rate",
             "effort over speed", "clearance" or "arrival".
         name: The joint, the pair as "one and other", or the segment.
-        begin: Beginnings of the intervals on which it holds [s], shape (m,).
-        end: Their ends [s], shape (m,).
+        begin: Beginnings of the intervals on which it is active [s], shape (m,).
+        end: Ends of these intervals [s], shape (m,).
         multiplier: Time gained per time and unit of the limit: its share, rad or m,
             shape (m,).
-        upper: Whether the upper side holds, shape (m,).
+        upper: Whether the upper side is active, shape (m,).
     """
 
     kind: str
@@ -38,8 +38,9 @@ class Certificate(Record):
     Attributes:
         joint_names: Names of the joints, in column order.
         ok: Whether the motion keeps the conditions, within the tolerance.
-        message: What was found, in words: to what they are kept, or which fails where.
-        t: Nodes at which the motion was looked at [s], shape (N + 1,).
+        message: The result, in words: how well the conditions are kept, or which of
+            them fails where.
+        t: Nodes at which the motion was examined [s], shape (N + 1,).
         costates: Derivatives of the duration by (q, v) [s/rad or s/m, s^2/rad or
             s^2/m], just after the start and just before the other nodes, shape
             (N + 1, 2 n).
@@ -47,25 +48,25 @@ class Certificate(Record):
             its range, mean over the intervals, shape (N, n).
         hamiltonian: H, mean over the intervals, shape (N,); 0 at the optimum.
         obeys: Whether the torques obey their switching functions, shape (N, n).
-        active: Limits that hold the motion.
+        active: Active limits of the motion.
         hamiltonian_deviation: Largest difference of H to its mean, relative to the cost
             of time, which is 1.
-        hamiltonian_mean_deviation: The same in the mean over time.
+        hamiltonian_mean_deviation: Mean of that difference over time.
         sign_share: Share of the time, mean over the joints, in which the torque obeys
             its switching function: it is at the limit that the sign asks for, or the
             switching function is zero.
-        saturated_share: Share of the time in which an actuator is at its limit.
-        active_share: The same for limits of any kind.
-        complementarity: Sum of multiplier times room over all limits, as a share of T.
-        stationarity: Reduction of T that changes within a unit trust region promise to
-            first order, as a share of T: the complementarity, and what moving freely
-            would bring.
-        grid_gain: The same if torques could switch within the intervals, too.
+        saturated_share: Share of the time in which an actuator is saturated.
+        active_share: Share of the time in which a limit of any kind is active.
+        complementarity: Sum of multiplier times slack over all limits, as a share of T.
+        stationarity: Predicted reduction of T by changes within a unit trust region, to
+            first order and as a share of T: the complementarity, and the gain that only
+            the trust region bounds.
+        grid_gain: Predicted reduction if torques may switch within the intervals, too.
         costate_error: Largest difference of the costates to the adjoint equation,
             integrated over each interval, relative to the largest costate; None where
             limits on accelerations or torque rates enter it.
-        tolerance: What ``stationarity`` may be.
-        seconds: Time it took [s].
+        tolerance: Upper bound of ``stationarity``.
+        seconds: Time of the computation [s].
     """
 
     joint_names: tuple[str, ...]
@@ -94,7 +95,7 @@ class Certificate(Record):
         return self.ok
 
     def __repr__(self) -> str:
-        """What was found, on one line."""
+        """The result, on one line."""
         found = "ok" if self.ok else "not ok"
         return f"<Certificate {found}: {shortened(self.message, 2 * BRIEF)}>"
 

@@ -1,12 +1,12 @@
-"""Where pairs of bodies are nearest in a motion, and what the distances change by.
+"""Nearest instants of collision pairs in a motion, and derivatives of the distances.
 
-A pair of bodies limits a motion where it is nearest. That instant moves with the
+A collision pair limits a motion where it is nearest. That instant moves with the
 motion, so that to first order the least distance changes as the distance at that
-instant does: what is lost by coming there sooner or later is nothing, as the distance
-does not change with time there. A row at another instant of the same approach would say
-that it is: it has hardly any room, and would hold a motion that nothing holds. So each
-approach of a pair is one row, at its nearest instant; only where a pair stays as near
-as it is for a while there are others.
+instant does: a shift of the instant changes no distance, as the distance is stationary
+in time there. A row at another instant of the same approach would change with the
+shift: it has hardly any slack, and would seem active where no limit is. So each
+approach of a pair is one row, at its nearest instant; only a pair that stays near for a
+while has further rows.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.perturbations import Instants
 from tominpmp.motion.extrema import local_maxima
 
-# Where a pair that stays near is a row, too: the middles and the ends of the intervals.
+# Shares of intervals at which a pair that stays near is a row, too: middles and ends.
 REGULAR = (0.5, 1.0)
 # Clearances beyond this, in shares of the reach, are no rows.
 ATTENTION = 0.03
-# Samples of an interval, between which the nearest instants of pairs are looked for.
+# Samples of an interval, between which the nearest instants of pairs are searched.
 SAMPLES = 16
-# Pairs nearer than this, in shares of the reach, are looked at more closely: corners
-# pass each other within a millisecond. So often the time around a sample is halved.
+# Pairs nearer than this, in shares of the reach, are refined, as corners pass each
+# other within a millisecond: by this number of halvings of the time around a sample.
 CLOSE, HALVINGS = 0.01, 6
-# A pair stays near where at its speed the room would last for this share of the motion.
+# A pair stays near where its slack, at its speed, lasts for this share of the motion.
 STAYING = 0.05
 
 
 class Nearest(NamedTuple):
-    """Where pairs are nearest in a motion, k times in all.
+    """Nearest instants of collision pairs in a motion, k in all.
 
     Attributes:
-        times: When [s], shape (k,).
-        pairs: Which, shape (k,).
-        missing: What each lacks of its margin, as a share of the reach, shape (k,).
-        slopes: Derivatives of what the least distances lack, as shares of the reach, by
-            the configuration, shape (k, n). Where a corner passes, which has others
-            before and after, they are those of the least distance of all.
-        rates: Derivatives by time, of what moves by itself [1/s], shape (k,).
+        times: The instants [s], shape (k,).
+        pairs: Indices of the pairs, shape (k,).
+        missing: Margin less distance, as a share of the reach, shape (k,).
+        slopes: Derivatives of the missing clearance at the least distance, as shares of
+            the reach, by the configuration, shape (k, n). Where the closest corner
+            changes, they are a mean of the slopes before and after.
+        rates: Partial derivatives by time, from moving obstacles [1/s], shape (k,).
     """
 
     times: Array
@@ -56,13 +56,13 @@ class Nearest(NamedTuple):
 
 
 def contacts(motion: Motion) -> Nearest | None:
-    """The nearest instants of all pairs, and those at which they stay near.
+    """The nearest instants of all pairs, and instants at which pairs stay near.
 
     Args:
         motion: The motion.
 
     Returns:
-        The pairs then; None if nothing is near.
+        The pairs at these instants; None if no pair is near.
     """
     task, changes = motion.task, motion.changes
     if not task.problem.checker.pairs:
@@ -85,7 +85,7 @@ def contacts(motion: Motion) -> Nearest | None:
         return Nearest(times[rows], seen[columns], table[rows, columns], *slopes)
 
     found = [sampled(nearest & (table <= -CLOSE)), sampled(regular)]
-    # They stay as near as they are for a while.
+    # Rows at regular instants are kept for pairs that stay near for a while.
     staying, T = found[1], float(changes.t[-1])
     speed = np.abs(looks.speed(staying.times, staying.slopes, staying.rates))
     kept = np.maximum(-staying.missing, 0.0) >= STAYING * T * speed
@@ -98,7 +98,7 @@ def contacts(motion: Motion) -> Nearest | None:
 
 @dataclass(frozen=True, eq=False)
 class _Approaches:
-    """What pairs of bodies lack of their margins along a motion."""
+    """Missing clearances of collision pairs along a motion."""
 
     motion: Motion
 
@@ -109,7 +109,7 @@ class _Approaches:
         return problem.checker.margins(problem.margin)
 
     def table(self, times: Array) -> Array:
-        """What all pairs lack; minus infinity where they are far, shape (m, pairs)."""
+        """Missing clearances of all pairs; minus infinity if far, shape (m, pairs)."""
         task = self.motion.task
         cutoff = self._margins + ATTENTION * task.reach
         found = task.problem.checker.distances(self._q(times), cutoff, times)
@@ -121,7 +121,7 @@ class _Approaches:
         return np.asarray(self.motion.trajectory(times).q)
 
     def slopes(self, times: Array, pair: IntArray) -> tuple[Array, Array]:
-        """Derivatives of what pairs lack, at a time each."""
+        """Derivatives of the missing clearances of pairs, at a time each."""
         if not times.size:
             return np.zeros((0, self.motion.changes.n)), np.zeros(0)
         task = self.motion.task
@@ -131,7 +131,7 @@ class _Approaches:
         return -found[0] / task.reach, -found[1] / task.reach
 
     def speed(self, times: Array, slopes: Array, rates: Array) -> Array:
-        """How fast what is missing grows along the motion [1/s], shape (k,)."""
+        """Rate of the missing clearance along the motion [1/s], shape (k,)."""
         v = self.motion.trajectory(times).v
         return np.asarray(np.einsum("kj,kj->k", slopes, v) + rates)
 
@@ -140,8 +140,8 @@ class _Approaches:
     ) -> Nearest:
         """The nearest instants around flagged samples, found by halving the time.
 
-        A corner that passes is a kink of the distance in time, or nearly: its slope
-        there is that mean of those before and after which does not change with time.
+        A corner that passes is a kink of the distance in time, or nearly: the slope
+        there is the mean of the slopes before and after that is stationary in time.
         """
         rows, columns = np.nonzero(flags)
         pair, changes = seen[columns], self.motion.changes
@@ -161,7 +161,7 @@ class _Approaches:
                     np.where(side[:, None], by_q, slopes[i][0]),
                     np.where(side, by_t, slopes[i][1]),
                 )
-        # What is missing grows before and falls after; else it is nearest at an end.
+        # The missing clearance grows before and falls after, else peaks at an end.
         rises, falls = np.maximum(speeds[0], 0.0), np.maximum(-speeds[1], 0.0)
         total = np.maximum(rises + falls, 1e-300)
         after = np.where(rises + falls > 0.0, rises / total, 0.5)
@@ -172,7 +172,7 @@ class _Approaches:
         return Nearest(time, pair, missing, by_q, by_t)
 
     def _missing(self, times: Array, pair: IntArray) -> Array:
-        """What pairs lack at a time each, shape (k,)."""
+        """Missing clearances of pairs at a time each, shape (k,)."""
         task, margin = self.motion.task, self._margins[pair]
         enough, every = margin + ATTENTION * task.reach, np.arange(pair.size)
         q = self._q(times)

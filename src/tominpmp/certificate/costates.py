@@ -2,11 +2,11 @@ r"""Costates, integrated backwards along a motion.
 
 .. math:: \dot p = -f_x^T p
 
-between the instants at which a limit on the state holds: the adjoint equation of the
+between the instants at which a state limit is active: the adjoint equation of the
 paper's differentials (equations 12 and 13) in real time. At these instants the costate
 falls by the multiplier times the gradient of the limit. The multipliers of the linear
-program give the costate without this equation: it knows accelerations and the inverse
-dynamics, this one torques and the forward dynamics. That both agree is a check of both.
+program give the costate without this equation: the program uses accelerations and the
+inverse dynamics, this equation torques and the forward dynamics. Each checks the other.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tominpmp.certificate.dual_program import PLACES, DualSolution
 from tominpmp.certificate.motion import Motion
 from tominpmp.verification.replay import Replay
 
-# Steps of an interval: one ends wherever costates may fall.
+# Steps of an interval: a step ends wherever costates may jump.
 STEPS = PLACES
 
 
@@ -34,11 +34,11 @@ def integrate_costates(
     Args:
         motion: The motion.
         found: Its multipliers, and the costate at the end.
-        replay: Where the torques lead, if they were replayed: the states to integrate
-            along. Without it the states are those of the plan.
-        anew: Whether each interval begins with the costate that was found at its end,
-            else with the integrated one. Where an arm can fall over, what is
-            integrated from one end to the other is off by powers of ten.
+        replay: Replay of the torques, whose states the equation is integrated along;
+            None takes the states of the plan.
+        anew: Whether each interval begins with the costate of the program at its end,
+            else with the integrated costate. Where an arm is unstable, errors of an
+            integration from one end to the other grow by powers of ten.
 
     Returns:
         Costates just after the start and just before the nodes 1 to N, shape
@@ -53,7 +53,7 @@ def integrate_costates(
         q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
         v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)
-    # What dry friction leaves of the torques.
+    # Torques less dry friction.
     trajectory, robot = motion.trajectory, motion.task.problem.robot
     if trajectory.inverse_dynamics is None:
         left = state.u - robot.friction * trajectory.turns.at(times)
@@ -81,8 +81,9 @@ def integrate_costates(
 def _transitions(slope: Array, h: Array) -> Array:
     """State transition matrices of steps by Radau IIA of order 3, shape (m, k, k).
 
-    From f_x in the middle of each step, shape (m, k, k), and the lengths h [s], shape
-    (m,).
+    Args:
+        slope: f_x in the middle of each step, shape (m, k, k).
+        h: Lengths of the steps [s], shape (m,).
     """
     z = slope * h[:, None, None]
     eye = np.eye(slope.shape[1])
@@ -90,9 +91,11 @@ def _transitions(slope: Array, h: Array) -> Array:
 
 
 def disagreement(found: DualSolution, integrated: Array) -> float:
-    """Largest difference between costates, relative to the largest of them.
+    """Largest difference between costates, relative to the largest costate.
 
-    Those of the linear program, and those of the adjoint equation, shape (N + 1, 2 n).
+    Args:
+        found: Costates of the linear program.
+        integrated: Costates of the adjoint equation, shape (N + 1, 2 n).
     """
     scale = found.state_scale
     largest = float(np.max(np.abs(found.costates * scale), initial=0.0))

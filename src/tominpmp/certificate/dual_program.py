@@ -1,11 +1,10 @@
-"""Dual program: what small changes of a motion could gain, and its multipliers.
+"""Dual program: the gain that small changes of a motion predict, and its multipliers.
 
-The program asks for the largest reduction of the duration that changes within a unit
-trust region promise to first order. Its multipliers are the costates and the
-multipliers of the limits; by the duality of linear programs the promise is the sum of
-what each limit and the trust region give away: multiplier times room. A motion that
-keeps the first-order conditions promises nothing: all multipliers stand at limits that
-have no room.
+The program maximises the reduction of the duration that changes within a unit trust
+region predict to first order. Its multipliers are the costates and the multipliers of
+the limits; by the duality of linear programs the predicted gain is the sum of
+multiplier times slack over the limits and the trust region. For a motion that keeps the
+first-order conditions the gain is zero: all limits with multipliers have zero slack.
 """
 
 from __future__ import annotations
@@ -28,17 +27,17 @@ from tominpmp.linear_programs.program import LinearProgram, LpSolution
 # The trust region: positions in rad or shares of the reach, velocities in these units
 # over the duration, which changes by a share of itself.
 RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
-# Motions of a small fraction of these units are looked at in as many times their way:
-# the same motion on another scale has the same promise.
+# The trust region of a small motion is this many times its displacement: the same
+# motion on another scale has the same predicted gain.
 WAYS = 100.0
-# Each interval may be longer or shorter by this share as well. Of several sets of
-# multipliers that say the same this picks one whose Hamiltonian is constant.
+# Each interval may be longer or shorter by this share as well. Of several optimal sets
+# of multipliers this picks one whose Hamiltonian is constant.
 SHIFT = 1e-3
-# A promise is good to this share of it, and worth so many iterations: where limits
-# overlap, interior points end slowly, and simplex methods take tens of seconds.
+# Relative accuracy of the predicted gain, and the iterations spent on it: where limits
+# overlap, interior points converge slowly, and simplex methods take tens of seconds.
 ROUGHLY = Nearly(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
 FAR = RADIUS * (1.0 - 1e-9)  # a bound at least this far is the trust region's
-PLACES = 4  # of an interval at which costates may fall; even: one is the middle
+PLACES = 4  # places in an interval at which costates may jump; even: one is the middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +47,15 @@ class DualSolution:
     Attributes:
         costates: Derivatives of the duration by the states just before the nodes 1 to
             N, shape (N, 2 n).
-        jumps: By how much costates fall at these nodes, where a limit on the state
-            holds, shape (N, 2 n).
-        pushes: By how much they fall inside the intervals, at the places nearest to
-            where a limit on the state holds: k / PLACES of an interval, shape
-            (N, PLACES, 2 n).
+        jumps: Decrease of the costates at these nodes, where a state limit is active,
+            shape (N, 2 n).
+        pushes: Decrease of the costates inside the intervals, at the places k / PLACES
+            nearest to an active state limit, shape (N, PLACES, 2 n).
         switching: Derivative of the Hamiltonian by the torques, mean over each
             interval, in shares of the torque limits, shape (N, n).
         hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
-        multipliers: All limits with their multipliers, the trust region among them.
-        promise: Reduction of the duration to first order, as a share of it.
+        multipliers: All limits with their multipliers, with the trust region.
+        promise: Predicted reduction of the duration to first order, as a share of it.
         state_scale: Changes of the state that the trust region allows, shape (2 n,).
     """
 
@@ -78,9 +76,9 @@ def solve_dual_program(
 
     Args:
         motion: The motion.
-        enough: A promise that is good enough.
-        near: Whether distances are looked at from the first. If they are left out more
-            is promised, if anything, and they are looked at where that is not enough.
+        enough: Predicted gain below which distances need not be evaluated.
+        near: Whether distances are rows at first. Without them the predicted gain is at
+            least as large, and they are added where it exceeds ``enough``.
     """
     if not near:
         found = _Program(motion, near).solve()
@@ -90,7 +88,7 @@ def solve_dual_program(
 
 
 class _Program:
-    """The linear program of a motion, in units that make its numbers of order one.
+    """The linear program of a motion, scaled to numbers of order one.
 
     Columns are the unknowns of the changes, a change of each interval, and one of the
     duration of each segment; rows are the equations of motion, the limits, and the
@@ -164,7 +162,7 @@ class _Program:
         )
 
     def _accelerations(self) -> tuple[Array, Array, Array]:
-        """Room below and above, and the limits, shape (controls, n) each."""
+        """Slack below and above, and the limits, shape (controls, n) each."""
         motion, controls = self.motion, self.motion.changes.controls
         most = np.full((controls, self.n), np.inf)
         for part in motion.segments:
@@ -194,16 +192,16 @@ class _Program:
             np.tile(self.acceleration_scale, changes.controls),
         )
         matrix, lengths = every.matrix @ sp.diags(scale), every.by_length
-        # Each segment can take longer by itself.
+        # Each segment has a duration of its own.
         spans = [slice(*part.span) for part in self.motion.segments]
         each = [lengths[:, span] @ changes.h[span] for span in spans]
         stretch = sp.csr_matrix(np.stack(each, axis=1))
         rows = sp.hstack([matrix, self.T * lengths, stretch], format="csc")
         rows.eliminate_zeros()
-        # Lengths are in shares of the duration, as the objective.
+        # Lengths are shares of the duration, as the objective is.
         shares = [float(changes.h[span].sum()) / self.T for span in spans]
         cost = np.concatenate([np.zeros(changes.size), np.ones(self.N), shares])
-        # What depends on states alone changes by as little as they do.
+        # Rows that depend on states alone are scaled as the states are.
         of_states = np.any(limits.slopes != 0.0, axis=1)
         units = np.append(
             np.tile(1.0 / self.state_scale, self.N),
@@ -237,10 +235,10 @@ class _Program:
         """Turn the multipliers of the program into times.
 
         Args:
-            gaps: Those of the equations of motion, shape (2 N n,).
+            gaps: Multipliers of the equations of motion, shape (2 N n,).
             rows: The limits that are rows.
             columns: The bounds of the unknowns.
-            hamiltonian: Mean over each interval, shape (N,).
+            hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
         """
         N, n = self.N, self.n
         # The trust region is no limit of the problem.
@@ -276,10 +274,10 @@ class _Program:
         )
 
     def _arriving(self, torques: LimitRows) -> Array:
-        """Share of the torques before a node in the multipliers there, shape (N, 2 n).
+        """Correction of the costates by torque rows before a node, shape (N, 2 n).
 
-        The costate changes over an interval as the torques on it depend on the state;
-        rows at its end have that change at the node itself, where it is too late.
+        The costate changes over an interval as its torques depend on the state; rows at
+        the end of the interval add this change at the node, where it is too late.
         """
         motion, (interval, share), y = self.motion, torques.at, torques.y
         at_end = np.zeros((self.N, self.n))
@@ -313,7 +311,7 @@ class _Program:
 
 
 def _solve(program: LinearProgram) -> LpSolution | None:
-    """Solve a program; None if no solver can, or its numbers are none."""
+    """Solve a program; None if no solver can, or some of its numbers are NaN."""
     numbers = (program.matrix.data, program.row_lower, program.row_upper)
     if any(np.any(np.isnan(part)) for part in numbers):
         return None

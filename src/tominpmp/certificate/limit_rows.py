@@ -1,4 +1,4 @@
-"""The limits of a motion, one a row, with the room and the multiplier of each."""
+"""The limits of a motion, one a row, with the slack and the multiplier of each."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.perturbations import Instants, Linearised
 
-# What is no limit of the problem: how far a linear program is believed.
+# Kinds of rows that are no limits of the problem: the trust region of the linear
+# program, and the goal.
 TRUST = "trust region"
 GOAL = "goal"
-# Pairs, constraints and rows of goals are those of a segment: subjects of the next one
-# are larger by this.
+# Pairs, constraints and rows of goals are numbered within a segment: subjects of the
+# next segment are larger by this.
 SEGMENT = 1 << 20
 
 
@@ -25,25 +26,26 @@ SEGMENT = 1 << 20
 class LimitRows:
     """Limits of a motion, one a row.
 
-    Numbers that are given once are those of all rows.
+    A single number is broadcast to all rows.
 
     Attributes:
         kind: "effort", "velocity", "clearance", ..., shape (m,).
-        at: Where the rows stand.
-        subject: Joint of each, or pair, shape (m,).
-        below: What is left to the lower side, negative: infinite where there is none,
-            positive where the motion breaks it, shape (m,).
-        above: What is left to the upper side, positive, likewise.
-        slopes: Derivatives by the state there, shape (m, 2 n); zero of torques.
-        change: How the limited quantities change; left out of unknowns, which are
-            columns of the program.
+        at: Instants of the rows.
+        subject: Joint of each row, or collision pair, shape (m,).
+        below: Lower limit less value, negative: infinite without a lower limit,
+            positive where the motion violates it, shape (m,).
+        above: Upper limit less value, positive: infinite without an upper limit,
+            negative where the motion violates it, shape (m,).
+        slopes: Derivatives by the state there, shape (m, 2 n); zero for torques.
+        change: Linearised changes of the limited quantities; empty for unknowns, which
+            are columns of the program.
         unit: A unit of each row in units of its limit: the reach for clearances [m],
             shape (m,).
         by_torque: Derivatives by the torque of the joint [1/(N m) or 1/N], shape (m,).
-        mean: Whether each is the mean of both ends of its interval, shape (m,).
-        component: Which value of its constraint each is, shape (m,).
-        y: Multipliers, as shares of the duration, positive where the upper side holds,
-            shape (m,).
+        mean: Whether each row is the mean of both ends of its interval, shape (m,).
+        component: Index of the value of its constraint, shape (m,).
+        y: Multipliers, as shares of the duration, positive where the upper limit is
+            active, shape (m,).
     """
 
     kind: NDArray[np.str_]
@@ -60,7 +62,7 @@ class LimitRows:
     y: Array = field(default_factory=partial(np.zeros, ()))
 
     def __post_init__(self) -> None:
-        """Give all rows the numbers that are given once."""
+        """Broadcast single numbers to all rows."""
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, np.ndarray):
@@ -68,31 +70,31 @@ class LimitRows:
                 value = np.broadcast_to(value, (self.subject.size, *each))
                 object.__setattr__(self, item.name, value)
 
-    # -- room and multipliers ----------------------------------------------------------
+    # -- slack and multipliers ---------------------------------------------------------
 
     @property
     def lower(self) -> Array:
-        """Room below, never positive, shape (m,)."""
+        """Slack below, never positive, shape (m,)."""
         return np.minimum(self.below, 0.0)
 
     @property
     def upper(self) -> Array:
-        """Room above, never negative, shape (m,)."""
+        """Slack above, never negative, shape (m,)."""
         return np.maximum(self.above, 0.0)
 
     @property
     def held_above(self) -> BoolArray:
-        """Whether it is the upper side that holds, shape (m,)."""
+        """Whether the upper limit is active, shape (m,)."""
         return np.asarray(self.y > 0.0)
 
     @property
     def value(self) -> Array:
-        """Share of the duration that a unit of room is worth, never negative, (m,)."""
+        """Share of the duration that a unit of slack is worth, never negative, (m,)."""
         return np.asarray(np.abs(self.y) / self.unit)
 
     @property
     def room(self) -> Array:
-        """Room that is left on the side that holds, never negative, shape (m,).
+        """Slack to the active limit, never negative, shape (m,).
 
         In shares of the limit for torques, velocities, accelerations and rates, in rad
         or m for positions, in m for clearances.
@@ -101,24 +103,24 @@ class LimitRows:
 
     @property
     def promise(self) -> Array:
-        """What each gives away, as a share of the duration, shape (m,)."""
+        """Multiplier times slack of each row, as a share of the duration, (m,)."""
         return self.value * self.room
 
     @property
     def used(self) -> Array:
-        """Share of the limit on the side that holds that is used, shape (m,)."""
+        """Used share of the active limit, shape (m,)."""
         left = np.where(self.held_above, self.above, -self.below)
         return np.asarray(1.0 - left * self.unit)
 
-    # -- some of them ------------------------------------------------------------------
+    # -- subsets -----------------------------------------------------------------------
 
     def of(self, *kinds: str) -> BoolArray:
-        """Which of them are of some kinds, shape (m,)."""
+        """Whether each row is of given kinds, shape (m,)."""
         return np.isin(self.kind, kinds)
 
     @property
     def limits(self) -> BoolArray:
-        """Which of them belong to limits of the problem, shape (m,)."""
+        """Whether each row belongs to a limit of the problem, shape (m,)."""
         return ~self.of(TRUST, GOAL)
 
     def kept(self, rows: IntArray | BoolArray) -> LimitRows:

@@ -1,9 +1,9 @@
 """Limits of a motion as linear rows on its small changes.
 
-Torques run through the intervals as the inverse dynamics has them, speeds and positions
-as the accelerations do: they are limited at the nodes, and wherever they are largest
-between them. What a problem asks for beyond that is looked at closely in time, and is a
-row where it is nearest.
+Between the nodes torques follow the inverse dynamics, speeds and positions the
+accelerations: they are limited at the nodes, and at interior maxima between them. Other
+constraints of a problem are sampled finely in time, and are rows where they are nearest
+to their bounds.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from tominpmp.certificate.perturbations import (
 from tominpmp.motion.extrema import local_maxima
 from tominpmp.problem.joint_limits import SIDES, JointBounds, joint_limits
 
-# What a problem with times at which goals are to be met has rows of.
+# Kind of the rows of arrival times.
 ARRIVAL = "arrival"
-# Where in the intervals it is looked at torques, speeds and positions.
+# Shares of the intervals at which torques, speeds and positions are inspected.
 SHARES = np.arange(1, 10) / 10
-# Values are rows inside an interval where they are larger there than at both of its
-# ends by this share of their limits, and near them.
+# Values are rows inside an interval where they exceed the values at both of its ends by
+# the first share of their limits, and are above the second share of them.
 BULGE = 1e-3
 NEAR = 0.97
-# A torque that is less than this smaller in the middle runs along its limit.
+# A torque that is smaller in the middle by less than this runs along its limit.
 FLAT = 1e-2
-# Positions with less room than this [rad, or shares of the reach] that turn back inside
-# an interval, by more than this.
+# Positions are rows inside an interval where their slack is below the first number
+# [rad, or shares of the reach] and they turn back by more than the second.
 ROOM, TURN = 0.05, 1e-5
-# Where other constraints are rows in any case: the middles and the ends of intervals.
+# Shares of intervals at which other constraints are always rows: middles and ends.
 REGULAR = (0.5, 1.0)
-# Samples of an interval between which their nearest instants are looked for.
+# Samples of an interval between which the nearest instants of constraints are searched.
 SAMPLES = 16
-# Those farther below their limits, in units of their scale, are no rows.
+# Constraints farther below their bounds, in units of their scale, are no rows.
 NEAR_CONSTRAINT = 0.1
 
 
@@ -58,7 +58,7 @@ def limits_of(motion: Motion, near: bool = True) -> LimitRows:
 
     Args:
         motion: The motion.
-        near: Whether distances are looked at: for them all meshes are cut.
+        near: Whether distances are rows: they need all meshes cut into convex pieces.
     """
     found = [*_arrivals(motion)]
     for number, part in enumerate(motion.segments):
@@ -77,7 +77,7 @@ def limits_of(motion: Motion, near: bool = True) -> LimitRows:
 
 
 def _of_segment(number: int, rows: LimitRows) -> LimitRows:
-    """Rows whose subjects are those of a segment, and not of the whole motion."""
+    """Rows whose subjects are numbered within a segment, not in the whole motion."""
     return replace(rows, subject=rows.subject + number * SEGMENT)
 
 
@@ -91,17 +91,17 @@ def _rows(
     rates: Array | None = None,
     **more: Any,
 ) -> LimitRows:
-    """Rows of what depends on the state at instants.
+    """Rows of quantities that depend on the state at instants.
 
     Args:
         motion: The motion.
         kind: Name of the rows.
         at: The motion at their instants, m of them.
         subject: Joints or pairs.
-        room: What is left below and above.
-        *slopes: Derivatives by position, velocity and acceleration, as many as there
-            are, shape (m, n).
-        rates: Derivatives by time alone [1/s], shape (m,), if anything moves.
+        room: Slack below and above.
+        *slopes: Derivatives by position, velocity and acceleration, up to the order of
+            the quantity, shape (m, n).
+        rates: Partial derivatives by time [1/s], shape (m,), if obstacles move.
         **more: Other attributes of the rows.
     """
     change = motion.changes.values(at.at, at.q, at.v, *slopes)
@@ -117,7 +117,7 @@ def _rows(
 
 
 def _one_of(joint: IntArray, n: int, value: Array) -> Array:
-    """Slopes that are values for one joint each, shape (m, n)."""
+    """Slopes with a value for one joint in each row, shape (m, n)."""
     out = np.zeros((joint.size, n))
     out[np.arange(joint.size), joint] = value
     return out
@@ -143,9 +143,9 @@ def _rows_of_joints(
         kind: Name of the rows.
         interval: The intervals, shape (k,).
         joints: The joints.
-        stencil: Which ends, and their weights.
+        stencil: Ends of intervals, and their weights.
         limit: Limits of the joints, shape (joints,).
-        load: Shares of them that are used, shape (k, joints); None where the sums are
+        load: Used shares of the limits, shape (k, joints); None where the sums are
             rises, whose slopes are limited.
         accelerations: Whether the sums are of accelerations.
     """
@@ -164,7 +164,7 @@ def _rows_of_joints(
     if load is None:
         share, load = 0.5, total / changes.apart(interval)[:, None]
         change = changes.slopes(change, load, interval)
-    # What has no motor obeys its equation of motion in the mean.
+    # A joint without a motor obeys its equation of motion in the mean.
     bound = 0.0 * load if kind == "passive" else np.ones(shape)
     load = 0.0 * load if kind == "passive" else load
     return LimitRows(
@@ -189,7 +189,7 @@ def _efforts(motion: Motion) -> Iterator[LimitRows]:
         asked.append(("effort", driven, MEAN, interval))
     else:
         whole = motion.changes.shape == "ramps" and motion.number is None
-        # Others that end an interval begin the next one.
+        # With ramps, an end of an interval is the beginning of the next one.
         last = interval[-1:] if whole else interval
         asked += [("effort", driven, BEGIN, interval), ("effort", driven, END, last)]
     for kind, joints, stencil, own in asked:
@@ -223,14 +223,14 @@ def _largest(
     near: float = NEAR - 1.0,
     more: float = BULGE,
 ) -> tuple[IntArray, IntArray]:
-    """Instants and joints at which values are largest, of those near their limits.
+    """Instants and joints of interior maxima of values near their limits.
 
     Args:
         motion: The motion.
         inside: Excesses over limits at all instants, shape (m, n).
         ends: Excesses at both ends of all intervals, shape (N, 2, n).
-        near: What is near.
-        more: By how much they are larger than at the ends.
+        near: Excess above which a value is near its limit.
+        more: Least difference of a maximum to the values at the ends.
 
     Returns:
         Indices of the instants and joints, shape (k,) each.
@@ -248,7 +248,7 @@ def _at_ends(values: Array) -> Array:
 
 
 def _bulging(motion: Motion, inside: MotionStates, item: JointBounds) -> LimitRows:
-    """Positions, speeds or torques that are largest inside an interval, or may be."""
+    """Rows of interior maxima of positions, speeds or torques."""
     task, changes, of, name = motion.task, motion.changes, item.kind.of, item.kind.name
     values, ends, unit = {
         "q": (inside.q, _at_ends(changes.q), task.step_scale),
@@ -261,8 +261,8 @@ def _bulging(motion: Motion, inside: MotionStates, item: JointBounds) -> LimitRo
 
     excess = beyond(values)
     if of == "u":
-        # Where a torque runs along its limit, the middle is a row as well as the ends:
-        # it does not change as their mean does.
+        # Where a torque runs along its limit, the middle is a row as well as the ends,
+        # whose mean changes differently.
         excess[SHARES.size // 2 :: SHARES.size] += FLAT
         excess[:, np.setdiff1d(np.arange(changes.n), motion.driven)] = -np.inf
     near, more = (-ROOM, TURN) if of == "q" else (NEAR - 1.0, BULGE)
@@ -282,10 +282,10 @@ def _bulging(motion: Motion, inside: MotionStates, item: JointBounds) -> LimitRo
 def _with_light_joints(
     motion: Motion, beyond: Array, index: IntArray, joint: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Rows of speeds, and the middles of intervals where speeds may come to be largest.
+    """Rows of speeds, and middles of intervals where a speed may get its maximum.
 
     An acceleration that is raised at the beginning of an interval and lowered at its
-    end leaves the speeds at both as they are; light joints can do that by much.
+    end leaves the speeds at both ends unchanged; for light joints the change is large.
 
     Args:
         motion: The motion.
@@ -312,7 +312,7 @@ def _rows_of_torques(
     by_torque: Array,
     by_speed: Array,
 ) -> LimitRows:
-    """Rows of the torques of joints, an instant each, and of what their speeds add."""
+    """Rows of the torques of joints at an instant each, with a term in the speed."""
     every = np.arange(joint.size)
     parts = motion.task.dynamics.inverse_jacobians(at.q, at.v, at.a)[1:]
     slopes = [by_torque[:, None] * part[every, joint] for part in parts]
@@ -321,7 +321,7 @@ def _rows_of_torques(
 
 
 def _over_speed(motion: Motion, inside: MotionStates | None) -> Iterator[LimitRows]:
-    """Torques at what their speed allows: at nodes, and nearest inside intervals."""
+    """Rows of torque limits over speed: at nodes, and at interior maxima."""
     looked_at = [motion.ends(motion.intervals, end) for end in (0, 1)]
     ends = motion.u, _at_ends(motion.changes.v)
     for item in joint_limits(motion.task.problem):
@@ -343,7 +343,7 @@ def _over_speed(motion: Motion, inside: MotionStates | None) -> Iterator[LimitRo
                 yield _rows_of_torques(*rows, by_u, by_v)
 
 
-# -- what the problem asks for ---------------------------------------------------------
+# -- clearances and constraints of the problem -----------------------------------------
 
 
 def _clearances(motion: Motion) -> Iterator[LimitRows]:
@@ -368,7 +368,7 @@ def _constraints(motion: Motion) -> Iterator[LimitRows]:
         shares = np.arange(1, SAMPLES + 1) / SAMPLES
         regular = np.isin(shares, REGULAR)
         if item.order > 1:
-            # Accelerations jump at the nodes: it is looked at on both sides.
+            # Accelerations jump at the nodes: both sides are inspected.
             shares, regular = np.append(JUST_INSIDE, shares), np.append(True, regular)
         at = motion.states(Instants.spread(motion.span, shares).inside)
         values = item.value_rows(at.q, at.v, at.a)
@@ -390,8 +390,9 @@ def _constraints(motion: Motion) -> Iterator[LimitRows]:
         ]
         own, here, rates = at.kept(k), values[k, which], None
         if item.window is not None:
-            # It stays at its times: what is earlier by so much is on its way for that
-            # much longer. Slopes by accelerations count for nothing: those run little.
+            # The window is fixed in time: a state that the change of lengths brings
+            # earlier moves on until the instant of the row. Rates of accelerations are
+            # small and left out.
             rates = -np.einsum("kj,kj->k", slopes[0], own.v)
             rates -= np.einsum("kj,kj->k", slopes[1], own.a)
         share = np.where(own.at.share >= 1.0 - JUST_INSIDE, 1.0, own.at.share)
@@ -409,18 +410,18 @@ def _constraints(motion: Motion) -> Iterator[LimitRows]:
 
 
 def _beside(flags: BoolArray) -> BoolArray:
-    """The rows that are flagged, and those before and after them, shape (m, p)."""
+    """Flagged rows, and the rows before and after them, shape (m, p)."""
     out = flags.copy()
     out[1:] |= flags[:-1]
     out[:-1] |= flags[1:]
     return out
 
 
-# -- goals, and when they are met ------------------------------------------------------
+# -- goals, and arrival times ----------------------------------------------------------
 
 
 def _arrivals(motion: Motion) -> Iterator[LimitRows]:
-    """Rows of the times at which goals are met, where these are limited."""
+    """Rows of the arrival times of segments that limit them."""
     changes, T, stayed = motion.changes, float(motion.changes.t[-1]), 0.0
     segments = motion.task.problem.segments
     for number, (part, segment) in enumerate(

@@ -1,19 +1,18 @@
 r"""Certificate of the minimum principle: how near a motion is to an extremal.
 
 The duration T is minimised: with the costates :math:`p = \partial T / \partial x`, the
-derivatives of the time that is left by the state, the Hamiltonian is
+derivatives of the remaining time by the state, the Hamiltonian is
 
 .. math:: H = 1 + p^T f(x, u) = 0
 
 all along an optimal motion (Pontryagin, Boltyanskii, Gamkrelidze and Mishchenko, 1962),
 and its torques minimise it: where the switching function :math:`\sigma = H_u` of a
 joint is positive its torque is at the lower limit, where it is negative at the upper
-one. On limits of the state, as speeds have them, the costate falls, and H does not
-(Hartl, Sethi and Vickson, 1995). Where obstacles move, what they do to later clearances
-is part of H.
+limit. On state limits, as of speeds, the costate falls, and H does not (Hartl, Sethi
+and Vickson, 1995). Where obstacles move, their effect on later clearances is part of H.
 
-The certificate takes nothing from the solver that made the motion: costates and
-multipliers come from a linear program about it
+The certificate takes no result of the solver that planned the motion: costates and
+multipliers come from a linear program about the motion
 (:mod:`tominpmp.certificate.dual_program`).
 """
 
@@ -49,16 +48,17 @@ from tominpmp.problem import Problem
 from tominpmp.verification.stages import with_segments
 from tominpmp.verification.verification import Verification, verify
 
-# What small changes may promise, as a share of the duration.
+# Largest predicted gain of a motion that is certified, as a share of the duration.
 TOLERANCE = 0.01
-# Below this share of it, whether the promise is exact does not matter.
+# Share of the tolerance below which the predicted gain need not be exact.
 ENOUGH = 0.3
-# A torque is at its limit within this share of half its range, and a switching function
-# is zero within this; on limits within this share.
+# A torque obeys its switching function within this share of half its range from its
+# limit, or where the function is below the second number; a limit with slack below the
+# third is active.
 AT_LIMIT = 0.02
 NO_SLOPE = 0.02
 ON_LIMIT = 0.01
-# Limits whose multiplier is below this, as a density over time, do not hold the motion.
+# Limits whose multiplier is below this, as a density over time, do not count as active.
 HOLDING = 0.01
 
 
@@ -71,23 +71,23 @@ def certify(
     tolerance: float = TOLERANCE,
     control_period: float | None = None,
 ) -> Certificate:
-    """Check the first-order conditions of a motion, of whatever origin.
+    """Check the first-order conditions of a motion, of any origin.
 
     Args:
-        problem: What the motion solves.
-        trajectory: The motion; samples, from a file say, are joined to one first.
+        problem: The problem that the motion solves.
+        trajectory: The motion; samples, from a file say, are joined to a motion first.
         verification: Its replay; None makes one. Costates are integrated along it, and
             a motion that fails it is not certified.
-        tolerance: What small changes may promise, as a share of the duration.
+        tolerance: Largest predicted gain of small changes, as a share of the duration.
         control_period: Period of the clock that the motion is on, if there is one [s]:
-            a motion that is faster by less than a period is none on that clock.
+            no motion on that clock is faster by less than a period.
 
     Returns:
         The certificate.
 
     Raises:
-        ProblemError: If the motion is one of other joints, or has no numbers, or stays
-            where obstacles move.
+        ProblemError: If the motion has other joints, or values that are not finite, or
+            a dwell while obstacles move.
     """
     begin = time.perf_counter()
     instance(problem, Problem, "problem")
@@ -101,7 +101,7 @@ def certify(
     robot = problem.robot
     trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
     trajectory = with_segments(problem, trajectory, Tolerances())
-    # Goals that will do as well may have another number of rows.
+    # Alternatives of a goal may have another number of rows.
     asked, problem = problem, problem.alternative_of(trajectory)
     given = trajectory
     if problem.segments:
@@ -115,12 +115,12 @@ def certify(
 
 
 class Findings(NamedTuple):
-    """What a certificate was made of.
+    """A certificate and the multipliers that it is read from.
 
     Attributes:
         certificate: The certificate.
-        motion: The motion on its grid; None if nothing can be said of it.
-        found: Its multipliers, likewise.
+        motion: The motion on its grid; None if the conditions cannot be evaluated.
+        found: Its multipliers; None likewise.
     """
 
     certificate: Certificate
@@ -140,20 +140,20 @@ def examine(
     """Check the first-order conditions of a motion of the right joints.
 
     Args:
-        problem: What the motion solves.
+        problem: The problem that the motion solves.
         trajectory: The motion.
         verification: Its replay, if there is one.
-        tolerance: What small changes may promise, as a share of the duration.
-        near: Whether anything is near; else distances are looked at only where small
-            changes promise too much without them.
-        rounding: Share of the duration that the rounding to a clock may have cost, and
-            that changes may promise on top.
+        tolerance: Largest predicted gain of small changes, as a share of the duration.
+        near: Whether obstacles are near; else distances become rows only where the
+            predicted gain without them is too large.
+        rounding: Share of the duration that rounding to a clock may have cost, which is
+            added to the tolerance.
     """
     tolerance += rounding
     ends = trajectory.segment_ends
     ends = trajectory.t[-1:] if ends is None else ends
     if np.any(np.diff(ends, prepend=0.0) == 0.0):
-        # No interval is on a segment that takes no time.
+        # A segment of zero duration has no interval.
         return Findings(_nothing(trajectory, verification, tolerance), None, None)
     try:
         with np.errstate(all="ignore"):
@@ -170,7 +170,7 @@ def examine(
 def _nothing(
     trajectory: Trajectory, verification: Verification | None, tolerance: float
 ) -> Certificate:
-    """Certificate of a motion of which nothing can be said."""
+    """Certificate of a motion whose conditions cannot be evaluated."""
     n, N, T = trajectory.n, trajectory.t.size - 1, trajectory.duration
     stands = verification is not None and verification.ok and not T
     moves = T and (np.any(trajectory.v) or np.any(np.ptp(trajectory.q, axis=0)))
@@ -214,15 +214,15 @@ def _read(
     load = motion.loads
     if motion.changes.shape == "torques":
         load = motion.load[:, None]
-    # Room of the torques to their limits, in half ranges, shape (N, n).
+    # Slack of the torques to their limits, in half ranges, shape (N, n).
     above = np.maximum(1.0 - load.max(axis=1), 0.0)
     below = np.maximum(1.0 + load.min(axis=1), 0.0)
     room, slope = np.where(sigma < 0.0, above, below), np.abs(sigma)
-    # Or where the Hamiltonian could fall by next to nothing of the cost of time.
+    # Torques obey also where the Hamiltonian could fall by no more than the tolerance.
     obeys = (room <= AT_LIMIT) | (slope <= NO_SLOPE) | (slope * room <= tolerance)
     obeys[:, np.setdiff1d(np.arange(motion.changes.n), driven)] = True
     busy = (np.minimum(above, below) <= ON_LIMIT)[:, driven].any(axis=1)
-    # What torques promise that may switch within the intervals.
+    # Predicted gain of torques that may switch within the intervals.
     mean = np.where(sigma < 0.0, 1.0 - motion.load, 1.0 + motion.load)
     more = slope * np.maximum(mean - room, 0.0) * h[:, None]
     active = tuple(_active(motion, found))
@@ -272,7 +272,7 @@ def _read(
 
 
 def _active(motion: Motion, found: DualSolution) -> Iterator[ActiveLimit]:
-    """Limits without room whose multipliers are worth mention."""
+    """Active limits, without slack and with a multiplier above a threshold."""
     given, (t, h) = found.multipliers, (motion.changes.t, motion.changes.h)
     density = given.value * float(t[-1]) / h[given.at.interval]
     holding = given.limits & (density > HOLDING) & (given.room <= ON_LIMIT)

@@ -1,4 +1,4 @@
-"""A motion on the grid on which it is judged."""
+"""A motion on the grid of its certificate."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tominpmp.certificate.task import Task
 from tominpmp.dynamics import InverseJacobians
 from tominpmp.motion.trajectory import Trajectory
 
-# Instants of an interval at which its mean torque is taken, where nodes were joined.
+# Instants of an interval over which its mean torque is taken, where nodes were merged.
 SAMPLES = 8
 # Accelerations that jump by less than this share of the largest one are continuous.
 SAME = 1e-6
@@ -58,13 +58,13 @@ class Motion:
         changes: Its small changes.
         a: Accelerations just after the beginnings and before the ends of the intervals,
             shape (N, 2, n).
-        u: Torques there, shape (N, 2, n).
-        parts: Derivatives of the torques there, 2 N rows.
+        u: Torques at these instants, shape (N, 2, n).
+        parts: Derivatives of the torques at these instants, 2 N rows.
         load: Mean torque of each interval as a share of its limits, shape (N, n).
-        span: First interval of what the task holds on, and the one after its last.
+        span: First interval of the task, and the one after its last.
         sections: The same motion on each of its segments, with the task there; empty
-            where there is one.
-        number: Which segment it is, from 0; None where there is one.
+            for one segment.
+        number: Number of the segment, from 0; None for one segment.
     """
 
     task: Task
@@ -80,7 +80,7 @@ class Motion:
 
     @classmethod
     def of(cls, task: Task, trajectory: Trajectory) -> Motion:
-        """Look at a motion on a grid that suits it."""
+        """Put a motion on a grid that suits it."""
         t, joined = certificate_grid(trajectory)
         n, h = trajectory.n, np.diff(t)
         times = t[:-1, None] + h[:, None] * np.array([JUST_INSIDE, 1.0 - JUST_INSIDE])
@@ -124,12 +124,12 @@ class Motion:
 
     @property
     def segments(self) -> tuple[Motion, ...]:
-        """The motion on each of its segments; itself where there is one."""
+        """The motion on each of its segments; the motion itself for one segment."""
         return self.sections or (self,)
 
     @property
     def constraints(self) -> list[Any]:
-        """Constraints on the way, of one segment after the other."""
+        """Constraints along the motion, of one segment after the other."""
         every = (one.task.problem.constraints for one in self.segments)
         return [item for items in every for item in items]
 
@@ -148,7 +148,7 @@ class Motion:
 
     @property
     def intervals(self) -> IntArray:
-        """Those of its span."""
+        """Indices of the intervals of its span."""
         return np.arange(*self.span)
 
     # -- states ------------------------------------------------------------------------
@@ -166,7 +166,7 @@ class Motion:
 
 
 def _shape(task: Task, trajectory: Trajectory, a: Array, joined: bool) -> Shape:
-    """What is constant on the intervals of a motion."""
+    """The quantity that is constant on the intervals of a motion."""
     limits = task.problem.motion_limits
     if limits is not None and limits.continuous:
         return "ramps"

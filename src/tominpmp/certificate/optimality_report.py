@@ -13,13 +13,13 @@ from tominpmp.certificate.limits import ARRIVAL
 from tominpmp.certificate.motion import Motion
 from tominpmp.verification.verification import Verification
 
-# By how much the Hamiltonian may be off in the mean; the cost of time is 1.
+# Largest mean deviation of the Hamiltonian; the cost of time is 1.
 HAMILTONIAN = 0.2
-# Torques must obey their switching functions for this share of the time.
+# Least share of the time for which torques must obey their switching functions.
 SIGN_SHARE = 0.95
-# A coarse grid is mentioned where a finer one promises this share of T more.
+# A coarse grid is mentioned where a finer one predicts this share of T more.
 FINER_GAIN = 0.005
-# Shares below this are rounding.
+# Shares below this are reported as rounding.
 LEAST_SHARE = 1e-5
 
 
@@ -38,10 +38,10 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
 
 
 def _what_depends_on_time(motion: Motion) -> str:
-    """Why the Hamiltonian may change; nothing where the state decides what may be.
+    """Why the Hamiltonian may change; empty where limits depend on the state alone.
 
-    Obstacles that move, times at which goals are to be met, and constraints that hold
-    for a time depend on more.
+    Moving obstacles, arrival times, and constraints that hold for a while depend on
+    time.
     """
     if any(one.task.problem.scene.moving for one in motion.segments):
         return "Obstacles move"
@@ -57,7 +57,7 @@ def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> 
     Args:
         motion: The motion.
         out: Its certificate.
-        rounding: Share of T that its clock may have cost.
+        rounding: Share of T that rounding to its clock may have cost.
     """
     T, reason = float(out.t[-1]), _what_depends_on_time(motion)
     constancy = (
@@ -101,8 +101,8 @@ def failed_conditions(
         found: Its multipliers.
         out: Its certificate so far.
         verification: Its replay, if there is one.
-        fastest: Whether it takes no longer than it must: one that waits for the next
-            tick may do so with any torques.
+        fastest: Whether T is not rounded up to a clock: a motion that waits for the
+            next tick may have any torques.
     """
     h, T = motion.changes.h, float(motion.changes.t[-1])
     if verification is not None and not verification.ok:
@@ -140,10 +140,10 @@ def _middle(motion: Motion, k: int) -> float:
 
 
 def _worst(motion: Motion, found: DualSolution) -> str:
-    """The limit, or the joint, that gives away most, and when."""
+    """The limit, or the joint, with the largest predicted gain, and when."""
     given = found.multipliers
     promise, interval = given.promise, given.at.interval
-    # One number for each kind and subject.
+    # One sum for each kind and subject.
     owners = list(zip(given.kind.tolist(), given.subject.tolist(), strict=True))
     sums = dict.fromkeys(owners, 0.0)
     for owner, value in zip(owners, promise.tolist(), strict=True):
@@ -163,7 +163,7 @@ def _worst(motion: Motion, found: DualSolution) -> str:
 def _what_gives(
     motion: Motion, kind: str, subject: int, room: float, upper: bool
 ) -> str:
-    """How a limit, or what no limit holds, gives away some of the duration."""
+    """How a limit, or a joint without an active limit, loses a part of the duration."""
     if kind == GOAL:
         return ", is in where the motion ends"
     if kind == ARRIVAL:

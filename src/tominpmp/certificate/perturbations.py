@@ -6,8 +6,8 @@ duration. On each interval, with :math:`s` the share of it that has passed,
 .. math:: \delta\ddot q = (1 - s)\, \delta a_0 + s\, \delta a_1,
 
 and the double integrator carries positions and velocities over the interval exactly, so
-that limits on them hold between the nodes as they do at the nodes. Which torque an
-acceleration takes is left to the limits, by the inverse dynamics.
+that limits on them hold between the nodes as they do at the nodes. The rows of the
+limits turn accelerations into torques, by the inverse dynamics.
 """
 
 from __future__ import annotations
@@ -22,34 +22,35 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.motion.trajectory import Trajectory
 
-# What is constant on an interval: the acceleration, its slope, or the torque.
+# The quantity that is constant on an interval: the acceleration, its slope, or the
+# torque.
 Shape: TypeAlias = Literal["steps", "ramps", "torques"]
 
-# Values at beginnings (0) and ends (1) of intervals, so many after one, with weights.
+# Offset of an interval, its beginning (0) or end (1), and weight of the value there.
 Stencil: TypeAlias = tuple[tuple[int, int, float], ...]
 BEGIN: Stencil = ((0, 0, 1.0),)
 END: Stencil = ((0, 1, 1.0),)
 MEAN: Stencil = ((0, 0, 0.5), (0, 1, 0.5))
 
-# No interval is longer than this share of the motion: longer ones are cut.
+# Intervals longer than this share of the motion are cut.
 LONGEST = 0.05
-# Beyond this number neighbours are joined while they are shorter than this share.
+# Beyond this number of intervals neighbours are merged up to this share of the motion.
 MOST = 300
 SHORTEST = 0.0125
 # Torques that change by this share of their range at a node jump there.
 JUMP = 0.2
-# Where torques are asked for inside an interval: just after and before a jump, in
+# Distance from a node at which torques just after and before a jump are evaluated, in
 # shares of the interval.
 JUST_INSIDE = 1e-9
 
 
 def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
-    """Nodes at which a motion is looked at.
+    """Nodes at which a motion is examined.
 
     Returns:
-        Times [s], and whether intervals of the motion were joined. Without joining,
-        all nodes of the motion are among them; with it those at which the torque jumps
-        are, unless there are many.
+        Times [s], and whether intervals of the motion were merged. Without merging, all
+        nodes of the motion are kept; with it, nodes at which the torque jumps are kept,
+        unless there are many.
     """
     t, T = trajectory.t, trajectory.duration
     joined = t.size - 1 > MOST
@@ -82,12 +83,12 @@ def _jumps(trajectory: Trajectory) -> BoolArray:
 
 
 class Linearised(NamedTuple):
-    """A quantity linearised about the motion: how it changes, row by row.
+    """The change of a quantity, linearised about the motion, row by row.
 
     Attributes:
-        matrix: By the unknowns, shape (m, size).
-        by_length: By the lengths of the intervals, which all grow with the duration,
-            shape (m, N) [1/s].
+        matrix: Derivatives by the unknowns, shape (m, size).
+        by_length: Derivatives by the lengths of the intervals, which all grow with the
+            duration, shape (m, N) [1/s].
     """
 
     matrix: sp.csr_matrix
@@ -100,7 +101,7 @@ class Linearised(NamedTuple):
         return Linearised(self.matrix + other.matrix, self.by_length + other.by_length)
 
     def times(self, factor: Array) -> Linearised:
-        """Each row by its factor, shape (m,)."""
+        """Each row multiplied by its factor, shape (m,)."""
         scale = sp.diags(factor)
         return Linearised(*((scale @ part).tocsr() for part in self))
 
@@ -119,8 +120,8 @@ class Instants(NamedTuple):
     """Instants of a motion on a grid, interval by interval.
 
     Attributes:
-        interval: Interval of each, shape (m,).
-        share: Where in it, from 0 to 1, shape (m,).
+        interval: Interval of each instant, shape (m,).
+        share: Share of the interval that has passed, from 0 to 1, shape (m,).
     """
 
     interval: IntArray
@@ -134,12 +135,12 @@ class Instants(NamedTuple):
 
     @property
     def inside(self) -> Instants:
-        """The same, just inside of their intervals where they are at ends of them."""
+        """The instants, moved just inside of their intervals from the ends of them."""
         share = np.clip(self.share, JUST_INSIDE, 1.0 - JUST_INSIDE)
         return Instants(self.interval, share)
 
     def kept(self, which: IntArray | BoolArray) -> Instants:
-        """Some of them."""
+        """Some of the instants."""
         return Instants(self.interval[which], self.share[which])
 
 
@@ -155,7 +156,7 @@ class Perturbations:
         t: Times of the nodes [s], shape (N + 1,).
         q: Positions there, shape (N + 1, n).
         v: Velocities there, shape (N + 1, n).
-        shape: What is constant on the intervals.
+        shape: The quantity that is constant on the intervals.
     """
 
     t: Array
@@ -191,7 +192,7 @@ class Perturbations:
     # -- instants ----------------------------------------------------------------------
 
     def times(self, at: Instants) -> Array:
-        """When instants are [s], shape (m,)."""
+        """Times of instants [s], shape (m,)."""
         inside = self.t[at.interval] + at.share * self.h[at.interval]
         return np.where(at.share >= 1.0, self.t[at.interval + 1], inside)
 
@@ -221,9 +222,9 @@ class Perturbations:
             at: The instants, m of them.
             q: Positions there, shape (m, n).
             v: Velocities there, shape (m, n).
-            *slopes: Derivatives by position, velocity and acceleration, as many as
-                there are, shape (m, n), or of k values at each instant (m, k, n).
-            carried: Whether ends of intervals begin from the node before as well.
+            *slopes: Derivatives by position, velocity and acceleration, up to the order
+                of the values, shape (m, n), or of k values at an instant (m, k, n).
+            carried: Whether ends of intervals begin from the node before, too.
 
         Returns:
             Rows of one instant after the other, m k in all.
@@ -245,7 +246,7 @@ class Perturbations:
         last = interval + (self.shape == "ramps")
         first = [2 * node - 2, 2 * node - 1, 2 * N + interval, 2 * N + last]
         columns = np.concatenate([n * k[:, None] + np.arange(n) for k in first], axis=1)
-        # What is at the first node does not change.
+        # The state at the first node does not change.
         data = np.where(columns[:, None] < 0, 0.0, np.concatenate(by_unknowns, axis=2))
         columns = np.broadcast_to(np.maximum(columns, 0)[:, None], data.shape)
         rows = data.shape[0] * data.shape[1]
@@ -255,7 +256,8 @@ class Perturbations:
         )
         matrix.sum_duplicates()
         matrix.eliminate_zeros()
-        # With the accelerations as they are: twice the way, less what is uniform of it.
+        # A longer interval with unchanged accelerations adds twice the displacement,
+        # less its part by the initial velocity.
         run = ~ended[:, None] / h[:, None]
         way, gained = (q - self.q[node]) * run, (v - self.v[node]) * run
         longer = 2.0 * way - passed[:, None] * self.v[node]
@@ -267,12 +269,12 @@ class Perturbations:
         return Linearised(matrix, by_length)
 
     def nothing(self, rows: int) -> Linearised:
-        """So many rows that do not change."""
+        """Rows that do not change, as many as given."""
         columns = self.size, self.N
         return Linearised(*(sp.csr_matrix((rows, count)) for count in columns))
 
     def gaps(self) -> Linearised:
-        """Positions and velocities at the nodes less those that the intervals lead to.
+        """Defects: states at the nodes less the states that the intervals lead to.
 
         Zero for changes that a motion can make: the equations of motion. Rows are
         (q, v) of one node after the other, shape (2 N n,).
@@ -288,12 +290,12 @@ class Perturbations:
     # -- time --------------------------------------------------------------------------
 
     def with_time(self, change: Linearised, at: Instants, rate: Array) -> Linearised:
-        """Rows with what the times of instants add, which follow the lengths.
+        """Rows with the effect of the times of instants, which follow the lengths.
 
         Args:
-            change: The rows at the shares of the intervals, whatever the time.
+            change: The rows at the shares of the intervals, without the effect of time.
             at: The instants, m of them.
-            rate: What they change by with time alone, shape (m,), in their units [1/s].
+            rate: Partial derivatives by time, shape (m,), in units of the rows [1/s].
         """
         passed = np.where(at.interval[:, None] > np.arange(self.N), 1.0, 0.0)
         passed[np.arange(rate.size), at.interval] = at.share
@@ -302,11 +304,11 @@ class Perturbations:
 
     @property
     def rise(self) -> Stencil:
-        """How much something rises over the time that its slopes are limited for.
+        """Rise of a quantity over the time over which its slope is limited.
 
-        What is continuous has a slope over each interval: those between the middles of
-        intervals would leave half of the first interval free, and with it the height of
-        all that follows.
+        A continuous quantity has a slope over each interval: slopes between the middles
+        of intervals would leave half of the first interval free, and with it the level
+        of all later values.
         """
         if self.shape == "ramps":
             return (0, 0, -1.0), (0, 1, 1.0)
@@ -314,26 +316,26 @@ class Perturbations:
 
     @property
     def passing(self) -> Array:
-        """Shares of an interval, and of the next one if any, that pass meanwhile."""
+        """Shares of an interval, and of the next one if any, that the rise takes."""
         return np.ones(1) if self.shape == "ramps" else np.full(2, 0.5)
 
     def _passed(self, interval: IntArray) -> sp.csr_matrix:
-        """Shares of all intervals that pass, from some of them on, shape (m, N)."""
+        """Shares of all intervals that the rises take, from given ones on, (m, N)."""
         offsets = range(self.passing.size)
         every = sp.diags(self.passing, offsets, shape=(self.N, self.N))
         return every.tocsr()[interval]
 
     def apart(self, interval: IntArray) -> Array:
-        """How long that is, from some intervals on [s], shape (m,)."""
+        """Times that the rises take, from given intervals on [s], shape (m,)."""
         return np.asarray(self._passed(interval) @ self.h)
 
     def slopes(self, rise: Linearised, slopes: Array, interval: IntArray) -> Linearised:
-        """Slopes over time of something of each joint.
+        """Slopes over time of a quantity of each joint.
 
         Args:
-            rise: Changes of what it rises by, m n rows.
-            slopes: What the slopes are now, shape (m, n).
-            interval: The intervals on which it begins to rise, shape (m,).
+            rise: Changes of the rises of the quantity, m n rows.
+            slopes: Slopes of the motion, shape (m, n).
+            interval: The intervals at which the rises begin, shape (m,).
         """
         n = slopes.shape[1]
         longer = sp.kron(self._passed(interval), np.ones((n, 1)))

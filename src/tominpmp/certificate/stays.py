@@ -1,10 +1,10 @@
-"""Motions without the time that they stay at the ends of their segments.
+"""Motions without the dwells at the ends of their segments.
 
-Nothing can be gained there, and all that matters is how the arm comes and goes: where
-nothing but the arm moves, it may as well go on at once.
+The duration of a dwell cannot shrink, and only the motion before and after it matters:
+where obstacles do not move, the dwell may be left out.
 
-Where it comes and goes with accelerations that must not jump these are zero, and when
-goals are met is counted with the stays before.
+Accelerations that must not jump are zero at a dwell, and arrival times count the dwells
+before them.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import spans_of
 
-# Nodes this near to a time are at it, as a share of the duration.
+# Tolerance between a node and a time, as a share of the duration.
 SAME = 1e-9
 
 
 def stays_where_it_moves(problem: Problem) -> bool:
-    """Whether motions of a problem have to stay somewhere while obstacles move."""
+    """Whether motions of a problem have dwells while obstacles move."""
     stays = any(segment.dwell for segment in problem.segments)
     return stays and any(phase.scene.moving for phase in problem.phases)
 
 
 def with_stays(problem: Problem, stays: Sequence[float]) -> Problem:
-    """The same problem with other stays at the ends of its segments.
+    """The same problem with other dwells at the ends of its segments.
 
     Args:
         problem: The problem.
-        stays: How long the arm stays at the end of each segment [s].
+        stays: Dwell at the end of each segment [s].
     """
     other: Problem = copy.copy(problem)
     each = zip(problem.segments, stays, strict=True)
@@ -46,17 +46,17 @@ def with_stays(problem: Problem, stays: Sequence[float]) -> Problem:
 
 
 def without_stays(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
-    """A motion that goes on at once wherever it stays.
+    """A motion without its dwells.
 
     Args:
         problem: A problem of several segments.
         motion: Its motion, with the ends of its segments.
 
     Returns:
-        The problem with the stays that the motion makes, and the motion without them.
+        The problem with the dwells of the motion, and the motion without them.
 
     Raises:
-        ProblemError: If it stays anywhere, and obstacles move.
+        ProblemError: If the motion has a dwell, and obstacles move.
     """
     ends, spans = motion.segment_ends, spans_of(motion, problem.segments)
     stays = [span.end - span.arrival for span in spans]
@@ -92,13 +92,13 @@ def without_stays(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajec
 
 
 def still_nodes(motion: Motion) -> list[int]:
-    """Nodes at which there is no acceleration: those that must not jump have none.
+    """Nodes at which accelerations that must not jump are zero.
 
-    That is at both ends, and where the arm stays; controls at the ends of intervals
-    have the indices of their nodes.
+    These are both ends, and the dwells; controls at the ends of intervals have the
+    indices of their nodes.
 
     Args:
-        motion: The motion, without its stays.
+        motion: The motion, without its dwells.
     """
 
     def smooth(part: Motion) -> bool:

@@ -1,7 +1,7 @@
-"""What a problem asks for, in the numbers that a certificate needs.
+"""Functions and scales of a problem for its certificate.
 
-It is made from the problem alone: the robot, its limits, the scene and the goal.
-Nothing here is shared with the programs that motions are made by.
+They follow from the problem alone: the robot, its limits, the scene and the goal. No
+code is shared with the programs that plan motions.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Task:
 
     @classmethod
     def of(cls, problem: Problem) -> Task:
-        """Take up a problem."""
+        """Make the functions of a problem."""
         kinematics = RobotKinematics(problem.robot)
         dynamics = RobotDynamics(problem.robot, dry=False)
         return cls(problem, dynamics, kinematics, kinematics.length)

@@ -2,7 +2,7 @@
 
 Distances are signed: negative in penetration, where the value is the depth. Links are
 taken as convex pieces, which makes a query about a hundred times faster than with the
-triangles of their meshes. Pairs that are surely far apart are told from bounds, without
+triangles of their meshes. Pairs that are surely far apart are found by bounds, without
 a query.
 """
 

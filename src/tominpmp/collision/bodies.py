@@ -1,4 +1,4 @@
-"""The bodies that distances are measured between: links first, then the rest."""
+"""Bodies between which distances are measured: links first, then obstacles."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from tominpmp.collision.shapes import (
 from tominpmp.robot import Robot
 from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree, Scene
 
-# What meshes are taken as: convex pieces, one hull each, or triangles.
+# Representation of meshes: convex pieces, one hull each, or triangles.
 Geometry = Literal["convex", "hull", "mesh"]
-# The same by what an obstacle asks for.
+# The representation by the option of an obstacle.
 MESHES: dict[str, Geometry] = {"auto": "convex", "hull": "hull", "none": "mesh"}
 
 
@@ -37,10 +37,10 @@ class Body:
     Attributes:
         name: Name of the link or of the obstacle.
         joint: Index in the model of the joint that carries it; 0 for the world, and
-            beyond those of the model for obstacles that move (see ``MovingObstacles``).
+            beyond the joints of the model for moving obstacles (``MovingObstacles``).
         placement: Placement body_to_joint.
         shape: Coal's shape.
-        part: Which of the geometries of the robot it belongs to; -1 for obstacles.
+        part: Index of the geometry of the robot that it belongs to; -1 for obstacles.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Body:
 
     @cached_property
     def outline(self) -> Outline:
-        """What encloses it, in its own axes; asked for by every checker of a robot."""
+        """Enclosure in its own axes, shared by all checkers of a robot."""
         return outline(self.shape)
 
 
@@ -78,14 +78,14 @@ def _pieces(shape: Any, geometry: Geometry, name: str) -> list[Any]:
     return list(_hulls(pieces))
 
 
-# Every checker of a robot has the same pieces, and takes milliseconds for each hull.
+# All checkers of a robot have the same pieces, and a hull takes milliseconds.
 @lru_cache(maxsize=256)
 def _hulls(pieces: Pieces) -> tuple[Any, ...]:
     return tuple(hull_of(corners) for corners in pieces.corners)
 
 
 def scene_bodies(scene: Scene, first: int) -> list[Body]:
-    """Shapes of the obstacles; ``first`` is as the joint of the first that moves."""
+    """Shapes of the obstacles; moving obstacles are joints from ``first`` on."""
     bodies = []
     for obstacle in scene:
         place = pin.SE3(np.array(obstacle.rotation), np.array(obstacle.position))

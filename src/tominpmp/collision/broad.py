@@ -1,9 +1,8 @@
 """Broad phase: lower bounds of distances from balls and boxes around bodies.
 
-Every bound holds for certain: balls contain what they stand for, and so do the boxes.
-Most pairs stay far apart all along a motion. They are told by a few of its
-configurations, and by how far anything moves between these; only the others are looked
-at one by one.
+Every bound is rigorous: the balls and boxes contain their bodies. Most pairs stay far
+apart all along a motion. A few of its configurations, and a bound on the displacements
+between them, prove this; only the other pairs are bounded at each configuration.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body
 from tominpmp.collision.shapes import Outline
 
-# Configurations are taken together between which no ball moves farther than this [m];
-# fewer than so many of them are not worth it.
+# Configurations between which no ball moves farther than this [m] are grouped; with
+# fewer configurations than the second number grouping does not pay.
 TOGETHER, FEW = 0.06, 12
-# Pairs whose bounds are found at once, for the sake of memory.
+# Pairs whose bounds are computed at once, which limits the memory.
 SOME_PAIRS = 1_000
-# What rounding may take from a bound for configurations that are taken together [m].
+# Rounding of a bound for grouped configurations [m].
 ROUNDING = 1e-9
 
-# Placements joint_to_world of joints, and what moves beside them: rotations, shape
+# Placements joint_to_world of joints and moving obstacles: rotations, shape
 # (m, joints, 3, 3), and positions, shape (m, joints, 3) [m].
 Joints = tuple[Array, Array]
 # Balls that cover a body, side by side along its longest axis. Four leave 1 to 3 cm
@@ -37,7 +36,7 @@ Joints = tuple[Array, Array]
 BALLS = 4
 # Steps towards the centre of the smallest ball (Badoiu and Clarkson, 2003).
 CENTRING = 12
-# Points up to this number are connected with each other; of more, the hull is taken.
+# Up to this number of points all are connected; for more, the edges of the hull are.
 FEW = 24
 
 
@@ -49,11 +48,11 @@ class Enclosure:
         R: Rotation box_to_body, shape (3, 3).
         t: Centre of the box in the axes of the body [m], shape (3,).
         half: Half of its edges [m], shape (3,).
-        swell: Radius by which the box is swollen [m].
+        swell: Radius by which the box is inflated [m].
         centre: Centre of a ball around the body [m], shape (3,).
-        radius: Its radius [m].
+        radius: Radius of this ball [m].
         cover: Centres of balls that cover the body [m], shape (BALLS, 3).
-        cover_radius: Their radii [m], shape (BALLS,).
+        cover_radius: Radii of these balls [m], shape (BALLS,).
     """
 
     R: Array
@@ -67,11 +66,11 @@ class Enclosure:
 
     @classmethod
     def of(cls, shape: Outline) -> Enclosure:
-        """Enclose what an outline encloses."""
+        """Enclose an outline."""
         return _enclose(np.ascontiguousarray(shape.points).tobytes(), shape.radius)
 
 
-# Enclosures depend on outlines alone, and the same links come again in every problem.
+# Enclosures depend on outlines alone, and the same links recur in every problem.
 @lru_cache(maxsize=512)
 def _enclose(data: bytes, swell: float) -> Enclosure:
     points = np.frombuffer(data).reshape(-1, 3)
@@ -120,7 +119,7 @@ def _slices(points: Array, axis: int, cuts: Array) -> list[Array]:
 
 
 def _edges(points: Array) -> tuple[IntArray, IntArray]:
-    """Pairs of points among which are all edges of the convex hull."""
+    """Pairs of points, a superset of the edges of the convex hull."""
     if len(points) > FEW:
         try:
             simplices = ConvexHull(points).simplices
@@ -154,11 +153,11 @@ class BroadPhase:
     Attributes:
         first: First body of each pair, shape (pairs,).
         second: Second body of each pair, shape (pairs,).
-        joint: What carries each body, shape (bodies,).
-        centre: Centre of a ball around each body in the axes of what carries it [m],
-            shape (bodies, 3).
+        joint: Joint that carries each body, shape (bodies,).
+        centre: Centre of a ball around each body in the axes of its joint [m], shape
+            (bodies, 3).
         radius: Radius of this ball [m], shape (bodies,).
-        farthest: How far points of each body may be from the origin of what carries it
+        farthest: Largest distance of points of each body from the origin of its joint
             [m], shape (bodies,).
     """
 
@@ -176,7 +175,7 @@ class BroadPhase:
         self._half = np.array([item.half for item in found]).reshape(-1, 3)
         self._swell = np.array([item.swell for item in found])
         self._cover_radius = np.array([item.cover_radius for item in found])
-        # Boxes and balls in the axes of what carries them.
+        # Boxes and balls in the axes of their joints.
         self._R = np.array([box.rotation for box in boxes]).reshape(-1, 3, 3)
         self._t = np.array([box.translation for box in boxes]).reshape(-1, 3)
         centre = np.array([item.centre for item in found]).reshape(-1, 3)
@@ -184,7 +183,7 @@ class BroadPhase:
         self.centre = self._t + np.einsum("bij,bj->bi", self._R, centre)
         self._cover = self._t[:, None] + cover @ np.swapaxes(self._R, 1, 2)
         self._origin = np.einsum("bij,bi->bj", self._R, self._t)
-        # No point of a body is farther than this from what carries it.
+        # No point of a body is farther than this from the origin of its joint.
         self.farthest = self.radius + np.linalg.norm(self.centre, axis=1)
         fixed = self.joint[second] == 0
         self._fixed, self._moving = np.flatnonzero(fixed), np.flatnonzero(~fixed)
@@ -203,16 +202,16 @@ class BroadPhase:
         return self._bounds(joints, self._centres(joints), every)
 
     def near(self, joints: Joints, limit: Array) -> tuple[Array, IntArray, IntArray]:
-        """Bounds, and where they are below a limit.
+        """Bounds, and the configurations and pairs at which they are below a limit.
 
         Args:
             joints: Placements of the joints.
             limit: A limit for each pair, shape (pairs,) [m].
 
         Returns:
-            Bounds as from ``by_balls`` where they are below the limits, or lower ones
-            that are not, shape (m, pairs) [m]; and the configuration and the pair of
-            each that is, in this order.
+            Bounds, shape (m, pairs) [m]: those of ``by_balls`` where they are below the
+            limits, else these or lower ones that are not below; and the configuration
+            and the pair of each bound below its limit, in this order.
         """
         centre = self._centres(joints)
         least = self._along(joints, centre)
@@ -225,7 +224,7 @@ class BroadPhase:
         return out, instant, some[place]
 
     def _centres(self, joints: Joints) -> Array:
-        """Centres of the balls around what moves in the world, (bodies, m, 3) [m]."""
+        """Centres of balls around moving bodies in the world, (bodies, m, 3) [m]."""
         R, t = joints
         out = np.zeros((self.joint.size, t.shape[0], 3))
         for joint, bodies in self._carried:
@@ -237,7 +236,7 @@ class BroadPhase:
     def _along(self, joints: Joints, centre: Array) -> Array | None:
         """Bounds that hold at all configurations, shape (pairs,) [m].
 
-        None if the configurations are too few, or too far apart, for them to be of use.
+        None if the configurations are too few, or too far apart, for useful bounds.
         """
         m = centre.shape[1]
         if m < FEW or not self.first.size:
@@ -273,7 +272,7 @@ class BroadPhase:
         return out
 
     def _one_by_one(self, joints: Joints, centre: Array, pair: IntArray) -> Array:
-        """The same of so few that they are found at once, shape (k, m)."""
+        """Bounds of some pairs at once, shape (k, m)."""
         a, b = self.first[pair], self.second[pair]
         R, t = joints
         away = centre[a]
@@ -295,8 +294,8 @@ class BroadPhase:
 
         Args:
             joints: Placements of the joints.
-            instant: Index of the configuration of each, shape (k,).
-            pair: Index of its pair, shape (k,).
+            instant: Index of the configuration of each bound, shape (k,).
+            pair: Index of the pair of each bound, shape (k,).
         """
         a, b = self.first[pair], self.second[pair]
         R, t = joints

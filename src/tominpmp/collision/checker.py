@@ -24,9 +24,9 @@ class Contact(NamedTuple):
 
     Attributes:
         link: Name of the link.
-        obstacle: Name of what it comes close to.
+        obstacle: Name of the other body.
         distance: Signed distance [m].
-        own: Whether that is another link of the robot, or of one combined with it.
+        own: Whether the other body is a link of the robot, or of a combined robot.
         margin: Distance to keep [m].
     """
 
@@ -38,12 +38,12 @@ class Contact(NamedTuple):
 
     @property
     def lack(self) -> float:
-        """Room that it lacks [m]; negative where there is some."""
+        """Missing clearance [m]; negative where the margin is kept."""
         return self.margin - self.distance
 
     @property
     def pair(self) -> str:
-        """Both of them, in words."""
+        """The pair, in words."""
         if self.own:
             return f"links {self.link!r} and {self.obstacle!r}"
         return f"link {self.link!r} and obstacle {self.obstacle!r}"
@@ -52,17 +52,16 @@ class Contact(NamedTuple):
 class CollisionChecker(PairDistances):
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
-    Pairs are put together when they are first asked for, as cutting meshes may take
-    long.
+    Pairs are made when they are first used, as cutting meshes may take long.
 
     Attributes:
         robot: The robot.
         scene: The obstacles.
-        self_collision: Whether links are watched against each other and against what
-            is fixed to the base.
-        geometry: What meshes of the links are taken as.
-        cut: Names of the links whose meshes are taken as that; None for all.
-        may_touch: Pairs of bodies that are not watched.
+        self_collision: Whether pairs of links, and pairs of links and bodies fixed to
+            the base, are checked.
+        geometry: Representation of the meshes of the links.
+        cut: Names of the links whose meshes have that representation; None for all.
+        may_touch: Pairs of bodies that are not checked.
     """
 
     def __init__(
@@ -75,18 +74,18 @@ class CollisionChecker(PairDistances):
         cut: frozenset[str] | None = None,
         may_touch: frozenset[frozenset[str]] = frozenset(),
     ) -> None:
-        """Find what there is; for what is not said here see the attributes.
+        """Prepare the pairs; see also the attributes.
 
         Args:
             robot: The robot.
             scene: The obstacles.
             self_collision: See the attribute.
-            geometry: "convex" takes meshes of links as convex pieces, "hull" each as
-                one; "mesh" takes their triangles, which is slow and does not know how
-                deep an overlap is.
-            cut: Names of the links whose meshes are taken as that; None for all. The
-                meshes of the others are taken as one hull each, from which distances
-                are never larger; they are not cut into pieces for it.
+            geometry: "convex" takes meshes of links as convex pieces, "hull" as one
+                hull each; "mesh" takes their triangles, which is slow and gives no
+                depth of overlaps.
+            cut: Names of the links whose meshes have that representation; None for all.
+                The meshes of other links are taken as one hull each, for which
+                distances are never larger; they are not cut into pieces.
             may_touch: Pairs of names, see the attribute.
 
         Raises:
@@ -104,7 +103,7 @@ class CollisionChecker(PairDistances):
         self._guard: tuple[float | Array, Guard] | None = None
         self._variants: dict[frozenset[str], CollisionChecker] = {}
         if len(scene):
-            _ = self.broad, self.narrow  # asked for by whatever is planned
+            _ = self.broad, self.narrow  # every plan uses them
 
     @cached_property
     def links(self) -> tuple[Body, ...]:
@@ -115,7 +114,7 @@ class CollisionChecker(PairDistances):
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:
-        """Links and obstacles, and the pairs of them that are watched."""
+        """Links and obstacles, and their collision pairs."""
         bodies = [*self.links, *scene_bodies(self.scene, self.robot.model.njoints)]
         pairs = scene_pairs(bodies, len(self.links))
         if self.self_collision:
@@ -139,43 +138,44 @@ class CollisionChecker(PairDistances):
 
     @property
     def lone(self) -> bool:
-        """Whether only the links of one robot are watched, as convex pieces."""
+        """Whether all pairs are of links of a single robot, as convex pieces."""
         alone = not len(self.scene) and len(self.robot.parts) <= 1
         pieces = self.geometry == "convex" and self.cut is None
         return alone and pieces and self.self_collision
 
     def taken_as(self, geometry: Geometry) -> CollisionChecker:
-        """The same with the meshes of its links taken as something else."""
+        """The checker with another representation of the meshes of its links."""
         make, given = self.__reduce__()
         checker: CollisionChecker = make(*given, geometry=geometry)
         return checker
 
     def with_cut(self, cut: frozenset[str]) -> CollisionChecker:
-        """The same with only some links cut into pieces, the others being hulls."""
+        """The checker with only some links cut into pieces, the others as hulls."""
         if cut not in self._variants:
             make, given = self.__reduce__()
             self._variants[cut] = make(*given, cut=cut)
         return self._variants[cut]
 
     def hulls_clear(self, q: Array, margin: float = 0.0) -> bool:
-        """Whether the links of a lone robot are clear even as one hull each.
+        """Whether the links of a single robot are clear even as one hull each.
 
-        Then they are so as pieces, which need not be known. False tells nothing.
+        Then they are clear as convex pieces, too, which need not be made. False does
+        not imply a collision.
 
         Args:
             q: Configuration, shape (n,) [rad or m].
-            margin: Distance that they are to be beyond [m].
+            margin: Distance to exceed [m].
         """
         return self.lone and self.with_cut(frozenset()).is_free(q, margin)
 
     @cached_property
     def obstacle_pairs(self) -> int:
-        """How many of the pairs are with obstacles."""
+        """Number of pairs with obstacles."""
         return int(np.count_nonzero(self.broad.second >= len(self.links)))
 
     @property
     def moving(self) -> bool:
-        """Whether distances depend on time, for an obstacle moves."""
+        """Whether distances depend on time, as obstacles move."""
         return self.obstacles.count > 0
 
     @property
@@ -185,10 +185,10 @@ class CollisionChecker(PairDistances):
 
     @cached_property
     def lone_joints(self) -> IntArray:
-        """The joint that alone decides the distance of each pair, shape (pairs,).
+        """The only joint that the distance of each pair depends on, shape (pairs,).
 
-        That of the first link of an arm to an obstacle at rest, for one; -1 where none
-        or several do, or the time.
+        An example is the first link of an arm with an obstacle at rest. The entry is -1
+        where the distance depends on no joint, on several joints, or on time.
         """
         moves = self._moves
         if self.robot.expansion_matrix is not None:
@@ -199,8 +199,8 @@ class CollisionChecker(PairDistances):
     def is_free(self, q: Array, margin: float | Array = 0.0, time: float = 0.0) -> bool:
         """Whether all pairs are farther apart than a margin at one configuration.
 
-        The answer is that of the distances, ten times faster: the first pair that is
-        too near ends the query.
+        The result agrees with the distances, and is ten times faster: the first pair
+        that is too near ends the query.
 
         Args:
             q: Configuration, shape (n,) [rad or m].
@@ -218,8 +218,8 @@ class CollisionChecker(PairDistances):
     def margins(self, margin: float) -> Array:
         """A margin by pair, shape (pairs,) [m].
 
-        It is kept from obstacles and between robots that were combined; the links of
-        one robot need none from each other.
+        The margin holds for obstacles and between combined robots; it is zero between
+        links of one robot.
         """
         out = np.zeros(len(self.pairs))
         out[: self.obstacle_pairs] = margin
@@ -233,12 +233,12 @@ class CollisionChecker(PairDistances):
     def closest(
         self, q: Array, margin: float | Array = 0.0, time: float | None = 0.0
     ) -> Contact | None:
-        """The pair with the least room at one configuration; None without pairs.
+        """The pair with the least clearance at one configuration; None without pairs.
 
         Args:
             q: Configuration, shape (n,) [rad or m].
-            margin: Distance that does not count as room [m], one for all pairs or by
-                pair.
+            margin: Distance that is subtracted from the clearance [m], one for all
+                pairs or by pair.
             time: Time [s], for obstacles that move; None leaves them out.
         """
         if not self.pairs:

@@ -1,10 +1,10 @@
 """Convex decomposition of meshes that are not convex.
 
 A mesh is cut by planes, one cut after the other through the piece that is farthest from
-it, where the hulls of both halves take the least volume. The hulls of the halves cover
-all that the hull of a closed mesh contains, so that pieces are never too small: V-HACD
-left up to 7 mm of a UR5's links uncovered. CoACD (1.0.14) covers them too, but took
-15 s for the forearm of a UR5 and 160 s for its shoulder, where this takes less than a
+it, where the hulls of both halves have the least volume. The hulls of the halves cover
+the whole interior of a closed mesh, so that pieces are never too small: V-HACD left up
+to 7 mm of a UR5's links uncovered. CoACD (1.0.14) covers them too, but took 15 s for
+the forearm of a UR5 and 160 s for its shoulder, where this module takes less than a
 second each, and gave 3 to 24 times as many corners.
 """
 
@@ -20,19 +20,19 @@ from scipy.spatial import ConvexHull, QhullError
 from tominpmp.arrays import Array
 from tominpmp.stopping import check
 
-# A hull this close to its mesh is taken as it is, and the mesh is cut until the pieces
-# are at least this close to it [m].
+# A mesh is not cut if its hull is this close to it, and else cut until the pieces are
+# this close to it [m].
 CLOSE_HULL = 3e-3
 CLOSE_PIECES = 5e-3
-# No more pieces than this; fewer where they are nearly as close as the best.
+# Largest number of pieces; fewer are taken if they are within this factor of the best.
 MOST_PIECES = 8
 NEARLY = 1.2
-# Cuts that are tried: in these shares of the extent, across six axes.
+# Cuts that are tried: at these shares of the extent, across six axes.
 CUTS = (0.12, 0.25, 0.38, 0.5, 0.62, 0.75, 0.88)
-# The next cuts must together bring the pieces nearer by this share.
+# This number of further cuts must reduce the distance to this share of it.
 PATIENCE = 3
 PROGRESS = 0.9
-# Axes of inertia this near to those of the mesh are not tried beside them.
+# Axes of inertia this near to the axes of the mesh are not tried.
 ALIGNED = 0.99
 # Points of each surface that are measured.
 SAMPLES = 400
@@ -46,8 +46,10 @@ class Pieces:
 
     Attributes:
         corners: Corners of each piece [m], shapes (k, 3).
-        outward: How far the pieces stick out of the mesh [m], sampled.
-        inward: How far the mesh sticks out of the pieces [m], sampled.
+        outward: Largest distance by which the pieces protrude from the mesh [m],
+            sampled.
+        inward: Largest distance by which the mesh protrudes from the pieces [m],
+            sampled.
     """
 
     corners: tuple[Array, ...]
@@ -99,7 +101,7 @@ def _worst(parts: list[_Part]) -> float:
 
 
 def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
-    """Cut the part that is farthest from the mesh; the same if no cut helps."""
+    """Cut the part that is farthest from the mesh, if a cut helps."""
     index = max(range(len(parts)), key=lambda i: parts[i].excess)
     triangles, hull = parts[index].triangles, parts[index].hull
     points, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
@@ -150,7 +152,7 @@ def _cut_volume(points: Array, edges: Array, axis: Array, height: float) -> floa
 
 
 def _clip(triangles: Array, normal: Array, height: float) -> Array:
-    """What of triangles lies beyond a plane, as triangles, shape (l, 3, 3)."""
+    """The parts of triangles beyond a plane, as triangles, shape (l, 3, 3)."""
     above = triangles @ normal - height
     inside = np.sum(above >= 0.0, axis=1)
     parts = [triangles[inside == 3]]
@@ -158,7 +160,7 @@ def _clip(triangles: Array, normal: Array, height: float) -> Array:
         chosen = np.flatnonzero(inside == count)
         if not chosen.size:
             continue
-        # Turn the corner that is alone on its side to the front.
+        # Rotate the single corner on its side to the front.
         alone = (above[chosen] >= 0.0) == (count == 1)
         order = (np.argmax(alone, axis=1)[:, None] + np.arange(3)) % 3
         rows = np.arange(chosen.size)[:, None]
@@ -178,7 +180,7 @@ def _clip(triangles: Array, normal: Array, height: float) -> Array:
 
 
 class Measure:
-    """How far convex hulls are from a mesh, on sampled points.
+    """Distances between convex hulls and a mesh, on sampled points.
 
     Args:
         mesh: The mesh, for Coal.
@@ -186,7 +188,7 @@ class Measure:
     """
 
     def __init__(self, mesh: Any, triangles: Array) -> None:
-        # Coal does not keep what it is given alive.
+        # Coal does not keep its arguments alive.
         self._shapes = mesh, coal.Sphere(1e-9)
         self._distance = coal.ComputeDistance(*self._shapes)
         self._triangles = triangles
@@ -243,10 +245,10 @@ class Measure:
         return np.maximum(out, 0.0)
 
     def _inside(self, point: Array) -> bool:
-        """Whether a point is inside the mesh, by the angle at which it sees it.
+        """Whether a point is inside the mesh, by the solid angle of the surface.
 
-        A point inside sees its surface all around, also if it has small holes
-        (Jacobson, Kavan and Sorkine-Hornung, 2013).
+        The solid angle seen from a point inside is nearly 4 pi, even if the mesh has
+        small holes (Jacobson, Kavan and Sorkine-Hornung, 2013).
         """
         seen = self._corners - point[:, None]
         la, lb, lc = np.sqrt(np.einsum("cik,cik->ck", seen, seen))

@@ -21,11 +21,11 @@ from tominpmp.exceptions import brief
 
 logger = logging.getLogger(__name__)
 
-# Where pieces are kept instead of the user's cache folder.
+# Environment variable with a folder that replaces the user's cache folder.
 FOLDER_VARIABLE = "TOMINPMP_CACHE"
-# To be raised when the same mesh is cut in another way.
+# Version of the algorithm; a change invalidates the cache.
 VERSION = 2
-# Larger files are not ours [bytes], nor are those that grow to more.
+# Larger files are rejected [bytes], before and after decompression.
 MAX_BYTES = 20_000_000
 
 
@@ -33,7 +33,7 @@ def cache_folder() -> Path:
     """Folder in which convex pieces are kept."""
     given = os.environ.get(FOLDER_VARIABLE)
     if given:
-        # Unlike Path.expanduser, this takes the home of nobody as it is.
+        # Unlike Path.expanduser, this leaves the home of an unknown user unexpanded.
         return Path(os.path.expanduser(given))
     if os.name == "nt" and os.environ.get("LOCALAPPDATA"):
         return Path(os.environ["LOCALAPPDATA"]) / "tominpmp" / "cache"
@@ -42,7 +42,7 @@ def cache_folder() -> Path:
 
 
 class Content:
-    """A mesh that is known by what it is made of."""
+    """A mesh with a key that is a hash of its vertices and triangles."""
 
     def __init__(self, mesh: Any, name: str = "") -> None:
         self.mesh, self.name = mesh, name
@@ -54,16 +54,16 @@ class Content:
         self.key = content.hexdigest()
 
     def __eq__(self, other: object) -> bool:
-        """Whether it is made of the same."""
+        """Whether the contents are equal."""
         return isinstance(other, Content) and self.key == other.key
 
     def __hash__(self) -> int:
-        """Hash of what it is made of."""
+        """Hash of the content."""
         return hash(self.key)
 
 
 def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
-    """Convex pieces of a mesh of Coal, from the disk if it was cut before.
+    """Convex pieces of a mesh of Coal, from the disk if the mesh was cut before.
 
     Returns:
         The pieces; None if the mesh is flat.
@@ -96,7 +96,7 @@ def _known_pieces(content: Content, folder: Path) -> Pieces | None:
 
 
 def _read(path: Path) -> Pieces | None:
-    """Pieces of a mesh from a file; None if it is not there, or not as written."""
+    """Pieces of a mesh from a file; None if the file is missing, or damaged."""
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
             return None
@@ -126,7 +126,7 @@ def _checksum(*parts: Any) -> bytes:
 
 
 def _write(path: Path, pieces: Pieces) -> None:
-    """Write a file that is either whole or not there; a failure is let pass."""
+    """Write a file atomically; a failure is logged and ignored."""
     points = np.concatenate(pieces.corners).astype(np.float64)
     counts = np.array([len(piece) for piece in pieces.corners])
     deviation = np.array([pieces.outward, pieces.inward], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Enclosure: where a frame cannot be without its link being in an obstacle."""
+"""Enclosure: points at which a frame cannot be without a collision of its link."""
 
 from __future__ import annotations
 
@@ -13,24 +13,23 @@ from tominpmp.collision.shapes import is_convex
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
-# Radius of the ball that stands for a point [m].
+# Radius of the ball that represents a point [m].
 POINT = 1e-6
-# Overlaps up to this are let pass elsewhere, too [m].
+# Tolerated overlap, as in other checks [m].
 TOUCHING = 1e-5
 
 
 def enclosure(
     robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float = 0.0
 ) -> Contact | None:
-    """The obstacle that a link is in for certain when a frame is at a point.
+    """The obstacle that a link certainly overlaps when a frame is at a point.
 
-    Some point of the link is no farther from the frame than its geometry is. Where a
-    ball of that radius is within an obstacle, the link meets it in every orientation.
-    The frame is at most ``tolerance`` from the point [m]; obstacles that move are left
-    out.
+    The nearest point of the link is at a known distance from the frame. Where a ball of
+    that radius is within an obstacle, the link overlaps it in every orientation. The
+    frame is at most ``tolerance`` from the point [m]; moving obstacles are left out.
 
     Returns:
-        Link and obstacle, with how deep the point is in it; None if there may be room.
+        Link and obstacle, with the depth of the point; None if no overlap is certain.
     """
     item = robot.model.frames[robot.frame_id(frame)]
     mine = [

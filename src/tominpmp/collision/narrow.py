@@ -14,25 +14,25 @@ from tominpmp.collision.bodies import Body
 from tominpmp.collision.placements import MovingObstacles
 from tominpmp.stopping import check
 
-# Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (distances) and
-# of the expanding polytope (depths). Coal's 1e-6 for the first leaves errors of 2e-6 m
-# in distances and 1e-3 m/rad in gradients on a UR5; this one leaves 1e-10 m and
-# 3e-6 m/rad at the same cost. Below 1e-7 the second fails on cylinders.
+# Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (GJK, distances)
+# and of the expanding polytope (EPA, depths). Coal's 1e-6 for GJK leaves errors of
+# 2e-6 m in distances and 1e-3 m/rad in gradients on a UR5; 1e-11 leaves 1e-10 m and
+# 3e-6 m/rad at the same cost. Below 1e-7 EPA fails on cylinders.
 GJK_TOLERANCE = 1e-11
 EPA_TOLERANCE = 1e-6
-# Distances beyond this are how Coal says that an algorithm failed [m].
+# Coal returns distances beyond this if an algorithm failed [m].
 FAILED = 1e100
 
 
 class NarrowPhase:
     """Distances of pairs at one configuration after the other.
 
-    Answers do not depend on former queries: each begins anew. To begin where the one
-    before it ended is no faster, along a motion either.
+    Results do not depend on former queries: each query starts cold. A warm start from
+    the query before is no faster, even along a motion.
 
     Attributes:
         model: The model.
-        data: Its data.
+        data: Data of the model.
         geometry: The bodies and the pairs, for Pinocchio.
     """
 
@@ -50,7 +50,7 @@ class NarrowPhase:
         for index, body in enumerate(bodies):
             shape = body.shape
             if round_pairs and body in balls:
-                # Coal measures the depth of a ball in a cylinder to the side only.
+                # Coal measures the depth of a ball in a cylinder only radially.
                 shape = coal.Capsule(shape.radius, 0.0)
             joint = body.joint if body.joint < model.njoints else 0
             # By number, as a link and an obstacle may have the same name.
@@ -77,14 +77,14 @@ class NarrowPhase:
     def place(
         self, q: Array, time: float = 0.0, obstacles: tuple[Array, Array] | None = None
     ) -> None:
-        """Bring the bodies where they are at a configuration of the model.
+        """Place the bodies at a configuration of the model.
 
         Args:
             q: Configuration of the model, shape (nv,).
-            time: Time [s], for obstacles that move.
-            obstacles: Placements of these obstacles then, shapes (count, 3, 3) and
-                (count, 3), where they are known already; asking for many instants at
-                once is faster.
+            time: Time [s], for moving obstacles.
+            obstacles: Placements of these obstacles at the time, shapes (count, 3, 3)
+                and (count, 3), where they are known already; computing them for many
+                instants at once is faster.
         """
         self.shift(time, obstacles)
         pin.updateGeometryPlacements(
@@ -92,7 +92,7 @@ class NarrowPhase:
         )
 
     def shift(self, time: float, known: tuple[Array, Array] | None = None) -> None:
-        """Put obstacles that move where they are at a time [s]; see ``place``."""
+        """Place moving obstacles at a time [s]; see ``place``."""
         check()
         if self._obstacles is None or not self._moving or time == self._time:
             return
@@ -113,7 +113,7 @@ class NarrowPhase:
         return [self._measure(index).min_distance for index in pairs]
 
     def witnesses(self, pairs: Sequence[int]) -> Array:
-        """Where some pairs come closest.
+        """Witness points of some pairs.
 
         Returns:
             Unit normals from the first bodies to the second, and the nearest points of
@@ -127,7 +127,7 @@ class NarrowPhase:
         return found
 
     def _measure(self, index: int) -> Any:
-        """Result of a pair; of one that failed, with the tolerances that Coal takes."""
+        """Result of a pair; after a failure, with the default tolerances of Coal."""
         geometry, results = self.geometry, self._results
         result = pin.computeDistance(geometry, results, index)
         if abs(result.min_distance) > FAILED:
@@ -137,7 +137,7 @@ class NarrowPhase:
         return result
 
     def overlaps(self, q: Array, trace: float = 0.0) -> list[bool]:
-        """Which pairs overlap at a configuration of the model, or nearly do.
+        """Whether each pair overlaps, or nearly, at a configuration of the model.
 
         Args:
             q: The configuration.
@@ -155,7 +155,7 @@ class NarrowPhase:
         normal = np.array(result.normal)
         if normal @ normal > 0.5:
             return normal
-        # Coal has none for axes that cross. Parting the centres will end the overlap.
+        # Coal gives no normal if axes cross. Moving the centres apart ends the overlap.
         first, second = (
             self._results.oMg[int(body)].translation
             for body in (self._first[index], self._second[index])
@@ -167,18 +167,18 @@ class NarrowPhase:
 
 
 def _request(request: Any) -> Any:
-    """A request of Coal, with the tolerances that all queries have."""
+    """A request of Coal, with the tolerances of all queries."""
     request.gjk_tolerance = GJK_TOLERANCE
     request.epa_tolerance = EPA_TOLERANCE
     return request
 
 
 def _results(geometry: pin.GeometryModel) -> pin.GeometryData:
-    """Where results go; Pinocchio's own requests begin where the last query ended.
+    """Data with cold-started requests, unlike the warm-started ones of Pinocchio.
 
     Whether a pair keeps a margin is decided by its signed distance too, which Coal
-    measures if a contact is asked for. Else it calls cylinders free that overlap by
-    millimetres, where what GJK has left of their distance is not quite zero.
+    computes if a contact is requested. Else it takes cylinders as free that overlap by
+    millimetres, where the residual distance of GJK is not quite zero.
     """
     results = geometry.createData()
     distance = _request(coal.DistanceRequest())
@@ -190,21 +190,21 @@ def _results(geometry: pin.GeometryModel) -> pin.GeometryData:
 
 
 class Guard:
-    """Whether all pairs keep certain margins, as their distances tell.
+    """Check whether all pairs keep their margins, in agreement with the distances.
 
-    Boxes settle most pairs, GJK ends where a pair is surely farther apart than its
-    margin, and the first pair below it ends the query.
+    Boxes decide most pairs, GJK stops where a pair is surely farther apart than its
+    margin, and the first pair below its margin ends the query.
     """
 
     def __init__(self, narrow: NarrowPhase, margin: Array) -> None:
-        """Make it for margins by pair, shape (pairs,) [m]."""
+        """Set up the check for margins by pair, shape (pairs,) [m]."""
         self._narrow = narrow
         self._results = _results(narrow.geometry)
         for request, value in zip(
             self._results.collisionRequests, margin.tolist(), strict=True
         ):
             request.security_margin = value
-        # The plain list of boxes: trees cost more to keep than they save here.
+        # The plain list of boxes: trees cost more to update than they save here.
         self._manager = pin.BroadPhaseManager_NaiveCollisionManager(
             narrow.model, narrow.geometry, self._results
         )

@@ -1,4 +1,4 @@
-"""Placements of what carries bodies: joints, and obstacles that move."""
+"""Placements of the carriers of bodies: joints, and moving obstacles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ class Placements:
     """Forward kinematics of joints with one coordinate each, vectorised.
 
     Attributes:
-        moves: Which coordinates move a joint, shape (joints, nv); joint 0 is the world.
+        moves: Whether coordinates move a joint, shape (joints, nv); joint 0 is the
+            world.
     """
 
     def __init__(self, model: pin.Model) -> None:
@@ -23,9 +24,9 @@ class Placements:
         count = len(self._parents)
         self._turn, self._slide = np.zeros((count, 3)), np.zeros((count, 3))
         self._column = np.full(count, -1, dtype=np.int64)
-        # Of each joint: where it is on its parent, the way it slides there, and the
-        # matrices whose sum with the sine and the versed sine of its angle is its
-        # rotation (Rodrigues).
+        # For each joint: its position on its parent, its direction of sliding there,
+        # and the matrices whose sum weighted by the sine and the versed sine of its
+        # angle is its rotation (Rodrigues).
         self._offset = np.array([place.translation for place in model.jointPlacements])
         self._way, self._basis = np.zeros((count, 3)), np.zeros((count, 3, 9))
         self.moves: BoolArray = np.zeros((count, model.nv), dtype=bool)
@@ -58,7 +59,7 @@ class Placements:
         angle = q[:, self._column].T
         parts = np.ones((count, m, 3))
         parts[:, :, 1], parts[:, :, 2] = np.sin(angle), 1.0 - np.cos(angle)
-        # All configurations of a joint are side by side: they are worked on together.
+        # All configurations of a joint are contiguous, for vectorised operations.
         place = np.empty((count, m, 3, 4))
         place[..., :3] = (parts @ self._basis).reshape(count, m, 3, 3)
         place[..., 3] = self._offset[:, None]
@@ -73,7 +74,7 @@ class Placements:
         return np.moveaxis(place[..., :3], 0, 1), np.moveaxis(place[..., 3], 0, 1)
 
     def axes(self, joint: int) -> tuple[Array, Array, int]:
-        """How a joint moves: directions it slides and turns in, and its coordinate."""
+        """Axes of sliding and rotation of a joint, and its coordinate."""
         return self._slide[joint], self._turn[joint], int(self._column[joint])
 
     def jacobian_rows(
@@ -115,11 +116,11 @@ class Placements:
     def displacements(
         self, q: Array, half: Array, joint: IntArray, centre: Array, radius: Array
     ) -> Array:
-        r"""Bounds on how far points of balls move while coordinates stay in a box.
+        r"""Bounds on displacements of points of balls while coordinates are in a box.
 
         In the middle of the box a point of a ball is no farther from the axis of joint
-        i than the far side of the ball. Within the box that distance changes by what
-        the joints between i and the ball move the point: from the tip on,
+        i than the far side of the ball. Within the box that distance changes by the
+        displacements of the joints between i and the ball: from the tip on,
         :math:`r_i = r_i^0 + \sum_{k > i} r_k |\Delta q_k|`.
 
         Args:
@@ -158,15 +159,15 @@ def _cross(axis: Array) -> Array:
 
 
 class MovingObstacles:
-    """Placements and velocities of obstacles that move, beside those of joints.
+    """Placements and velocities of moving obstacles, in addition to joints.
 
-    To everything that places bodies they are further joints, whose placements depend on
-    time instead of the configuration.
+    For the placement of bodies moving obstacles are further joints, whose placements
+    depend on time instead of the configuration.
 
     Attributes:
-        first: Number of the first of them: how many joints the model has.
-        count: How many there are.
-        kinks: Times at which one of them changes its velocity at once [s], ascending.
+        first: Index of the first moving obstacle: the number of joints of the model.
+        count: Number of moving obstacles.
+        kinks: Times at which an obstacle changes its velocity at once [s], ascending.
     """
 
     def __init__(self, obstacles: Sequence[Obstacle], first: int) -> None:
@@ -178,7 +179,7 @@ class MovingObstacles:
     def beside(
         self, joints: tuple[Array, Array], times: Array | None
     ) -> tuple[Array, Array]:
-        """Placements of the joints and of what moves.
+        """Placements of the joints and of moving obstacles.
 
         Args:
             joints: Placements of the joints, shapes (m, joints, 3, 3), (m, joints, 3).
@@ -213,10 +214,10 @@ class MovingObstacles:
     def approach(
         self, joint: IntArray, times: Array, point: Array, normal: Array
     ) -> Array:
-        """Speeds along directions of points on what moves; zero on all else.
+        """Speeds along directions of points on moving obstacles; zero elsewhere.
 
         Args:
-            joint: What carries each point, shape (k,).
+            joint: Joint or obstacle that carries each point, shape (k,).
             times: Times [s], shape (k,).
             point: Points in the world [m], shape (k, 3).
             normal: Directions in the world, shape (k, 3).
@@ -238,7 +239,7 @@ class MovingObstacles:
         """Largest speeds between times [s], shape (m,) each.
 
         Returns:
-            Of the origins [m/s] and of the rotations [rad/s], shapes (m, count).
+            Speeds of the origins [m/s] and rotations [rad/s], shapes (m, count).
         """
         found = [item.speed_bounds(begin, end) for item in self._obstacles]
         shape = (begin.size, self.count)

@@ -1,4 +1,4 @@
-"""Distances of pairs at many configurations: bounds where they will do, else exact."""
+"""Distances of pairs at many configurations: bounds where they suffice, else exact."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import MovingObstacles, Placements
 from tominpmp.robot import Robot
 
-# Configurations whose distances are asked for at once, for the sake of memory.
+# Configurations whose distances are computed at once, which limits the memory.
 CHUNK = 1024
 
 # First and second bodies of pairs, shape (pairs,) each.
@@ -24,11 +24,11 @@ Pairs = tuple[IntArray, IntArray]
 
 
 class Derivatives(NamedTuple):
-    """How distances change.
+    """Derivatives of distances.
 
     Attributes:
-        gradients: By configuration, shape (k, n) [m/rad or m/m].
-        rates: By time, where obstacles move, shape (k,) [m/s].
+        gradients: Derivatives by the configuration, shape (k, n) [m/rad or m/m].
+        rates: Derivatives by time, where obstacles move, shape (k,) [m/s].
     """
 
     gradients: Array
@@ -36,11 +36,11 @@ class Derivatives(NamedTuple):
 
 
 class PairDistances:
-    """Pairs of bodies, and the steps from coarse bounds to their exact distances.
+    """Collision pairs, and the steps from coarse bounds to their exact distances.
 
     Attributes:
         robot: The robot.
-        obstacles: Obstacles that move.
+        obstacles: Moving obstacles.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class PairDistances:
         obstacles: MovingObstacles | None = None,
         watched: tuple[Sequence[Body], Pairs] | None = None,
     ) -> None:
-        """Make it for bodies and pairs of them, unless a subclass finds these."""
+        """Set up bodies and collision pairs, unless a subclass provides them."""
         self.robot = robot
         self.obstacles = obstacles or MovingObstacles((), robot.model.njoints)
         if watched is not None:
@@ -57,12 +57,12 @@ class PairDistances:
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:
-        """The bodies, and the first and the second of each pair."""
+        """The bodies, and the first and the second body of each pair."""
         raise NotImplementedError
 
     @cached_property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Names (link, other) of the pairs, first those with obstacles.
+        """Names (link, other) of the pairs; pairs with obstacles come first.
 
         A link has a pair for each of its convex pieces.
         """
@@ -89,14 +89,14 @@ class PairDistances:
 
     @cached_property
     def moving_pairs(self) -> BoolArray:
-        """Which pairs are with an obstacle that moves, shape (pairs,)."""
+        """Whether each pair has a moving obstacle, shape (pairs,)."""
         return np.asarray(self.broad.joint[self.broad.second] >= self.obstacles.first)
 
     @cached_property
     def _moves(self) -> BoolArray:
-        """Which coordinates of the model change the distance of each pair.
+        """Whether coordinates of the model change the distance of each pair.
 
-        Those that move one of its bodies and not the other, shape (pairs, nv).
+        They do if they move one of its bodies and not the other, shape (pairs, nv).
         """
         one, other = (
             self.placements.moves[self._model_joint(bodies)]
@@ -112,7 +112,7 @@ class PairDistances:
     def _place(self, rows: Array, times: Array | None = None) -> Joints:
         """Placements joint_to_world at configurations of the model, and times [s].
 
-        Those of obstacles that move are beside them.
+        Placements of moving obstacles are appended.
         """
         return self.obstacles.beside(self.placements.joints(rows), times)
 
@@ -131,8 +131,8 @@ class PairDistances:
             times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
-            Distances [m], shape (m, number of pairs). Those below the cutoff are exact;
-            the others may be lower bounds, which are not below the cutoff either.
+            Distances [m], shape (m, number of pairs). Distances below the cutoff are
+            exact; others may be lower bounds, which are not below the cutoff either.
         """
         q = array(q, "q", (None, self.robot.n), JOINTS)
         rows, out = self.robot.expand(q), np.empty((q.shape[0], len(self.pairs)))
@@ -150,7 +150,7 @@ class PairDistances:
     def _cut_off(
         self, rows: Array, cutoff: float | Array, times: Array | None
     ) -> Array:
-        """The same at configurations of the model, as far as a cutoff."""
+        """Distances at configurations of the model, exact below a cutoff."""
         placed = self._place(rows, times)
         limit = np.broadcast_to(np.asarray(cutoff, np.float64), self.broad.first.shape)
         limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
@@ -181,7 +181,7 @@ class PairDistances:
             q: Configurations, shape (m, n) [rad or m].
             instants: Index of the configuration of each distance, shape (k,).
             pairs: Index of its pair, shape (k,).
-            enough: Distances from which on a lower bound will do, shape (k,) [m].
+            enough: Distances above which a lower bound suffices, shape (k,) [m].
             times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
@@ -201,7 +201,7 @@ class PairDistances:
         enough: Array,
         times: Array | None = None,
     ) -> Array:
-        """The same at configurations of the model, with the placements there."""
+        """Distances of single pairs at configurations of the model, once placed."""
         out = self.broad.by_covers(placed, instant, pair)
         # Bounds say nothing about depths.
         near = np.flatnonzero(out < np.maximum(enough, 0.0))
@@ -217,7 +217,7 @@ class PairDistances:
         """Place the bodies at one configuration after the other.
 
         Yields:
-            Which of the instants are the configuration, and the pairs at these.
+            Indices of the instants with the configuration, and their pairs.
         """
         order = np.argsort(instant, kind="stable")
         starts = np.flatnonzero(np.diff(instant[order], prepend=-1))
@@ -242,8 +242,8 @@ class PairDistances:
         With the witness points p1, p2 and the unit normal n from the first body to the
         second, :math:`d_q = n^T (J_2(p_2) - J_1(p_1))`. In penetration and at contact
         the normal stays defined, so that the gradient is finite there too. It is zero
-        where no joint changes the distance: a planar arm over a box that is flatter
-        than the arm is thick can only leave it across its plane, which it cannot do.
+        where no joint changes the distance: a planar arm that overlaps a box flatter
+        than the arm could leave it only across its plane, in which it cannot move.
         Where the obstacle moves, its point p2 has a velocity v of its own, and
         :math:`d_t = n^T v`.
 
@@ -274,7 +274,7 @@ class PairDistances:
         return Derivatives(self.robot.reduce_tangent(out), rates)
 
     def witnesses(self, q: Array, pairs: IntArray, times: Array) -> tuple[Array, Array]:
-        """Where pairs are nearest, at a configuration each.
+        """Witness points of pairs, at a configuration each.
 
         Args:
             q: Configurations, shape (k, n) [rad or m].
@@ -312,15 +312,15 @@ class PairDistances:
         end: Array,
         pairs: IntArray | None = None,
     ) -> Array:
-        """Bounds on how much closer pairs come within stretches of time.
+        """Bounds on the decrease of distances within stretches of time.
 
-        What moves both bodies of a pair alike does not bring them closer.
+        Coordinates that move both bodies of a pair alike do not bring them closer.
 
         Args:
             q: Configurations in the middles of the stretches, shape (m, n) [rad or m].
-            swing: How far joints are from there within the stretch at most, (m, n).
+            swing: Largest deviations of joints from there in the stretch, (m, n).
             begin: Beginnings of the stretches [s], shape (m,).
-            end: Their ends [s], shape (m,).
+            end: Ends of the stretches [s], shape (m,).
             pairs: Indices of the pairs, shape (k,); None for all.
 
         Returns:
@@ -331,7 +331,7 @@ class PairDistances:
         half = swing @ np.abs(robot.expand_tangent(np.eye(robot.n)))
         ends = np.stack([broad.first[pairs], broad.second[pairs]])
         still = self._model_joint(ends) == 0
-        ends[still] = np.max(ends[still], initial=0)  # one stands for all
+        ends[still] = np.max(ends[still], initial=0)  # one represents all
         used, place = np.unique(ends, return_inverse=True)
         first, second = place.reshape(ends.shape)
         balls = self._model_joint(used), broad.centre[used], broad.radius[used]
@@ -350,7 +350,7 @@ class PairDistances:
 
         Args:
             begin: Beginnings of stretches of time [s], shape (m,).
-            end: Their ends, shape (m,).
+            end: Ends of the stretches [s], shape (m,).
 
         Returns:
             Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.

@@ -1,4 +1,4 @@
-"""Selection of pairs: which bodies are watched against each other."""
+"""Selection of the collision pairs."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.query import PairDistances, Pairs
 from tominpmp.robot import Robot
 
-# Links that overlap at this share of random configurations are made to overlap.
+# Links that overlap at this share of random configurations overlap by design.
 ALWAYS = 0.95
-# Convex pieces that overlap at this share of them, where the meshes never do, cannot
-# tell how far apart the links are.
+# Convex pieces that overlap at this share of configurations, while the meshes never
+# do, are too coarse for the distance of the links.
 MOSTLY = 0.5
 SAMPLES = 100
-# Faces that glide on each other where links are joined are as near as this, or overlap,
-# as rounding will have it; no margin can be kept between them, and none be proved [m].
+# Faces of joined links that slide on each other have distances up to this, or overlap,
+# depending on rounding; a margin between them can neither be kept nor proved [m].
 FLUSH = 1e-5
-# Configurations at which the meshes of two links are asked for whose hulls overlap.
+# Configurations at which the meshes of two links with overlapping hulls are compared.
 TRIES = 50
-# Where a joint has no limits: what is sampled of it [rad or m].
+# Range in which a joint without limits is sampled [rad or m].
 UNLIMITED = np.pi
 
 
@@ -43,10 +43,10 @@ def scene_pairs(bodies: Sequence[Body], links: int) -> Pairs:
 def links_of(
     robot: Robot, geometry: Geometry, cut: frozenset[str] | None = None
 ) -> tuple[Body, ...]:
-    """Shapes of all links, the same ones for every checker of a robot.
+    """Shapes of all links, shared by all checkers of a robot.
 
-    ``cut`` has the names of the links whose meshes are taken as ``geometry`` says, the
-    others being taken as one hull each; None stands for all.
+    ``cut`` has the names of the links whose meshes are represented by ``geometry``,
+    while others are one hull each; None stands for all links.
     """
     known = _known(robot)
     found: list[Body] = []
@@ -62,13 +62,13 @@ def links_of(
 def own_pairs(
     robot: Robot, geometry: Geometry, cut: frozenset[str] | None = None
 ) -> Pairs:
-    """Pair the links of a robot with each other, and with what is fixed to its base.
+    """Pair the links of a robot with each other, and with bodies fixed to its base.
 
     Left out are the pairs that the semantic description disables (if it disables any),
     else neighbours; links that overlap at nearly all configurations; and links whose
-    convex pieces overlap at most of them while their meshes do not at any. This does
-    not depend on which links are cut, see :func:`links_of`. The first bodies of the
-    pairs move.
+    convex pieces overlap at most configurations while their meshes never do. The
+    selection does not depend on the cut links, see :func:`links_of`. The first bodies
+    of the pairs move.
     """
     known = _known(robot)
     if ("left out", geometry) not in known:
@@ -85,10 +85,10 @@ def own_pairs(
 def links_touching(
     robot: Robot, wanted: Collection[frozenset[str]], q: Array
 ) -> dict[frozenset[str], int]:
-    """Links that touch at configurations, watched against each other or not.
+    """Links that touch at given configurations, whether or not their pair is checked.
 
-    They are taken as one hull each, and where these overlap as their meshes, at a few
-    of the configurations: links that touch at one or two more may be missed.
+    Links are first taken as one hull each, and where hulls overlap as meshes, at a few
+    of the configurations: links that touch at one or two others may be missed.
 
     Args:
         robot: The robot.
@@ -116,16 +116,16 @@ def links_touching(
 
 
 def _known(robot: Robot) -> dict[tuple[Any, ...], Any]:
-    """What was found for a robot before.
+    """Cache of shapes and pairs of a robot.
 
-    Hashing meshes and trying configurations takes longer than a plan in free space.
+    Hashing meshes and checking configurations takes longer than a plan in free space.
     """
     found: dict[tuple[Any, ...], Any] = robot.__dict__.setdefault("_collision", {})
     return found
 
 
 def _candidates(robot: Robot, bodies: Sequence[Body]) -> Pairs:
-    """All pairs of links but those that the robot's files say may touch."""
+    """All pairs of links without the pairs that may touch by the robot's files."""
     disabled = set() if robot.srdf is None else set(robot.srdf.disabled_pairs)
     carriers = {body.joint for body in bodies}
 
@@ -150,10 +150,10 @@ def _neighbours(robot: Robot, one: int, other: int, carriers: set[int]) -> bool:
 
 
 def _inseparable(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
-    """Names of links that their shapes cannot tell apart.
+    """Names of links whose shapes always overlap, or are too coarse.
 
-    Shapes are within their hulls, so that those whose hulls seldom overlap need not be
-    known: cutting a mesh into pieces takes a second.
+    Shapes are within their hulls, so that pairs whose hulls seldom overlap need no
+    pieces: cutting a mesh into pieces takes a second.
     """
     share = _shares(robot, links_of(robot, "hull"), None)
     often = {names for names, value in share.items() if value > MOSTLY}
@@ -196,7 +196,7 @@ def _named(bodies: Sequence[Body], wanted: Collection[frozenset[str]]) -> Pairs:
 def _moving_pairs(
     bodies: Sequence[Body], watched: Callable[[Body, Body], bool]
 ) -> Pairs:
-    """Pairs of bodies that move against each other, of those that are watched.
+    """Pairs of bodies that move against each other and pass a filter.
 
     The first bodies of the pairs move.
     """
@@ -215,7 +215,7 @@ def _indices(pairs: Sequence[tuple[int, int]]) -> Pairs:
 
 
 def _columns(bodies: Sequence[Body], pairs: Pairs) -> dict[frozenset[str], list[int]]:
-    """Which pairs of bodies are of the same links, by their names."""
+    """Indices of pairs of bodies by the names of their links."""
     columns: dict[frozenset[str], list[int]] = {}
     for index, both in enumerate(zip(*pairs, strict=True)):
         columns.setdefault(frozenset(bodies[i].name for i in both), []).append(index)
@@ -225,7 +225,7 @@ def _columns(bodies: Sequence[Body], pairs: Pairs) -> dict[frozenset[str], list[
 def without(
     left_out: frozenset[frozenset[str]], bodies: Sequence[Body], pairs: Pairs
 ) -> Pairs:
-    """The pairs of bodies whose names are not among those that are left out."""
+    """The pairs of bodies without the pairs of names that are left out."""
     if not left_out:
         return pairs
     columns = _columns(bodies, pairs)
@@ -234,7 +234,7 @@ def without(
 
 
 def _configurations(robot: Robot) -> Array:
-    """Configurations of the model, the same ones for every checker."""
+    """Random configurations of the model, the same for all checkers."""
     limits, rng = robot.limits, np.random.default_rng(0)
     low = np.clip(limits.position_lower, -UNLIMITED, UNLIMITED)
     high = np.clip(limits.position_upper, -UNLIMITED, UNLIMITED)

@@ -1,4 +1,4 @@
-"""Shapes for Coal: those of obstacles, convex hulls of meshes, and their outlines."""
+"""Shapes for Coal: obstacles, convex hulls of meshes, and their outlines."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 THINNEST = 1e-4
 # A round edge is enclosed by a polygon of this many corners.
 CORNERS = 16
-# Coal has room for 254 neighbours of a corner of a hull. Where a corner has more, those
-# with more than this many become several, each with about so many of the neighbours.
+# Coal supports 254 neighbours of a corner of a hull. If a corner has more, corners with
+# more neighbours than the first number are split into corners with about the second
+# number of them.
 CROWDED, SHARE = 128, 64
-# How far a hull may stick out for that, as a share of its diagonal. At a cone of 13 cm
-# distances change by 1e-7 m then, which is less than what EPA leaves of an error.
+# Largest outward displacement of a hull by that, as a share of its diagonal. At a cone
+# of 13 cm distances change by 1e-7 m, which is less than the error of EPA.
 BLUNT = 1e-6
-# Most times that corners become several; once is enough for some thousand neighbours.
+# Largest number of rounds of splitting; one suffices for some thousand neighbours.
 ROUNDS = 8
 
 
@@ -31,7 +32,7 @@ def obstacle_shape(obstacle: Obstacle) -> Any:
     """Shape of an obstacle for Coal.
 
     Raises:
-        SceneError: If there is no shape for its type.
+        SceneError: If the type of the obstacle has no shape.
     """
     if isinstance(obstacle, Sphere):
         return coal.Sphere(obstacle.radius)
@@ -71,14 +72,14 @@ def is_convex(shape: Any) -> bool:
 
 
 def convex_hull(mesh: Any) -> Any:
-    """Convex hull of a mesh; it is kept with the mesh where that is possible."""
+    """Convex hull of a mesh, stored with the mesh where possible."""
     if mesh.convex is None:  # else it was made for an earlier checker
         vertices = np.array(mesh.vertices(), dtype=np.float64)
         points = _thickened(vertices)
         if len(points) > len(vertices):
             return hull_of(points)
-        # Not buildConvexRepresentation: it takes a mesh with dents for convex as it
-        # is, and the distances come out too large.
+        # Not buildConvexRepresentation: it treats a mesh with dents as if it were
+        # convex, and the distances come out too large.
         try:
             mesh.buildConvexHull(False, "")
         except RuntimeError:
@@ -89,9 +90,9 @@ def convex_hull(mesh: Any) -> Any:
 def hull_of(points: Array) -> Any:
     """Convex hull of points, shape (k, 3).
 
-    It holds them all, and sticks out of their true hull by no more than a millionth of
-    its diagonal (``BLUNT``). Faces stay polygons: were a disc cut into triangles, one
-    of its corners would be a neighbour of all others, for which Coal has no room.
+    It contains all points, and protrudes from their true hull by no more than a
+    millionth of its diagonal (``BLUNT``). Faces stay polygons: were a disc cut into
+    triangles, one of its corners would have more neighbours than Coal supports.
     """
     try:
         return _hull(points)
@@ -107,9 +108,10 @@ def _hull(points: Array) -> Any:
 
 
 def _blunted(points: Array) -> Array:
-    """Points whose hull has no corner with too many neighbours, and holds the others.
+    """Points with a hull that contains the given points, without crowded corners.
 
-    Such a corner, the tip of a cone, gets a ring of points around it.
+    A corner with too many neighbours, as the tip of a cone, is replaced by a ring of
+    points around it.
     """
     reach = BLUNT * float(np.linalg.norm(np.ptp(points, axis=0)))
     for _ in range(ROUNDS):
@@ -136,7 +138,7 @@ def _neighbours(hull: ConvexHull) -> IntArray:
 def _ring(hull: ConvexHull, tip: int, radius: float) -> Array:
     """Points around a corner of a hull, across the mean normal of its faces.
 
-    They are where the normals lean to, so that each is a corner of some of the faces.
+    They are in the directions of the normals, so that each is a corner of some faces.
     """
     faces = hull.equations[np.any(hull.simplices == tip, axis=1), :3]
     normals = np.unique(faces, axis=0)
@@ -147,7 +149,7 @@ def _ring(hull: ConvexHull, tip: int, radius: float) -> Array:
 
 
 def _thickened(points: Array) -> Array:
-    """Points of a mesh, with copies to both sides of it if it is flat."""
+    """Points of a mesh, copied to both sides of its plane if it is flat."""
     centred = points - points.mean(axis=0)
     axes = np.linalg.eigh(centred.T @ centred)[1].T
     extents = np.ptp(points @ axes.T, axis=0)
@@ -159,7 +161,7 @@ def _thickened(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """What encloses a shape: a convex hull of points, swollen by a radius.
+    """An enclosure of a shape: a convex hull of points, inflated by a radius.
 
     Attributes:
         points: Shape (k, 3) [m].
@@ -171,7 +173,7 @@ class Outline:
 
 
 def outline(shape: Any) -> Outline:
-    """Enclose a shape; tightly but for the round edges of cylinders."""
+    """Enclose a shape; tightly except at the round edges of cylinders."""
     if isinstance(shape, coal.Sphere):
         return Outline(np.zeros((1, 3)), float(shape.radius))
     if isinstance(shape, coal.Capsule):

@@ -1,4 +1,4 @@
-"""What holds along a motion: one class for each kind of constraint."""
+"""Constraints along a motion: one class for each kind."""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
-r"""Constraints: what holds along a motion (the paper's equation 6).
+r"""Constraints along a motion (the paper's equation 6).
 
 .. math:: b(x(\tau), \tau, T) \le 0 \quad \text{for all } \tau \in [0, 1]
 
-A constraint gives values and partial derivatives at states; it knows neither how a
-motion is parameterised nor who asks. A transcription gives the states and pulls the
-partial derivatives back to its unknowns (the chain rule, or the paper's costates).
+A constraint gives values and partial derivatives at states; it is independent of the
+parameterisation of the motion and of the solver. A transcription gives the states and
+pulls the partial derivatives back to its unknowns (the chain rule, or the paper's
+costates).
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ class States(NamedTuple):
     Attributes:
         t: Times [s], shape (m,).
         q: Positions, shape (m, n) [rad or m].
-        v: Velocities, shape (m, n); zero-sized where nobody asked for them.
-        a: Accelerations, shape (m, n); the same.
-        u: Torques that dry friction leaves, shape (m, n), where they are unknowns of
-            the motion; None where they follow from the accelerations.
+        v: Velocities, shape (m, n); zero-sized where they are not needed.
+        a: Accelerations, shape (m, n); zero-sized likewise.
+        u: Torques less dry friction, shape (m, n), where they are unknowns of the
+            motion; None where they follow from the accelerations.
     """
 
     t: Array
@@ -49,7 +50,8 @@ class Partials(NamedTuple):
         by_a: Shape (k, n).
         by_u: Shape (k, n), where torques are unknowns.
         by_t: Shape (k,).
-        row: Values of one index add up to one row, shape (k,); None for one row each.
+        row: Index of the row that each value is added to, shape (k,); None for a row
+            for each value.
     """
 
     at: IntArray
@@ -73,20 +75,20 @@ class Partials(NamedTuple):
 
 
 class Constraint(ABC):
-    """Something that holds at all times of a motion, or at some.
+    """A constraint at all times of a motion, or at some.
 
-    Values are scaled so that a violation of 1 is about one by 100 %.
+    Values are scaled so that a violation of 1 means about "by 100 %".
 
     Attributes:
-        order: Highest derivative of the positions that it looks at: 0, 1, or 2, which
+        order: Highest derivative of the positions that it depends on: 0, 1, or 2, which
             is for torques too.
         field: "q", "v", "a", "j" or "u" if it bounds positions, velocities,
             accelerations, jerks or torques joint by joint; empty else.
         shared: Whether all its values together are relaxed by one elastic variable of a
-            linear program; else there is one an instant.
-        moving: Whether the values depend on the time itself.
+            linear program; else each instant has an elastic variable.
+        moving: Whether the values depend explicitly on time.
         gradual: Whether values far below their bounds may be left out of a linear
-            program, as they cannot come near them in a step.
+            program, as a step cannot bring them near the bounds.
         curable: Whether a slower motion along the same path violates it less.
     """
 
@@ -128,87 +130,91 @@ class Constraint(ABC):
 
         Args:
             states: The states at m instants.
-            at: Row of each value in what :meth:`evaluate` returns, shape (k,).
+            at: Row of each value in the result of :meth:`evaluate`, shape (k,).
             which: Its column, shape (k,).
         """
 
     def bend(self, states: States, at: IntArray, which: IntArray) -> Partials | None:
-        """What linear values lack of some values that are convex, to second order.
+        """Second-order term of convex values, which linearised values lack.
 
-        As vectors whose squared lengths a step adds to the values twice over (Gauss and
-        Newton): the values are convex functions of quantities that are linearised.
+        The term is given as vectors: half of their squared lengths is the second-order
+        change of the values in a step (Gauss-Newton), as the values are convex
+        functions of quantities that are linearised.
 
         Args:
             states: The states at m instants.
-            at: Row of each value in what :meth:`evaluate` returns, shape (k,).
+            at: Row of each value in the result of :meth:`evaluate`, shape (k,).
             which: Its column, shape (k,).
 
         Returns:
             Partial derivatives of the components of the vectors; ``row`` has the index
-            of the value that each is for. None if nothing is known.
+            of the value of each component. None without a second-order term.
         """
         return None
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """Lower and upper bounds of the values at so many instants, as their shape."""
+        """Lower and upper bounds of the values at a number of instants."""
         shape = whole(instants, "instants"), self.count
         return np.full(shape, -np.inf), np.zeros(shape)
 
     @property
     def kinks(self) -> Array:
-        """Times at which values may have a kink whatever the motion [s], shape (k,)."""
+        """Times at which values may have a kink for any motion [s], shape (k,)."""
         return NO_TIMES
 
     def rises(self, duration: float) -> Array:
-        """Fastest rises of values with the time itself before a time [1/s], (p,)."""
+        """Largest partial derivatives by time before a time [1/s], shape (p,)."""
         return np.zeros(self.count)
 
     @property
     def room(self) -> Array:
-        """What bounds ask for beyond what has to be kept, shape (p,)."""
+        """Padding of the bounds beyond the limits of the problem, shape (p,)."""
         return np.zeros(self.count)
 
     @property
     def usable(self) -> Array | None:
-        """How far values may pass their bounds between the instants, shape (p,).
+        """Tolerated excess of values over their bounds between rows, shape (p,).
 
-        None for constraints that are not looked at between them.
+        None for constraints that are not inspected between rows.
         """
         return None
 
-    # -- what is taken for granted of a motion -----------------------------------------
+    # -- assumptions about a motion ----------------------------------------------------
 
     @property
     def assumes(self) -> bool:
-        """Whether it takes anything for granted of a motion."""
+        """Whether it makes assumptions about a motion."""
         return False
 
     @property
     def informed(self) -> bool:
-        """Whether it knows all that it takes for granted."""
+        """Whether its assumptions are set."""
         return True
 
     def assumed(self, states: States, beside: Array) -> Constraint:
-        """The constraint with what it takes for granted of a motion, at given instants.
+        """The constraint with its assumptions from a motion, at given instants.
 
         Args:
             states: The states at its instants.
-            beside: Velocities a little aside of them, shape (m, n).
+            beside: Velocities near these instants, shape (m, n).
         """
         return self
 
     def corrected(
         self, states: States, beside: Array, tolerance: float
     ) -> tuple[Constraint, int]:
-        """The same as another motion has it, and at how many values that matters.
+        """The constraint with assumptions from another motion, and their changes.
 
         Args:
-            states: The states of that motion.
-            beside: Velocities a little aside of the instants, shape (m, n).
-            tolerance: Relative excess that is let pass.
+            states: The states of the other motion.
+            beside: Velocities near the instants, shape (m, n).
+            tolerance: Tolerated relative excess.
+
+        Returns:
+            The constraint, and the number of values that the changes affect.
         """
         return self, 0
 
     def joined(self, other: Constraint) -> Constraint:
-        """What is taken for granted at these instants and at those of another."""
+        """The constraint with its assumptions at these instants and at others."""
         return self

@@ -1,7 +1,7 @@
 """Clearance of the links: a path constraint b(q, t) <= 0 (paper, equations 6 and 9).
 
-Time t is real time [s]: obstacles may move. With t = tau T the term of the paper for it
-is db/dT = db/dt * tau.
+Time t is real time [s]: obstacles may move. With t = tau T the paper's term for moving
+obstacles is db/dT = db/dt * tau.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from tominpmp.arrays import Array, Converted, IntArray, default, record
 from tominpmp.collision import CollisionChecker, Derivatives
 from tominpmp.constraints.base import Constraint, Partials, States
 
-# Share of the padding that may be used up between the instants, the same where
-# obstacles move, and what may be missing without any padding, in units of the length.
+# Share of the padding that may be used up between rows, for obstacles at rest and for
+# moving ones, and the tolerated violation without padding, in units of the length.
 GRAZE, GRAZE_MOVING = 0.8, 0.5
 LEAST_GRAZE = 1e-5
-# Share of what is left of the padding that may be missing beyond that.
+# Largest share of the remaining padding that this tolerance may use.
 REST = 0.5
 
 
 @record
 class ClearanceConstraint(Constraint):
-    """Keep every link farther than a margin from all that it is watched against.
+    """Keep every collision pair farther apart than a margin.
 
     Attributes:
         checker: Distances of the pairs.
         margin: Distance to keep [m], one for all pairs or by pair.
         length: Length that the values are divided by [m].
-        padding: What the margin contains beyond what has to be kept, in units of the
+        padding: Part of the margin beyond the margin of the problem, in units of the
             length, one for all pairs or by pair.
     """
 
@@ -60,9 +60,9 @@ class ClearanceConstraint(Constraint):
         return self.checker.kinks
 
     def rises(self, duration: float) -> Array:
-        """How fast the obstacles of the pairs move before a time [s], in lengths a s.
+        """Largest speeds of the obstacles of the pairs before a time [s].
 
-        Shape (count,).
+        In units of the length per second, shape (count,).
         """
         begin, end = np.zeros(1), np.array([duration])
         return np.asarray(self.checker.obstacle_speeds(begin, end)[0] / self.length)
@@ -74,13 +74,13 @@ class ClearanceConstraint(Constraint):
 
         Args:
             q: Configurations, shape (m, n) [rad or m].
-            attention: There is more room than anyone asks for where the value is below
-                minus this, in units of the length.
+            attention: Values below minus this need not be exact, in units of the
+                length.
             times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
             Shape (m, count). Values above minus the attention are exact; the others
-            may be upper bounds, which are not above it either.
+            may be upper bounds, which are not above minus the attention either.
         """
         if math.isinf(attention):
             found = self.checker.distances(q, times=times)
@@ -114,12 +114,12 @@ class ClearanceConstraint(Constraint):
 
     @property
     def usable(self) -> Array:
-        """How much closer than the rows ask for pairs may come between the instants.
+        """Part of the padding that pairs may use up between the instants of rows.
 
-        The rows keep links a little farther away than need be, and some of it may be
-        used, never all: what verifies the motion lets nothing be missing to the margin.
-        Only where a motion begins or ends at the margin there is nothing to be used,
-        and a trace may be missing.
+        The rows keep links farther away than the margin by the padding, and a part of
+        the padding may be used, never all of it: the verification of the motion
+        tolerates no violation of the margin. Only where a motion begins or ends at the
+        margin the padding is zero, and a trace of violation is tolerated.
         """
         share = GRAZE_MOVING if self.moving else GRAZE
         rest = REST * (1.0 - share) * self.padding

@@ -1,6 +1,6 @@
-"""Constraints that no configuration keeps together: which two, and how near they come.
+"""Pairs of constraints that no configuration keeps, and their nearest configuration.
 
-Looked for only where a start or a goal breaks one of them already, to say why.
+They are searched only where a start or a goal violates a constraint, for the message.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.least_squares import each, least_squares
 from tominpmp.robot import Robot
 
-# Configurations to begin with, steps from each, and what counts as kept.
+# Number of starts, steps from each, and the residual of a constraint that is kept.
 STARTS, STEPS, KEPT = 24, 60, 1e-6
 
 
 def contradiction(
     broken: PathConstraint, others: Sequence[PathConstraint], robot: Robot, q: Array
 ) -> str:
-    """Why a constraint is broken, where no configuration was found that keeps it.
+    """Reason of a violated constraint, if no configuration was found that keeps it.
 
     Args:
         broken: The constraint, ready to be evaluated.
         others: The other constraints of the problem.
         robot: The robot.
-        q: A configuration that breaks it, shape (n,).
+        q: A configuration that violates it, shape (n,).
 
     Returns:
-        A clause, beginning with a colon; empty where there is such a configuration.
+        A clause, beginning with a colon; empty where a configuration keeps it.
     """
     q_alone, left = nearest((broken,), robot, q)
     if left > KEPT:
@@ -62,16 +62,16 @@ def _size(item: PathConstraint, q: Array) -> str:
 def nearest(
     items: Sequence[PathConstraint], robot: Robot, q: Array
 ) -> tuple[Array, float]:
-    """The configuration that breaks constraints least, of those that were found.
+    """The configuration with the smallest violation of constraints that was found.
 
     Args:
         items: The constraints, ready to be evaluated.
         robot: The robot.
-        q: Where to begin, shape (n,) [rad or m].
+        q: Configuration to start from, shape (n,) [rad or m].
 
     Returns:
-        Configuration, shape (n,), and the norm of what is beyond the limits there, in
-        units of their scales.
+        Configuration, shape (n,), and the norm of the excesses over the limits there,
+        in units of their scales.
     """
     limits, rng = robot.limits, np.random.default_rng(0)
     low = np.maximum(limits.position_lower, q - np.pi)

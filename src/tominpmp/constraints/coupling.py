@@ -12,7 +12,7 @@ from tominpmp.exceptions import JointNotFound, ProblemError
 from tominpmp.robot import Robot
 
 NONE = np.zeros(0)
-# What an excess is measured by [rad or m].
+# Scale of an excess [rad or m].
 SCALE = 0.1
 
 
@@ -25,9 +25,9 @@ class JointCoupling(PathConstraint):
 
     Attributes:
         joints: Names of the joints.
-        weights: A number c for each, shape (k,).
-        upper: Upper bound [rad or m]; infinity for none.
-        lower: Lower bound [rad or m]; minus infinity for none.
+        weights: Weight c of each joint, shape (k,).
+        upper: Upper bound [rad or m]; infinity for no bound.
+        lower: Lower bound [rad or m]; minus infinity for no bound.
 
     Raises:
         ProblemError: If the weights do not fit the joints, or the bounds each other.
@@ -68,7 +68,7 @@ class JointCoupling(PathConstraint):
 
     @property
     def name(self) -> str:
-        """What it is, and of which joints."""
+        """Name of the constraint, with its joints."""
         return f"coupling of {self.subject}"
 
     @property
@@ -101,7 +101,7 @@ class JointCoupling(PathConstraint):
         return np.full(shape, lower), np.full(shape, upper)
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """How far the sums are beyond their bounds, zero within."""
+        """Excess of the sums over their bounds, zero within."""
         total = self._sums(q)
         return np.maximum(np.maximum(self.lower - total, total - self.upper), 0.0)
 
@@ -110,7 +110,7 @@ class JointCoupling(PathConstraint):
         return self._sums(q)[:, None] / self.scale
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """The same with its derivatives."""
+        """The sum over the scale, with its derivatives."""
         values, row = self.value_rows(q, v, a), self._row() / self.scale
         by_q = np.broadcast_to(row, (len(values), 1, row.size))
         return values, by_q, NONE, NONE

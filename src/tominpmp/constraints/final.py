@@ -1,4 +1,4 @@
-"""What holds at the end of a segment: its goal, and a time of arrival."""
+"""Constraints at the end of a segment: its goal, and its arrival time."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class GoalReached(Constraint):
 
     Attributes:
         goal: The goal.
-        kinematics: Of the robot.
-        scale: What the residual is divided by, shape (p,).
+        kinematics: Kinematics of the robot.
+        scale: Scale of the residual, shape (p,).
     """
 
     goal: Goal
@@ -50,7 +50,7 @@ class GoalReached(Constraint):
         return np.stack(rows)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """Its derivatives by the final configuration and velocity."""
+        """Derivatives of the residual by the final configuration and velocity."""
         by_q = np.zeros((at.size, states.q.shape[1]))
         by_v = np.zeros_like(by_q)
         for k in np.unique(at).tolist():
@@ -64,11 +64,11 @@ class GoalReached(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class Arrival(Constraint):
-    """The time at the end of a segment, before the arm stays there, within bounds.
+    """The time at the end of a segment, before its dwell, within bounds.
 
     Attributes:
-        earliest: No earlier than this [s].
-        latest: No later than this [s]; infinity for any time.
+        earliest: Earliest time [s].
+        latest: Latest time [s]; infinity for no bound.
     """
 
     earliest: float
@@ -79,11 +79,11 @@ class Arrival(Constraint):
 
     @property
     def count(self) -> int:
-        """One."""
+        """Number of values: one."""
         return 1
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """The times [s]."""
+        """Bounds of the time [s]."""
         shape = instants, 1
         return np.full(shape, self.earliest), np.full(shape, self.latest)
 
@@ -92,5 +92,5 @@ class Arrival(Constraint):
         return states.t[:, None]
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """One."""
+        """Derivatives by time, which are 1."""
         return Partials(at, by_t=np.ones(at.size))

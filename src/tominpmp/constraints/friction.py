@@ -1,13 +1,13 @@
-r"""Which way joints with dry friction move at the instants of torque rows.
+r"""Directions of joints with dry friction at the instants of torque rows.
 
-The torque of a motor is :math:`w + F s` with the torque w that friction leaves, which
-is a smooth function of the motion, and the sign s of the velocity. A program is solved
-with signs that are given, so that it is as smooth as without friction; then they are
-compared with those of the motion, and where they differ and matter the program is
-solved once more. A joint whose sign differs again turns there: its rows then hold for
-either way, which is never too little.
+The torque of a motor is :math:`w + F s` with the torque w without friction, which is a
+smooth function of the motion, and the sign s of the velocity. A program is solved with
+given signs, so that it is as smooth as without friction; then they are compared with
+the signs of the motion, and where they differ and affect a limit the program is solved
+once more. A joint whose sign differs again reverses there: its rows then hold for both
+directions, which is conservative.
 
-A joint that rests is not helped by its friction: its motor is to hold it alone.
+The friction of a joint at rest is not counted on: its motor is to hold the joint alone.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import STANDSTILL
 
-# Loads this close to their limits would change if the sign did.
+# Loads this close to their limits may depend on the sign.
 NEAR = 1e-2
-# Relative excess of torques between the rows that is let pass.
+# Tolerated relative excess of torques between the rows.
 OVERLOAD = 2e-3
-# Signs that change this often are taken either way.
+# After this number of changes of a sign, its row holds for both directions.
 TURNS = 2
 
 
@@ -34,9 +34,9 @@ class Ways:
     Attributes:
         friction: Dry friction of the joints in shares of their torque limits, shape
             (n,).
-        sign: Assumed signs, 0 for joints at rest or either way, shape (m, n).
-        both: Where rows hold for either way, shape (m, n).
-        turns: How often an assumption was wrong, shape (m, n).
+        sign: Assumed signs, 0 for joints at rest or both directions, shape (m, n).
+        both: Whether rows hold for both directions, shape (m, n).
+        turns: Number of changes of each assumed sign, shape (m, n).
     """
 
     friction: Array
@@ -46,13 +46,13 @@ class Ways:
 
     @classmethod
     def of(cls, friction: Array, sign: Array) -> Ways:
-        """Take signs for granted."""
+        """Assume signs."""
         none = np.zeros(sign.shape, dtype=np.int64)
         return cls(friction, sign, none.astype(bool), none)
 
     @property
     def load(self) -> Array:
-        """What friction adds to torques, in shares of their limits, shape (m, n)."""
+        """Torques of dry friction, in shares of their limits, shape (m, n)."""
         return self.friction * self.sign
 
     @property
@@ -71,12 +71,12 @@ class Ways:
         return self.bound - self.load
 
     def wrong(self, sign: Array, share: Array, overload: float) -> BoolArray:
-        """Where other signs make a difference, shape (m, n).
+        """Whether other signs affect a torque limit, shape (m, n).
 
         Args:
             sign: Signs of the motion, shape (m, n).
             share: Torques without friction as shares of their limits, shape (m, n).
-            overload: Relative excess of torques that is let pass.
+            overload: Tolerated relative excess of torques.
         """
         apart = (sign != self.sign) & ~self.both & (self.friction > 0.0)
         beyond = np.abs(share + self.friction * sign) > 1.0 + overload
@@ -84,7 +84,7 @@ class Ways:
         return np.asarray(apart & (beyond | bound))
 
     def turned(self, sign: Array, wrong: BoolArray) -> Ways:
-        """Take over the signs of a motion, but where they keep changing either."""
+        """Take over the signs of a motion, and both where they keep changing."""
         turns = self.turns + wrong
         both = self.both | (turns >= TURNS)
         return Ways(self.friction, np.where(both, 0.0, sign), both, turns)
@@ -102,7 +102,7 @@ class Ways:
 def signs(v: Array, beside: Array) -> Array:
     """Signs of velocities at instants, shape (m, n).
 
-    Velocities a little aside of them count where a joint stops.
+    Where a joint stops, velocities near the instants decide.
     """
     still = np.abs(v) <= STANDSTILL
     aside = np.where(np.abs(beside) > STANDSTILL, np.sign(beside), 0.0)
@@ -112,7 +112,8 @@ def signs(v: Array, beside: Array) -> Array:
 def interval_signs(v: Array) -> tuple[Array, BoolArray]:
     """Signs on intervals, 0 where they change within, and whether they do, (N, n) each.
 
-    From the velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
+    Args:
+        v: Velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
     """
     first, last = signs(v[:-1], v[1:]), signs(v[1:], v[:-1])
     change = first * last < 0.0

@@ -1,12 +1,12 @@
 """Loads that must not slip, tip or fall off: on a tray, a suction cup, in a gripper.
 
-The wrench that holds a load is what its motion asks for: with its spatial inertia Y,
-the spatial velocity v and acceleration a of the frame that it moves with, and gravity,
+The wrench that holds a load follows from its motion: with its spatial inertia Y, the
+spatial velocity v and acceleration a of the frame that it moves with, and gravity,
 
     w = Y (a - g) + v x* Y v
 
 in the axes of the frame (the body force of the recursive Newton-Euler algorithm,
-Featherstone 2008, equation 5.9). Whatever holds it can give some wrenches only.
+Featherstone 2008, equation 5.9). A contact or grasp can give a limited set of wrenches.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class HeldLoad(FrameRows):
         return np.asarray(pin.Inertia(self.mass, self.center, tensor).matrix())
 
     def wrenches(self, q: Array, v: Array, a: Array) -> Array:
-        """Those of :meth:`wrench_slopes` without derivatives, shape (m, 6)."""
+        """Wrenches of :meth:`wrench_slopes` without derivatives, shape (m, 6)."""
         return self._wrenches(self.motions.spatial(q, v, a))
 
     def _wrenches(self, state: SpatialStates) -> Array:
@@ -71,7 +71,7 @@ class HeldLoad(FrameRows):
     def wrench_slopes(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Wrenches that the motion asks for, in the axes of the frame at its origin.
+        """Wrenches that the motion demands, in the axes of the frame at its origin.
 
         Args:
             q: Positions, shape (m, n).
@@ -97,7 +97,7 @@ class HeldLoad(FrameRows):
         )
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
-        """What is wrong at rest; nothing if the load is held there."""
+        """Violation at rest, in words; empty if the load is held there."""
         if np.any(v):
             return ""  # accelerations are not known
         size = self.measure(q, v, np.zeros_like(q))
@@ -114,7 +114,7 @@ class HeldLoad(FrameRows):
 
     @abstractmethod
     def reason(self, w: Array) -> str:
-        """Why it does not hold a wrench, shape (6,), in a clause."""
+        """Reason why a wrench, shape (6,), cannot be given, in a clause."""
 
 
 def _crossed(motion: Array, force: Array) -> Array:
@@ -146,10 +146,10 @@ def _crossed_by(force: Array) -> Array:
 class FirmGrasp(HeldLoad):
     """A load between two fingers does not slip.
 
-    Both pads press with a force along an axis, and hold what friction lets them across
-    it and about it: within an ellipsoid (the limit surface of Howe and Cutkosky, 1996)
-    with the half axes 2 mu F of the force and 2 mu F r of the moment. Along the axis
-    the fingers hold whatever is asked for.
+    Both pads press with a force along an axis; friction limits the force across the
+    axis and the moment about it to an ellipsoid (the limit surface of Howe and
+    Cutkosky, 1996) with the half axes 2 mu F of the force and 2 mu F r of the moment.
+    Along the axis the fingers hold any force.
 
     Attributes:
         frame: Name of the frame between the pads.
@@ -159,12 +159,12 @@ class FirmGrasp(HeldLoad):
         center: Centre of mass of the load in the frame, shape (3,) [m].
         axis: Axis along which the fingers close, in the frame, shape (3,); of any
             length.
-        pad_radius: Effective radius r of the pads [m]: 2/3 of that of a round one.
+        pad_radius: Effective radius r of the pads [m]: 2/3 of that of a round pad.
         inertia: Inertia tensor about the centre of mass, in the axes of the frame,
             shape (3, 3) [kg m^2]; None for a point mass.
 
     Raises:
-        ProblemError: If a value is none, or the axis zero.
+        ProblemError: If a value is no number, or the axis zero.
     """
 
     force: Newtons
@@ -181,7 +181,7 @@ class FirmGrasp(HeldLoad):
 
     @property
     def largest(self) -> float:
-        """What both pads hold [N]."""
+        """Largest force of both pads by friction [N]."""
         return 2.0 * self.friction * self.force
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
@@ -192,11 +192,11 @@ class FirmGrasp(HeldLoad):
         return w @ rows.T, by_q, by_v, by_a
 
     def reason(self, w: Array) -> str:
-        """Why it does not hold a wrench, in a clause."""
+        """Reason why the grasp cannot give a wrench, in a clause."""
         return f"they hold no more than {self.largest:.3g} N"
 
     def _across(self) -> Array:
-        """What friction has to hold of a wrench, shape (4, 6)."""
+        """Matrix from a wrench to the forces that friction has to hold, (4, 6)."""
         rows = np.zeros((4, 6))
         rows[:3, :3] = np.eye(3) - np.outer(self.axis, self.axis)
         rows[3, 3:] = self.axis / self.pad_radius

@@ -15,14 +15,14 @@ class JointLimit(Record, Constraint):
     """Bounds of a derivative of some joints' positions.
 
     Attributes:
-        joints: The joints that have one, shape (k,).
+        joints: The joints with bounds, shape (k,).
         lower: Lower bounds, shape (k,).
         upper: Upper bounds, shape (k,).
-        scale: What values are divided by, shape (k,).
+        scale: Scale of the values, shape (k,).
         joint_count: Number n of all joints.
         name: Name of the kind of limit.
         field: "q", "v", "a" or "j", for the derivative.
-        order: Its order.
+        order: Order of the derivative.
         curable: Whether a slower motion along the same path violates it less.
     """
 
@@ -38,10 +38,10 @@ class JointLimit(Record, Constraint):
 
     @classmethod
     def standstill(cls, scale: Array) -> JointLimit:
-        """No acceleration, where an arm stays whose accelerations must not jump.
+        """Zero acceleration at a dwell of an arm whose accelerations must not jump.
 
         Args:
-            scale: Accelerations that count as one, shape (n,).
+            scale: Scale of the accelerations, shape (n,).
         """
         none, name = np.zeros(scale.size), "acceleration before a stay"
         every = np.arange(scale.size)

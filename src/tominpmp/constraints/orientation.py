@@ -114,7 +114,7 @@ class KeepOrientation(FrameAngle):
         tolerance: Largest angle of the rotation between them [rad].
 
     Raises:
-        ProblemError: If the rotation is none, or the tolerance no angle above zero.
+        ProblemError: If the rotation is invalid, or the tolerance no angle above zero.
     """
 
     rotation: Rotation = default((0.0, 0.0, 0.0, 1.0))

@@ -1,10 +1,10 @@
-"""What a user may ask for along a motion, beyond the limits of the robot.
+"""Path constraints of a user, beyond the limits of the robot.
 
-A subclass in one file is a new constraint: it is known to scenario files and the
-command line by its name, held by every transcription, replayed, and certified.
+A subclass in one file is a new constraint: scenario files and the command line accept
+it by its name, every transcription keeps it, and it is replayed and certified.
 
-Rows of a constraint that holds during a part of a motion stand at times, not at shares
-of the motion: they remain where they are when its duration changes.
+Rows of a constraint that holds during a part of a motion are at times, not at shares of
+the motion: the times stay when the duration of the motion changes.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from tominpmp.exceptions import ProblemError, brief
 from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.robot import Robot
 
-# Share of its bound that a value may be beyond it between the instants of the rows.
+# Tolerated excess of a value over its bound between rows, as a share of the bound.
 USABLE = 2e-3
-# Rows to begin with, at least and at most, and how far apart they are [s]: what passes
-# between two of them may be pushed to the other side by one that is put in later.
+# Least and largest number of initial rows, and the time between them [s]: a motion that
+# passes between two rows may be pushed to the other side by a row that joins later.
 FIRST_TIMES, MOST_TIMES, FIRST_STEP = 21, 401, 0.1
-# Times closer than this are one [s].
+# Times closer than this count as one [s].
 SAME = 1e-6
 
 Own = TypeVar("Own", bound="PathConstraint")
-# Points of a curve, from where it is nearest to one point to where it is to another.
+# Points of a curve, from its point nearest to a first point to that nearest to a last.
 Way = Callable[[Array, Array, int], Array]
 # Values and their derivatives by q, v and a; empty where they do not depend on it.
 Linear = tuple[Array, Array, Array, Array]
@@ -49,14 +49,14 @@ Linear = tuple[Array, Array, Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """From when until when a constraint holds.
+    """The time window in which a constraint holds.
 
-    A motion that ends before is taken to rest at its goal until then, where the
-    constraint is to hold, too.
+    A motion that ends before the end of the window rests at its goal until then, where
+    the constraint is to hold, too.
 
     Attributes:
-        begin: When it begins to hold [s].
-        end: When it ends to hold [s]; infinity for never.
+        begin: Begin of the window [s].
+        end: End of the window [s]; infinity for no end.
         times: Times of its rows [s], ascending, shape (k,).
     """
 
@@ -80,14 +80,14 @@ class Window:
         return np.asarray((t >= self.begin - SAME) & (t <= self.end + SAME))
 
     def with_times(self, more: Array) -> Window:
-        """The same with more rows."""
+        """The window with more rows."""
         times = np.unique(np.concatenate([self.times, more]))
         apart = np.concatenate([[True], np.diff(times) > SAME])
         return replace(self, times=times[apart])
 
 
 def _checked_during(given: object, name: str) -> tuple[float, float]:
-    """Check from when until when a constraint holds."""
+    """Check the begin and end of a time window."""
     begin, end = pair_or_nan(given)
     if not (0.0 <= begin < np.inf and begin < end):
         expected = "two times (begin, end) from the start of the motion, in order [s]"
@@ -104,22 +104,21 @@ TimesOrNone: TypeAlias = Annotated[
 class PathConstraint(Record, Constraint):
     """A quantity that is to stay below a limit at all times of a motion.
 
-    Or ``during`` a part of it: from one time of the motion until another [s]. Where it
-    ends before that, the constraint holds at the goal.
+    Or ``during`` a part of the motion: from one time until another [s]. If the motion
+    ends before the second time, the constraint holds at the goal.
 
     Most quantities are the length of a :meth:`vector` that is a smooth function of the
-    state; rows are made of it rounded off about zero, where a length has a kink, see
-    :func:`rounded`. Those that are no length give their rows by :meth:`terms`, or by
-    :meth:`value_rows` and :meth:`term_rows`, and their number by ``count``. What is
-    given at one state (:meth:`measure`, :meth:`vector`) need not be given at many at
-    once (:meth:`measure_rows`, :meth:`vector_rows`), which is quicker, nor the other
-    way round.
+    state; rows are made of the length rounded off about zero, where it has a kink, see
+    :func:`rounded`. Other quantities give their rows by :meth:`terms`, or by
+    :meth:`value_rows` and :meth:`term_rows`, and their number by ``count``. A subclass
+    defines its functions either at one state (:meth:`measure`, :meth:`vector`) or at
+    many at once (:meth:`measure_rows`, :meth:`vector_rows`), which is quicker.
 
     Subclasses are frozen dataclasses, declared with ``eq=False``.
 
     Attributes:
         during: Part of the motion on which it holds: from one time until another [s];
-            None for all of it.
+            None for the whole motion.
     """
 
     during: TimesOrNone = field(default=None, kw_only=True)
@@ -127,7 +126,7 @@ class PathConstraint(Record, Constraint):
     @property
     @abstractmethod
     def subject(self) -> str:
-        """What it is about: "frame tip"."""
+        """Subject of the constraint: "frame tip"."""
 
     @property
     @abstractmethod
@@ -141,25 +140,25 @@ class PathConstraint(Record, Constraint):
 
     @property
     def scale(self) -> float:
-        """What an excess of the quantity is measured by."""
+        """Scale of an excess of the quantity."""
         return self.largest
 
     @property
     def count(self) -> int:
-        """One value."""
+        """Number of values at a state: one."""
         return 1
 
     @property
     def top_speed(self) -> tuple[str, float] | None:
-        """A frame, and how fast its origin may move [m/s]; None if that is open."""
+        """A frame, and the largest speed of its origin [m/s]; None without a limit."""
         return None
 
     @property
     def guide(self) -> tuple[str, Way] | None:
-        """A frame, and the way of its origin along a curve; None without any.
+        """A frame, and the path of its origin along a curve; None without a curve.
 
-        The function gives so many points of the curve, shape (m, 3) [m], from where it
-        is nearest to one point to where it is nearest to another, shape (3,) each.
+        The function gives a number of points of the curve, shape (m, 3) [m], from its
+        point nearest to a first point to that nearest to a last point, shape (3,) each.
         """
         return None
 
@@ -175,13 +174,13 @@ class PathConstraint(Record, Constraint):
     # -- the quantity at one state, or at many at once ---------------------------------
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The quantity at one state, shapes (n,); what is not asked for is empty."""
+        """The quantity at one state, shapes (n,); derivatives not needed are empty."""
         if type(self).measure_rows is PathConstraint.measure_rows:
             raise NotImplementedError(f"{type(self).__name__} has no measure")
         return float(self.measure_rows(*one_row(q, v, a))[0])
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Those of :meth:`measure`, shapes (m, n) to (m,)."""
+        """Values of :meth:`measure` at m states, shapes (m, n) to (m,)."""
         found = [self.measure(*state) for state in _states(q, v, a)]
         return np.array(found, dtype=np.float64)
 
@@ -190,14 +189,14 @@ class PathConstraint(Record, Constraint):
 
         Returns:
             Vector, shape (k,), and derivatives by q, v and a, shape (k, n) each; empty
-            for those that it does not depend on.
+            where it does not depend on q, v or a.
         """
         if type(self).vector_rows is PathConstraint.vector_rows:
             raise NotImplementedError(f"{type(self).__name__} is no length")
         return _first(self.vector_rows(*one_row(q, v, a)))
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """Those of :meth:`vector`: shapes (m, k), and (m, k, n) or empty."""
+        """Results of :meth:`vector` at m states: (m, k), and (m, k, n) or empty."""
         return _stacked(self.vector(*state) for state in _states(q, v, a))
 
     @property
@@ -206,11 +205,11 @@ class PathConstraint(Record, Constraint):
 
     @property
     def bends(self) -> bool:
-        """Lengths are convex functions of their vectors; of others nothing is known."""
+        """Whether values are lengths, which are convex functions of their vectors."""
         return self._is_length and type(self).term_rows is PathConstraint.term_rows
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Those of :meth:`values`, shape (m, count)."""
+        """Results of :meth:`values` at m states, shape (m, count)."""
         if self._is_length:
             limit = self.largest / self.scale
             sizes = self.measure_rows(q, v, a) / self.scale
@@ -219,7 +218,7 @@ class PathConstraint(Record, Constraint):
         return np.array(found).reshape(-1, self.count)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """Those of :meth:`terms`: shapes (m, count), and (m, count, n) or empty."""
+        """Results of :meth:`terms` at m states: (m, count), (m, count, n) or empty."""
         if not self._is_length:
             return _stacked(self.terms(*state) for state in _states(q, v, a))
         vector, *by = self.vector_rows(q, v, a)
@@ -233,14 +232,14 @@ class PathConstraint(Record, Constraint):
     def bend_rows(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, Array, Array] | None:
-        """Slopes of vectors whose squared lengths values lack when linearised.
+        """Slopes of vectors; linearised values lack half of their squared lengths.
 
-        Values are convex functions of the vectors of :meth:`vector_rows`: what a step
-        of these does to them is known to second order.
+        Values are convex functions of the vectors of :meth:`vector_rows`: their change
+        in a step of the vectors is known to second order.
 
         Returns:
-            By q, v and a, shape (m, count, k, n) each or empty; None if nothing is
-            known.
+            Derivatives by q, v and a, shape (m, count, k, n) each or empty; None for
+            values that are no lengths.
         """
         if not self.bends:
             return None
@@ -252,7 +251,7 @@ class PathConstraint(Record, Constraint):
         return by_q, by_v, by_a
 
     def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Those of :meth:`terms` alone, where that is quicker, shape (count,)."""
+        """Values of :meth:`terms` without derivatives, shape (count,)."""
         return self.terms(q, v, a)[0]
 
     def terms(self, q: Array, v: Array, a: Array) -> Linear:
@@ -260,12 +259,12 @@ class PathConstraint(Record, Constraint):
 
         Returns:
             Values in units of the scale, <= 0 where the limit is kept, shape (count,),
-            and their derivatives by q, v and a, shape (count, n) each; empty where
-            there are none.
+            and their derivatives by q, v and a, shape (count, n) each; empty where they
+            do not depend on q, v or a.
         """
         return _first(self.term_rows(*one_row(q, v, a)))
 
-    # -- what follows from these -------------------------------------------------------
+    # -- rows of the constraint --------------------------------------------------------
 
     def on(self: Own, robot: Robot) -> Own:
         """The constraint for a robot, ready to be evaluated."""
@@ -291,11 +290,11 @@ class PathConstraint(Record, Constraint):
 
     @property
     def window(self) -> Window | None:
-        """When it holds, with the times of its rows; None for all the time."""
+        """Window in which it holds, with times of rows; None for the whole motion."""
         return self.__dict__.get("_window")
 
     def with_times(self: Own, times: Array) -> Own:
-        """The same with rows at more times [s]."""
+        """The constraint with rows at more times [s]."""
         if self.window is None:
             return self
         return self._altered(_window=self.window.with_times(times))
@@ -307,7 +306,7 @@ class PathConstraint(Record, Constraint):
 
     @property
     def usable(self) -> Array:
-        """A little, between the instants of the rows."""
+        """Tolerated excess between the instants of the rows, shape (count,)."""
         return np.full(self.count, USABLE)
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
@@ -315,7 +314,7 @@ class PathConstraint(Record, Constraint):
         return self.value_rows(*self._parts(states))
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """Their derivatives."""
+        """Derivatives of the smooth values."""
         used, place, parts = self._used(states, at, which)
         if not used.size:
             return Partials(at)
@@ -327,7 +326,7 @@ class PathConstraint(Record, Constraint):
         return Partials(at, by_q, by_v, by_a, by_t=by_t)
 
     def bend(self, states: States, at: IntArray, which: IntArray) -> Partials | None:
-        """Of values that are convex functions of vectors."""
+        """Second-order terms of values that are convex functions of vectors."""
         used, place, parts = self._used(states, at, which)
         found = self.bend_rows(*parts)
         if found is None or not used.size:
@@ -344,7 +343,7 @@ class PathConstraint(Record, Constraint):
     def _used(
         self, states: States, at: IntArray, which: IntArray
     ) -> tuple[IntArray, IntArray, list[Array]]:
-        """Instants that values are asked of, where each is, and the states there."""
+        """Distinct instants of values, the index of each value, and their states."""
         _indices(which, "which")
         used, place = np.unique(_indices(at, "at"), return_inverse=True)
         return used, place, [part[used] for part in self._parts(states)]
@@ -354,7 +353,7 @@ class PathConstraint(Record, Constraint):
         return self.measure_rows(*self._parts(states))
 
     def sizes(self, t: Array, q: Array, v: Array, a: Array) -> Array:
-        """The same at states of a motion, for who knows no :class:`States`.
+        """The quantity at states of a motion, given as arrays.
 
         Args:
             t: Times [s], shape (m,).
@@ -363,7 +362,7 @@ class PathConstraint(Record, Constraint):
             a: Accelerations, shape (m, n); of any shape where ``order`` is below 2.
 
         Returns:
-            Shape (m,); no more than the limit where it does not hold.
+            Shape (m,); no more than the limit where the constraint does not hold.
         """
         t = array(t, "t", (None,), "times [s]")
         q = array(q, "q", (t.size, self.kinematics.robot.n), JOINTS)
@@ -375,14 +374,14 @@ class PathConstraint(Record, Constraint):
         return np.where(asked, sizes, np.minimum(sizes, self.largest))
 
     def _parts(self, states: States) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations; empty where not asked for."""
+        """Positions, velocities and accelerations; empty above the order."""
         none = np.zeros((len(instance(states, States, "states").q), 0))
         v = states.v if self.order >= 1 else none
         a = states.a if self.order >= 2 else none
         return states.q, v, a
 
     def excess_at_rest(self, q: Array) -> tuple[Array, Array]:
-        """How far a configuration at rest is beyond the limit, and the Jacobian of it.
+        """Excess over the limit of a configuration at rest, and its Jacobian.
 
         Args:
             q: Positions, shape (n,) [rad or m].
@@ -402,7 +401,7 @@ class PathConstraint(Record, Constraint):
         return excess, np.where(outside[:, None], by_q, 0.0)
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
-        """What is wrong with a state; nothing if the limit is kept, within a slack."""
+        """Violation at a state, in words; empty if the limit is kept within a slack."""
         if self.order > 1:
             return ""  # accelerations are not known
         size = self.measure(q, v, np.zeros(0))
@@ -424,10 +423,10 @@ class FrameRows(PathConstraint):
 
     frame: FrameName
     quantity: ClassVar[str]
-    # Name of the field that holds the limit; empty where none does.
+    # Name of the field that holds the limit; empty without a field.
     bound: ClassVar[str] = ""
-    # Excesses are measured by the limit, or by this if it is less, so that rows stay of
-    # order one.
+    # Excesses are scaled by the limit, or by this if the limit is smaller, so that rows
+    # stay of order one.
     least_scale: ClassVar[float] = 0.0
 
     @property
@@ -437,12 +436,12 @@ class FrameRows(PathConstraint):
 
     @property
     def scale(self) -> float:
-        """The limit, or a little if it is less."""
+        """The limit, or the least scale if the limit is smaller."""
         return max(self.largest, self.least_scale)
 
     @property
     def name(self) -> str:
-        """The quantity, and of what."""
+        """The quantity and its frame, in words."""
         return f"{self.quantity} of {self.subject}"
 
     @property
@@ -476,8 +475,8 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
         several: Whether the motion has several segments.
 
     Raises:
-        ProblemError: If they are none, or are to hold during a part of a motion of
-            several segments.
+        ProblemError: If an item is no constraint, or is to hold during a part of a
+            motion of several segments.
         FrameNotFound: If a frame is not part of the robot.
     """
     items: Any = (given,) if isinstance(given, PathConstraint) else given
@@ -498,7 +497,7 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
 
 
 def one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-    """A state as rows of states; what is not asked for may be empty."""
+    """A state as rows of states; derivatives not needed may be empty."""
     q, v, a = (array(x, k, (None,), JOINTS) for k, x in (("q", q), ("v", v), ("a", a)))
     return q[None], v[None], a[None]
 
@@ -526,7 +525,7 @@ def _states(q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]
 
 
 def rounded(length: Array, limit: float) -> Array:
-    """Lengths beyond a limit, rounded off about zero where they have a kink.
+    """Excess of lengths over a limit, rounded off about zero where they have a kink.
 
     sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope there.
     """
@@ -536,7 +535,7 @@ def rounded(length: Array, limit: float) -> Array:
 def length_bend(vector: Array, limit: float) -> Array:
     """Roots of the second derivative of rounded lengths by their vectors.
 
-    That of s = sqrt(2 x^2 + 2 L^2) is (2 I - 4 x x^T / s^2) / s.
+    The second derivative of s = sqrt(2 x^2 + 2 L^2) is (2 I - 4 x x^T / s^2) / s.
 
     Args:
         vector: The vectors x, shape (m, k).
@@ -547,7 +546,7 @@ def length_bend(vector: Array, limit: float) -> Array:
     """
     square = np.sum(vector**2, axis=1)
     size = np.maximum(np.sqrt(2.0 * (square + limit**2)), 1e-300)
-    # Along the vector there is less of it.
+    # Along the vector the second derivative is smaller.
     along = 1.0 - np.sqrt(2.0) * limit / size
     outer = vector[:, :, None] * vector[:, None, :]
     outer *= (along / np.maximum(square, 1e-300))[:, None, None]

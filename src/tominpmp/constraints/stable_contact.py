@@ -22,9 +22,9 @@ from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
 from tominpmp.constraints.path import Linear, length_bend
 from tominpmp.robot.payload import InertiaOrNone
 
-# How far from the tip of a cone, where a load has no weight, it is rounded off [shares
-# of what it holds at rest]: the fastest motions let loads fall almost freely on their
-# way, and programs go astray at a tip. What is within the rounded cone is within it.
+# Rounding of the tip of a cone, where a load has no weight [shares of the forces at
+# rest]: the fastest motions let loads fall almost freely on their way, and programs
+# fail at a tip. The rounded cone is inside the cone.
 TIP = 3e-3
 # Force across z, moment across z, and force along z, of a wrench.
 _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
@@ -53,15 +53,16 @@ class StableContact(HeldLoad):
     The contact is flat, in the plane of x and y of the frame with the load on the side
     of z, and gives forces within the friction cone whose centre of pressure is inside
     the support: |f_xy| <= mu (f_z + adhesion), and no moment about an edge tips the
-    load. Torsion about z is let pass. The arm may tilt the tray: that is faster than
-    keeping it level (the waiter's problem).
+    load. Torsion about z is not limited. The arm may tilt the tray, which is faster
+    than keeping it level (the waiter's problem).
 
     Attributes:
         frame: Name of the frame, its z away from the contact.
         center: Centre of mass of the load in the frame, shape (3,) [m].
         friction: Coefficient mu of dry friction.
         support: Corners of the support polygon in x and y of the frame, convex, shape
-            (k, 2) [m]; or the radius of a round one; None for one that never tips.
+            (k, 2) [m]; or the radius of a round support; None for a load that never
+            tips.
         mass: Mass of the load [kg]; matters where there is adhesion.
         inertia: Inertia tensor about the centre of mass, in the axes of the frame,
             shape (3, 3) [kg m^2]; None for a point mass.
@@ -69,7 +70,7 @@ class StableContact(HeldLoad):
             support.
 
     Raises:
-        ProblemError: If a value is none, or the support no convex polygon.
+        ProblemError: If a value is no number, or the support no convex polygon.
     """
 
     center: Point
@@ -87,17 +88,17 @@ class StableContact(HeldLoad):
 
     @property
     def count(self) -> int:
-        """One for slipping, and one for each edge."""
+        """Number of values: one for slipping, and one for each edge."""
         if self.support is None or isinstance(self.support, float):
             return 1 if self.support is None else 2
         return 1 + len(self.support)
 
     @cached_property
     def _cones(self) -> list[tuple[Array, float]]:
-        """Cones that wrenches are to be in: of friction, and of a round support.
+        """Cones that contain admissible wrenches: of friction, and of a round support.
 
-        Matrices, shape (3, 6), whose first two rows give of a wrench what is to be no
-        longer than the third row gives [N], and what the tips are rounded off by [N].
+        Matrices, shape (3, 6), which map a wrench to a vector of two numbers and an
+        upper bound of its length [N], and the rounding of the tips [N].
         """
         mu, tip = self.friction, TIP * self.weight
         cones = [(np.vstack([_ACROSS, mu * _PRESSING]), mu * tip)]
@@ -113,11 +114,11 @@ class StableContact(HeldLoad):
         return _edges_of(corners) if isinstance(corners, np.ndarray) else None
 
     def _within(self, w: Array, rows: Array) -> Array:
-        """What a cone is about of wrenches, with the pull of a cup, shape (m, 3)."""
+        """Wrenches, with the pull of a cup, in the coordinates of a cone, (m, 3)."""
         return np.asarray((w + self.adhesion * _PRESSING) @ rows.T)
 
     def _missing(self, w: Array) -> tuple[Array, Array]:
-        """What is missing to hold a load [N], and its derivatives by wrenches.
+        """Missing grip of a load [N], and its derivatives by wrenches.
 
         Returns:
             Shapes (m, count) and (m, count, 6).
@@ -132,14 +133,14 @@ class StableContact(HeldLoad):
         return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """What is missing to hold the load, in shares of its weight."""
+        """Missing grip of the load, in shares of its weight, with derivatives."""
         w, by = self.wrench_slopes(q, v, a)
         values, by_wrench = self._missing(w)
         by_q, by_v, by_a = (by_wrench @ part / self.weight for part in by)
         return values / self.weight, by_q, by_v, by_a
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """The same without derivatives."""
+        """Missing grip of the load, in shares of its weight."""
         return self._missing(self.wrenches(q, v, a))[0] / self.weight
 
     @property
@@ -150,7 +151,7 @@ class StableContact(HeldLoad):
     def bend_rows(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, Array, Array] | None:
-        """The cones are convex in the wrench."""
+        """Slopes of the second-order terms: the cones are convex in the wrench."""
         w, by = self.wrench_slopes(q, v, a)
         root = np.zeros((len(w), self.count, 3, 6))
         for k, (rows, tip) in enumerate(self._cones):
@@ -161,7 +162,7 @@ class StableContact(HeldLoad):
         return by_q, by_v, by_a
 
     def reason(self, w: Array) -> str:
-        """Why it does not hold a wrench, in a clause."""
+        """Reason why the contact cannot give a wrench, in a clause."""
         force, pull = float(np.hypot(w[0], w[1])), self.adhesion
         if force > self.friction * (w[2] + pull):
             lean = np.degrees(np.arctan2(force, w[2]))
@@ -179,7 +180,7 @@ class StableContact(HeldLoad):
         return "it presses beyond the edge of its support"
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """What is missing to hold the load, in shares of its weight, at least zero."""
+        """Missing grip of the load, in shares of its weight, at least zero."""
         w = self.wrenches(q, v, a)
         missing = np.zeros((len(w), 1))
         if self._edges is not None:
@@ -192,16 +193,15 @@ class StableContact(HeldLoad):
 
 
 def _cone(y: Array, rows: Array, tip: float) -> tuple[Array, Array]:
-    """How far wrenches are beyond a cone, rounded off about its tip.
+    """Excess of wrenches over a cone, rounded off about its tip.
 
     sqrt(2 x^2 + 2 L^2 + e^2) - 2 L is positive where x > L, and has the sign of x - L
-    but for a little where L is much larger than e.
+    up to a small error where L is much larger than e.
 
     Args:
-        y: What is to be no longer than a length L, two numbers, and L, shape (m, 3)
-            [N].
+        y: A vector of two numbers, of length x, and its bound L, shape (m, 3) [N].
         rows: Derivatives of these by the wrench, shape (3, 6).
-        tip: What it is rounded off by, e [N].
+        tip: Rounding e of the tip [N].
 
     Returns:
         Values, shape (m, 1) [N], and their derivatives by wrenches, shape (m, 1, 6).

@@ -48,19 +48,19 @@ class Tube(FrameRows):
 
     @abstractmethod
     def progress(self, point: Array) -> float:
-        """How far along the curve its point nearest to one of shape (3,) is."""
+        """Parameter of the point of the curve nearest to a point, shape (3,)."""
 
     @abstractmethod
     def at(self, progress: float) -> Array:
-        """The point of the curve that far along, shape (3,) [m]."""
+        """The point of the curve at a parameter, shape (3,) [m]."""
 
     @property
     def guide(self) -> tuple[str, Way]:
-        """The frame, and its way along the curve."""
+        """The frame, and its path along the curve."""
         return self.frame, self.between
 
     def between(self, first: Array, last: Array, count: int) -> Array:
-        """Points from the nearest one to one point to that to another, (count, 3)."""
+        """Points between those nearest to a first and a last point, (count, 3)."""
         ends = self.progress(first), self.progress(last)
         count = whole(count, "count")
         return np.array([self.at(s) for s in np.linspace(*ends, count).tolist()])
@@ -90,7 +90,7 @@ class ToolLine(Tube):
         radius: Largest distance from the line [m].
 
     Raises:
-        ProblemError: If a point is none, or the radius no positive number.
+        ProblemError: If an end is no point, or the radius no positive number.
     """
 
     start: Point
@@ -141,12 +141,12 @@ class ToolPolyline(Tube):
 
     @property
     def _lengths(self) -> Array:
-        """Way along it to each corner, shape (k,) [m]."""
+        """Arc length to each corner, shape (k,) [m]."""
         pieces = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(pieces)])
 
     def progress(self, point: Array) -> float:
-        """Way along it [m]."""
+        """Arc length of the nearest point [m]."""
         pairs = list(zip(self.points[:-1], self.points[1:], strict=True))
         apart = [np.linalg.norm(_from_segment(point, *pair)[0]) for pair in pairs]
         k, lengths = int(np.argmin(apart)), self._lengths
@@ -154,7 +154,7 @@ class ToolPolyline(Tube):
         return float(lengths[k] + share * (lengths[k + 1] - lengths[k]))
 
     def at(self, progress: float) -> Array:
-        """Point after such a way [m]."""
+        """Point at an arc length [m]."""
         way, lengths = number(progress, "progress"), self._lengths
         each = [np.interp(way, lengths, column) for column in self.points.T]
         return np.array(each)
@@ -175,15 +175,15 @@ class ToolArc(Tube):
     Attributes:
         frame: Name of the frame.
         center: Center of the circle in the world, shape (3,) [m].
-        start: Where the arc begins, shape (3,) [m].
-        axis: What it turns about, by the right hand, shape (3,); of any length, across
-            the way from the center to the start.
-        angle: By how much, up to a full turn [rad].
+        start: Beginning of the arc, shape (3,) [m].
+        axis: Axis of the arc, by the right-hand rule, shape (3,); of any length,
+            perpendicular to the line from the center to the start.
+        angle: Angle of the arc, up to a full turn [rad].
         radius: Largest distance from the arc [m].
 
     Raises:
-        ProblemError: If a vector is none, the axis is not across, or a number is not
-            positive.
+        ProblemError: If a vector is not three numbers, the axis is not perpendicular,
+            or a number is not positive.
     """
 
     center: Point
@@ -203,7 +203,7 @@ class ToolArc(Tube):
             raise wrong(self.axis.tolist(), "axis", expected)
 
     def _axes(self) -> tuple[Array, Array, Array]:
-        """Directions from the center to the start, across it along, and the axis."""
+        """Unit vectors from the center to the start, along the arc there, and axis."""
         first = (self.start - self.center) / np.linalg.norm(self.start - self.center)
         axis = self.axis / np.linalg.norm(self.axis)
         return first, np.cross(axis, first), axis

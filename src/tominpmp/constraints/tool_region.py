@@ -1,4 +1,4 @@
-"""Where a tool may be: within a box, or away from a point."""
+"""Regions for a tool: within a box, or away from a point."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import PoseOrNone
 
 NONE = np.zeros(0)
-# What an excess is measured by [m].
+# Scale of an excess [m].
 SCALE = 0.1
 
 
@@ -22,12 +22,12 @@ class WithinRegion(FrameRows):
     Attributes:
         frame: Name of the frame.
         lower: Lower corner of the box, along its axes, shape (3,) [m]; minus infinity
-            for none.
-        upper: Upper corner, shape (3,) [m]; infinity for none.
+            for an open side.
+        upper: Upper corner, shape (3,) [m]; infinity for an open side.
         pose: Placement box_to_world; None for the world itself.
 
     Raises:
-        ProblemError: If the corners are none, or nothing is asked for.
+        ProblemError: If the corners are invalid, or all sides are open.
     """
 
     lower: Corner
@@ -62,7 +62,7 @@ class WithinRegion(FrameRows):
 
     @property
     def count(self) -> int:
-        """One value for each side of the box that there is."""
+        """One value for each side of the box that is not open."""
         return int(np.isfinite([self.lower, self.upper]).sum())
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
@@ -76,13 +76,13 @@ class WithinRegion(FrameRows):
         return np.asarray(np.isfinite(np.concatenate([self.lower, self.upper])))
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """How far the points are beyond each side."""
+        """Excess of the points over each side."""
         point = self._local(q)
         sides = np.concatenate([self.lower - point, point - self.upper], axis=1)
         return np.asarray(sides[:, self._sides] / self.scale)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """The same with its derivatives."""
+        """Excess over each side, with derivatives."""
         jacobian = self.motions.jacobians(q)[:, :3]
         if self.pose is not None:
             jacobian = self.pose.rotation.T @ jacobian
@@ -100,7 +100,7 @@ class KeepAway(FrameRows):
         distance: Least distance from it [m].
 
     Raises:
-        ProblemError: If the point is none, or the distance no positive number.
+        ProblemError: If the point is invalid, or the distance no positive number.
     """
 
     point: Point
@@ -120,7 +120,7 @@ class KeepAway(FrameRows):
         return np.asarray(self.motions.placements(q).origin - self.point)
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """How much of the distance is missing, zero outside [m]."""
+        """Missing distance, zero outside [m]."""
         away = np.linalg.norm(self._out(q), axis=1)
         return np.asarray(np.maximum(self.distance - away, 0.0))
 
@@ -130,7 +130,7 @@ class KeepAway(FrameRows):
         return np.asarray(0.5 * (1.0 - square / self.distance**2)[:, None])
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """The same with its derivatives."""
+        """Values of :meth:`value_rows`, with derivatives."""
         out = self._out(q)[:, None, :]
         by_q = -(out @ self.motions.jacobians(q)[:, :3]) / self.distance**2
         return self.value_rows(q, v, a), by_q, NONE, NONE

@@ -1,4 +1,4 @@
-"""Torque limits; torques that are limited over the speed; torque rates.
+"""Torque limits; torque limits over the speed; torque rates.
 
 These are the paper's limits on controls, equation 3, and its section 4 for limits that
 depend on the state, and on the rates of controls.
@@ -26,10 +26,11 @@ class Motors:
     Attributes:
         dynamics: Equations of motion without dry friction.
         middle: Middle of the torque ranges, shape (n,) [N m or N].
-        half: Half of them, shape (n,).
-        friction: Dry friction as shares of the limits, shape (n,); None without.
-        ways: Which way joints with friction move at the instants; None before a motion
-            was looked at.
+        half: Half of the torque ranges, shape (n,).
+        friction: Dry friction as shares of the limits, shape (n,); None without
+            friction.
+        ways: Directions of joints with friction at the instants; None before they were
+            taken from a motion.
     """
 
     dynamics: Dynamics
@@ -39,17 +40,17 @@ class Motors:
     ways: Ways | None = None
 
     def torque(self, states: States) -> Array:
-        """Torques that dry friction leaves, shape (m, n) [N m or N]."""
+        """Torques less dry friction, shape (m, n) [N m or N]."""
         if states.u is not None:
             return states.u
         return self.dynamics.inverse(states.q, states.v, states.a)
 
     def shares(self, states: States) -> Array:
-        """The same as shares of the limits."""
+        """Torques less dry friction, as shares of the limits."""
         return np.asarray((self.torque(states) - self.middle) / self.half)
 
     def loads(self, states: States) -> Array:
-        """Torques of the motors as shares of their limits, friction and all."""
+        """Torques of the motors as shares of their limits, with dry friction."""
         share = self.shares(states)
         return share if self.ways is None else share + self.ways.load
 
@@ -71,7 +72,7 @@ class Motors:
 
 @dataclass(frozen=True, eq=False)
 class MotorLimit(Constraint):
-    """What constraints on torques have in common: dry friction.
+    """Base of constraints on torques: the handling of dry friction.
 
     Attributes:
         motors: The torques.
@@ -84,21 +85,21 @@ class MotorLimit(Constraint):
 
     @property
     def assumes(self) -> bool:
-        """The way that joints with dry friction move, if there are any."""
+        """Whether directions of joints with dry friction are assumed."""
         return self.motors.friction is not None
 
     @property
     def informed(self) -> bool:
-        """Whether it is known which way they move."""
+        """Whether the directions are set."""
         return not self.assumes or self.motors.ways is not None
 
     @property
     def usable(self) -> Array:
-        """Torques and their rates may not pass their limits between the instants."""
+        """Zero: torques and rates may not exceed their limits between the instants."""
         return np.zeros(self.count)
 
     def assumed(self, states: States, beside: Array) -> MotorLimit:
-        """With the way that joints with dry friction move in a motion."""
+        """The constraint with directions of joints with dry friction in a motion."""
         friction = self.motors.friction
         if friction is None:
             return self
@@ -107,7 +108,7 @@ class MotorLimit(Constraint):
     def corrected(
         self, states: States, beside: Array, tolerance: float
     ) -> tuple[MotorLimit, int]:
-        """With the way that they move in another motion."""
+        """The constraint with the directions in another motion, where they matter."""
         ways = self.assumed(states, beside).motors.ways
         if ways is None:
             return self, 0
@@ -116,7 +117,7 @@ class MotorLimit(Constraint):
         return self._moving(known.turned(sign, wrong)), int(wrong.sum())
 
     def joined(self, other: Constraint) -> MotorLimit:
-        """These instants and those of another."""
+        """The constraint at these instants and at those of another."""
         assert isinstance(other, MotorLimit)  # noqa: S101
         own, more = self.motors.ways, other.motors.ways
         if own is None or more is None:
@@ -124,7 +125,7 @@ class MotorLimit(Constraint):
         return self._moving(own.joined(more))
 
     def _moving(self, ways: Ways | None) -> MotorLimit:
-        """The same with the way that joints with dry friction move."""
+        """The constraint with given directions of joints with dry friction."""
         return replace(self, motors=replace(self.motors, ways=ways))
 
 
@@ -141,7 +142,7 @@ class TorqueLimit(MotorLimit):
         return int(self.motors.half.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """One either way; less where a joint with dry friction turns."""
+        """Bounds of -1 and 1; tighter where a joint with dry friction reverses."""
         most = np.ones((instants, self.count))
         if self.motors.ways is not None:
             most = self.motors.ways.bound
@@ -158,7 +159,7 @@ class TorqueLimit(MotorLimit):
 
 @dataclass(frozen=True, eq=False)
 class TorqueOverSpeed(MotorLimit):
-    """Torques within bounds that depend on the speed, as shares of these.
+    """Torques within bounds that depend on the speed, as shares of the bounds.
 
     Attributes:
         kind: The kind of limit.
@@ -175,7 +176,7 @@ class TorqueOverSpeed(MotorLimit):
 
     @property
     def count(self) -> int:
-        """Two values for each such joint, one either way."""
+        """Two values for each joint with a bound, one for each side."""
         return 2 * len(self.by_speed)
 
     def _excess(self, states: States) -> Iterator[tuple[int, Array, Array, Array]]:
@@ -194,7 +195,7 @@ class TorqueOverSpeed(MotorLimit):
                 yield joint, value, half * by_u, by_v
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
-        """Torques beyond the bounds."""
+        """Excess of the torques over the bounds."""
         return np.stack([value for _, value, *_ in self._excess(states)], axis=1)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
@@ -227,18 +228,18 @@ class TorqueRate(MotorLimit):
 
     @property
     def count(self) -> int:
-        """One value for each such joint."""
+        """One value for each joint with a limit."""
         return int(self.joints.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """One either way."""
+        """Bounds of -1 and 1."""
         ones = np.ones((instants // 2, self.count))
         return -ones, ones
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
         """Rates as shares of their limits, shape (m / 2, k).
 
-        The jumps of dry friction are left out, which no motor can follow.
+        Jumps of dry friction are left out, as no motor can follow them.
         """
         tau = self.motors.torque(states)[:, self.joints]
         return np.asarray((tau[1::2] - tau[::2]) / self._scale(states))

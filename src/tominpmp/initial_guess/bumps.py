@@ -32,14 +32,14 @@ def bumps(
     *,
     from_base: bool = False,
 ) -> Iterator[Guess]:
-    """Detours from a guess: of each joint alone both ways, the last first, then random.
+    """Detours from a guess: of single joints both ways, the last first, then random.
 
     Args:
         system: The problem; its position limits are kept.
-        guess: What the detours are made of.
+        guess: The guess to which the bumps are added.
         rng: Random numbers.
-        from_base: Whether the first joint is the first one: those of a wrist hardly
-            matter.
+        from_base: Whether the joint nearest to the base comes first: detours of a
+            wrist hardly matter.
 
     Yields:
         Guesses, without end.

@@ -1,4 +1,4 @@
-"""Paths of guesses that keep what is asked for along the motion.
+"""Paths of guesses that keep the constraints on positions along the motion.
 
 A straight line in joint space keeps neither a tool upright nor its way short. Here its
 configurations are shifted, by as little as possible, until the constraints on positions
@@ -21,25 +21,25 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Configurations of a path that are shifted, and steps for each of them.
 PLACES, STEPS = 24, 12
-# How straight tools go, what is tried first coming first: not every arm reaches all of
-# a straight line.
+# Shares of straightness of a tool's path, in the order in which they are tried: not
+# every arm reaches the whole of a straight line.
 STRAIGHT = (1.0, 0.7, 0.4)
 # Shifted until values are below this share of their scale, or points this near [m].
 CLOSE = 1e-4
-# How far inside of their limits values are brought, as a share of the scale.
+# Margin inside of their limits to which values are brought, as a share of the scale.
 INSIDE = 0.02
 # Largest step of a joint [rad], and between neighbours: beyond this the path jumps.
 STEP, JUMP = 0.3, 1.2
-# Bisections for the speed of a constraint that is no multiple of the speed.
+# Bisections for the speed at which a constraint not linear in the speed is active.
 BISECTIONS = 30
 
-# What is to be brought to zero at a configuration of a share of the path, (k,), and its
-# Jacobian, (k, n).
+# Residual to be brought to zero at a configuration at a share of the path, (k,), and
+# its Jacobian, (k, n).
 Residual = Callable[[float, Array], tuple[Array, Array]]
 
 
 def path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
-    """Speeds along a path at which constraints on velocities are reached.
+    """Speeds along a path at which constraints on velocities become active.
 
     Args:
         system: The problem.
@@ -47,7 +47,8 @@ def path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
         first: Their derivatives by the path parameter, shape (m, n).
 
     Returns:
-        Derivatives of the path parameter by time, shape (m,); infinite without any.
+        Derivatives of the path parameter by time, shape (m,); infinite where no
+        constraint on velocities becomes active.
     """
     top = np.full(len(q), np.inf)
     for constraint in system.problem.ready_constraints:
@@ -58,9 +59,9 @@ def path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
 
 
 def speed_used(problem: Problem, q: Array, v: Array) -> Array:
-    """Share of what speeds may be that a motion uses, at m states, shape (m,).
+    """Largest share of a speed limit that a motion uses, at m states, shape (m,).
 
-    Of its joints, and of the tools whose speed is limited; the larger one.
+    The limits are those of the joints and of the tools whose speed is limited.
     """
     used = np.max(np.abs(v) / problem.robot.limits.velocity, axis=1)
     none = np.zeros((0, q.shape[1]))
@@ -72,7 +73,7 @@ def speed_used(problem: Problem, q: Array, v: Array) -> Array:
 
 
 def _speed(constraint: PathConstraint, q: Array, first: Array) -> float:
-    """Speed along a path at which a constraint is reached at one configuration."""
+    """Speed along a path at which a constraint becomes active at one configuration."""
     none = np.zeros(0)
     most = constraint.largest
     alone = constraint.measure(q, first, none)
@@ -80,7 +81,7 @@ def _speed(constraint: PathConstraint, q: Array, first: Array) -> float:
         return np.inf
     high = most / alone
     if abs(constraint.measure(q, high * first, none) - most) <= 1e-6 * abs(most):
-        return high  # as a speed it is a multiple of that along the path
+        return high  # the measure is proportional to the speed along the path
     low = 0.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -104,10 +105,10 @@ def keeping_paths(system: ProblemFunctions, q_end: Array, keeps: bool) -> list[A
         keeps: Whether a straight line keeps constraints on positions.
 
     Returns:
-        Corners of each, shape (m, n): one within the constraints on positions, where a
-        straight line is not, and one on which tools whose speed is limited go straight,
-        or along the curve that they are to keep to; none where there is no such
-        constraint, or no such path was found.
+        Corners of each path, shape (m, n): a path within the constraints on positions,
+        where a straight line violates them, and a path on which tools whose speed is
+        limited go straight, or along the curve that they are to keep to. The list is
+        empty where the problem has no constraint of these kinds, or no path was found.
     """
     problem = system.problem
     held = held_positions(problem)
@@ -148,7 +149,7 @@ def _guided(
 
 
 def _both(along: Residual, inside: Callable[[Array], tuple[Array, Array]]) -> Residual:
-    """What is to be brought to zero by two residuals."""
+    """A residual that stacks two residuals."""
 
     def residual(share: float, q: Array) -> tuple[Array, Array]:
         values, slopes = zip(along(share, q), inside(q), strict=True)
@@ -169,13 +170,13 @@ def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
 
 
 def excess_of(held: Sequence[PathConstraint], q: Array) -> tuple[Array, Array]:
-    """By how much constraints on positions are broken at a configuration.
+    """Violation of constraints on positions at a configuration.
 
-    They are to be kept with a little room.
+    The constraints are tightened by a small margin.
 
     Returns:
-        Values, zero where a constraint is kept, shape (k,), and their Jacobian, zero
-        there too, shape (k, n).
+        Violations, zero where a constraint is kept, shape (k,), and their Jacobian,
+        zero there too, shape (k, n).
     """
     none = np.zeros(0)
     values, slopes = [none], [np.zeros((0, q.size))]
@@ -194,7 +195,8 @@ def _straight(
 ) -> dict[str, Array]:
     """Points of straight lines for tools, by frame, shape (m, 3) [m].
 
-    Or means of these, with a share, and of where the line in joint space has them.
+    Below a share of 1, weighted means of the straight line and of the tool's path on
+    the straight line in joint space.
     """
     shares = np.linspace(0.0, 1.0, len(line))[:, None]
     found: dict[str, Array] = {}
@@ -209,7 +211,7 @@ def _straight(
 def _off_points(
     system: ProblemFunctions, wanted: dict[str, Array], share: float, q: Array
 ) -> tuple[Array, Array]:
-    """How far frames are from the points of a share of their ways, over the reach."""
+    """Distances of frames from their points at a share of the path, over the reach."""
     values, slopes = [], []
     for frame, points in wanted.items():
         there = points[round(share * (len(points) - 1))]
@@ -220,9 +222,10 @@ def _off_points(
 
 
 def _shifted(system: ProblemFunctions, line: Array, residual: Residual) -> Array | None:
-    """A line whose configurations are shifted until nothing is left of a residual.
+    """A line whose configurations are shifted until a residual is zero.
 
-    None if one cannot be shifted so, or has to be far from its neighbour.
+    None if a configuration cannot be shifted to zero residual, or jumps away from its
+    neighbour.
     """
     limits, shares = system.problem.robot.limits, np.linspace(0.0, 1.0, len(line))
     inner, left = least_squares(

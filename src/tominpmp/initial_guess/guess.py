@@ -1,4 +1,4 @@
-"""Initial guesses: a path over time that need satisfy nothing but its ends."""
+"""Initial guesses: paths over time, of which only the ends need be admissible."""
 
 from __future__ import annotations
 
@@ -32,33 +32,33 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Random configurations tried when solving inverse kinematics for a goal on a frame.
 KINEMATIC_STARTS = 20
-# The same once they have led nowhere, before a goal is refused that may only be hard to
-# reach, as a pose within a narrow cone is.
+# Random configurations tried once the first ones have failed, before a goal is refused
+# that may only be hard to reach, as a pose within a narrow cone is.
 MORE_STARTS = 100
-# How many of the configurations found there are approached on a straight line that is
-# timed.
+# Inverse kinematics solutions that are approached on a timed straight line.
 STRAIGHT_LINES = 10
-# How many of them come before the guess at rest. Of 33 goals none was reached sooner
-# from there than from the best of three lines, at twice the time.
+# Straight lines that come before the guess at rest. Over 33 goals the guess at rest led
+# to no shorter T than the best of three lines, at twice the planning time.
 FEW_LINES = 3
-# Durations of untimed guesses, in multiples of what the speed limits demand.
+# Durations of untimed guesses, in multiples of the least time under speed limits.
 DURATION_FACTOR = 2.0
 # A guess that ends with less than this share of the mean speed up to its next sample is
 # at rest there.
 RESTS = 0.5
 # Name of the guess that stays at the start.
 RESTING = "at rest"
-# Name of those along paths around obstacles.
+# Name of guesses along paths around obstacles.
 SAMPLED = "sampled path"
-# Name of those that keep constraints on the way.
+# Name of guesses that keep constraints on the way.
 KEEPING = "within constraints"
 # Samples of a guess.
 SAMPLES = 200
-# Sampled paths that are compared before the fastest is tried. One takes a tenth of the
-# time of an attempt, and it is the fastest that leads to the best optimum: in a cage,
+# Sampled paths that are compared before the fastest is tried. A path takes a tenth of
+# the time of an attempt, and the fastest path leads to the best optimum: in a cage,
 # paths of 1.6 s and 2.6 s became motions of 1.2 s and 1.9 s.
 BATCH = 2
-# One that takes no more than the straight line's time and this share of it is as good.
+# A sampled path is not compared with others if its duration exceeds the straight line's
+# by this share at most.
 NEAR = 0.2
 
 
@@ -67,13 +67,14 @@ class Guess:
     """A path over time.
 
     Attributes:
-        name: How it came about, for reports.
+        name: Name of its kind, for reports.
         t: Times [s], increasing from 0, shape (m,).
         q: Configurations, shape (m, n) [rad or m].
         timed: Whether the duration is the least for this path.
-        delay: How long the arm stays at the start before [s], within the duration.
-        keeps: Whether it keeps the constraints on positions, as far as that was tried.
-        blocked: Whether no configuration that reaches the goal was found that is clear.
+        delay: Wait of the arm at the start [s], within the duration.
+        keeps: Whether it keeps the constraints on positions, as far as they were
+            checked.
+        blocked: Whether all configurations found for the goal are in collision.
     """
 
     name: str
@@ -86,7 +87,7 @@ class Guess:
 
     @classmethod
     def of_motion(cls, name: str, motion: Trajectory, count: int = 200) -> Guess:
-        """The way of a motion, at so many instants."""
+        """The path of a motion, sampled at a number of instants."""
         t = np.linspace(0.0, motion.duration, count)
         return cls(name, t, motion(t).q, False)
 
@@ -98,8 +99,9 @@ class Guess:
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n).
 
-        Between samples they run smoothly and within these: straight pieces would have
-        the speed jump in the short intervals at the ends, and cubic splines overshoot.
+        Between samples the interpolation is smooth and does not overshoot: on straight
+        pieces the speed would jump in the short intervals at the ends, and cubic
+        splines overshoot.
         """
         return np.asarray(self._curve(np.clip(times, 0.0, self.duration)))
 
@@ -108,7 +110,7 @@ class Guess:
         later = np.append(True, np.diff(self.t) > 0.0)
         t, q = self.t[later], self.q[later]
         slopes = PchipInterpolator(t, q, axis=0).derivative()(t)
-        # What sets out from rest does so at no speed at all.
+        # A joint that sets out from rest has exactly zero speed there.
         for end, beside in ((0, 1), (-1, -2)):
             mean = (q[beside] - q[end]) / (t[beside] - t[end])
             slow = np.abs(slopes[end]) < RESTS * np.abs(mean)
@@ -119,7 +121,7 @@ class Guess:
 def straight_guess(
     system: ProblemFunctions, q_end: Array, name: str = "straight line"
 ) -> Guess:
-    """Straight line in joint space, in minimum time where that can be told."""
+    """Straight line in joint space, in minimum time where it can be timed."""
     start = system.problem.q_start
     if not np.any(np.abs(q_end - start) > 1e-12):
         return _untimed_guess(system, np.linspace(start, q_end, SAMPLES), name)
@@ -127,9 +129,9 @@ def straight_guess(
 
 
 def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
-    """The straight line, or the way beside it that constraints ask for.
+    """The straight line, or the path beside it that keeps the constraints.
 
-    Where the line keeps the constraints on positions, the fastest of both.
+    Where the line keeps the constraints on positions, the fastest of these paths.
     """
     keeps = keeps_positions(system, q_end)
     paths = keeping_paths(system, q_end, keeps)
@@ -144,16 +146,16 @@ def _pace(guess: Guess) -> float:
 
 
 def along_guess(system: ProblemFunctions, corners: Array, name: str) -> Guess:
-    """Path along corners, shape (m, n), in minimum time where that can be told."""
+    """Path along corners, shape (m, n), in minimum time where it can be timed."""
     velocity = system.problem.robot.limits.velocity
     return _along(system, RoundedPath.through(corners, velocity), name)
 
 
 def path_guess(system: ProblemFunctions, corners: Array, name: str = SAMPLED) -> Guess:
-    """Path through corners that are rounded, in minimum time where that can be told.
+    """Path through corners that are rounded, in minimum time where it can be timed.
 
-    The corners, shape (m, n) [rad or m], are those of a path that keeps clear of
-    obstacles; the rounded corners are clear of them too.
+    The path of the corners, shape (m, n) [rad or m], keeps clear of obstacles; the
+    rounded corners are clear of them too.
     """
     path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
     path = path.clear_of_obstacles(lambda q: is_free(system, q))
@@ -171,7 +173,7 @@ def _along(system: ProblemFunctions, path: RoundedPath, name: str) -> Guess:
 def _paced(
     system: ProblemFunctions, times: Array, q: Array, name: str, *, timed: bool
 ) -> Guess:
-    """A path over time, slower where further limits ask for it."""
+    """A path over time, slowed down as far as limits beyond speed and torque demand."""
     factor = stretch(system, q, float(times[-1]))
     slower = load_stretch(system, factor * times, q)
     return Guess(name, slower * factor * times, q, timed and factor == 1.0)
@@ -218,7 +220,7 @@ def _least_time(system: ProblemFunctions, q: Array) -> float:
     hold = system.torque(q, zero, zero)
     need = system.torque(q, v, a) - hold
     if system.friction is not None:
-        # It is as large however slow the motion is.
+        # Dry friction does not shrink with the speed of the motion.
         dry = system.friction * directions(v, a)
         need, hold = need - dry, hold + dry
     # Friction grows with 1/T and inertia with 1/T^2; the larger bound covers both.
@@ -238,14 +240,14 @@ def initial_guesses(
 ) -> Iterator[Guess]:
     """Initial guesses for a problem, the most promising first.
 
-    A guess is only made when it is asked for. The first ones need not be admissible:
-    mostly the optimiser drives them out of the obstacles faster than a path around
-    them is found. Sampled paths follow where there are obstacles and OMPL is installed,
-    then paths through random configurations.
+    The generator is lazy. The first guesses need not be admissible: mostly the
+    optimiser drives them out of the obstacles faster than a path around them is found.
+    Sampled paths follow where there are obstacles and OMPL is installed, then paths
+    through random via points.
 
     Args:
         system: The problem.
-        count: How many at most.
+        count: Largest number of guesses.
         rng: Random numbers.
         duration: Duration of the guess at rest [s]; None for that of the fastest
             straight line.
@@ -253,8 +255,8 @@ def initial_guesses(
         beyond: Constraints on positions that hold once the goal is reached.
 
     Yields:
-        At most ``count`` guesses; none if inverse kinematics did not reach the goal, or
-        in collision only, with no way out of it.
+        At most ``count`` guesses; not one if inverse kinematics did not reach the goal,
+        or reached it only in collisions that cannot be resolved.
     """
     final = system.problem.goal.configuration
     ends, blocked = _ends(system, rng, beyond) if final is None else ([final], False)
@@ -297,8 +299,8 @@ def _guesses(
     rest = resting_guess(system, duration or straight[0].duration)
     if system.alone:
         yield from straight[:FEW_LINES]
-        # The paper's kind of start, which satisfies nothing: the linear programs choose
-        # the final configuration themselves.
+        # The paper's initial guess, which does not even reach the goal: the linear
+        # programs choose the final configuration.
         yield from [rest] if final is None else []
         yield from straight[FEW_LINES:]
     else:
@@ -306,8 +308,8 @@ def _guesses(
     if system.clearance is not None:
         line = np.stack([problem.q_start, ends[0]])
         clear = is_free_line(system, *line)
-        # With nothing in the way but itself an arm needs no path around anything,
-        # unless it runs into itself on the straight one.
+        # Where the arm itself is the only obstacle, it needs no sampled path unless it
+        # collides with itself on the straight line.
         if sampling_available() and not (system.alone and clear):
             known = [line] if clear else []
             enough = (1.0 + NEAR) * straight[0].duration
@@ -333,11 +335,12 @@ def sampled_guesses(
     deadline: float = np.inf,
     enough: float = 0.0,
 ) -> Iterator[Guess]:
-    """Paths that keep clear of obstacles, timed; of every few the fastest first.
+    """Collision-free paths, timed; the fastest path of each batch first.
 
-    None like the known free paths, each of shape (m, n), is given. How many there are
-    depends on the obstacles. The deadline is a value of :func:`time.perf_counter` [s].
-    A first one that takes no longer than ``enough`` [s] is not compared with others.
+    Paths like the known free paths, each of shape (m, n), are left out. The number of
+    paths depends on the obstacles. The deadline is a value of
+    :func:`time.perf_counter` [s]. A first path that takes no longer than ``enough`` [s]
+    is not compared with others.
 
     Raises:
         MissingDependency: If OMPL is not installed.

@@ -1,9 +1,9 @@
 """Duration of a guess under limits of accelerations, jerks and torque rates.
 
-A path is timed by speeds and torques alone. Where accelerations, jerks or torque rates
-are what limits a motion, as they do the more the shorter its way is, programs that
-begin with that time are badly scaled: it is then as long as these limits let a motion
-be.
+A path is timed by speeds and torques alone. Where limits of accelerations, jerks or
+torque rates dominate, as they do the more the shorter the motion is, programs that
+begin with that duration are badly scaled: the guess is then stretched to the duration
+that these limits allow.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Joints that go faster than this on average are no joints of an arm [rad/s or m/s].
+# A larger mean speed means that the joint has no effective limits [rad/s or m/s].
 FASTEST = 2000.0
-# How much slower a guess is made for a load at most, and bisections for that.
+# Largest factor by which a guess is slowed for a load, and bisections for the factor.
 SLOWEST, BISECTIONS = 10.0, 6
 
 
 def least_duration(system: ProblemFunctions, q: Array) -> float:
-    """Time about which motion limits make a path take, from rest to rest [s].
+    """Estimate of the duration of a path under motion limits, from rest to rest [s].
 
-    The path is given by configurations, shape (m, n). Rather less than more; 0 without
-    such limits.
+    The path is given by configurations, shape (m, n). The estimate tends to be too
+    short; it is 0 without limits of accelerations, jerks or torque rates.
     """
     way, zero = np.ptp(q, axis=0), np.zeros((1, q.shape[1]))
     load = system.dynamics.inverse(q[:1], zero, way[None])
@@ -34,7 +34,7 @@ def least_duration(system: ProblemFunctions, q: Array) -> float:
     change, found = {"a": way, "j": way, "du": load}, [0.0]
     for item in joint_limits(system.problem):
         if item.kind.of in change:
-            # What has such a derivative piece by piece goes so far from rest to rest.
+            # Distance from rest to rest under a bang-bang derivative of this order.
             order = item.kind.order
             way = 4.0 * 8.0 ** (order - 2) * change[item.kind.of] / item.upper
             found.append(float(np.max(way)) ** (1.0 / order))
@@ -42,12 +42,12 @@ def least_duration(system: ProblemFunctions, q: Array) -> float:
 
 
 def stretch(system: ProblemFunctions, q: Array, duration: float) -> float:
-    """How many times longer a guess should take.
+    """Factor by which a guess should take longer.
 
     Args:
         system: The problem.
         q: Its configurations, shape (m, n).
-        duration: Its duration as speeds and torques let it be [s].
+        duration: Its duration under limits of speeds and torques [s].
 
     Raises:
         ProblemError: If nothing limits the motion in practice.
@@ -61,7 +61,7 @@ def stretch(system: ProblemFunctions, q: Array, duration: float) -> float:
 
 
 def load_stretch(system: ProblemFunctions, t: Array, q: Array) -> float:
-    """How many times longer a guess has to take for its loads to stay where they are.
+    """Factor by which a guess has to take longer for its loads to stay in place.
 
     Args:
         system: The problem.
@@ -69,7 +69,7 @@ def load_stretch(system: ProblemFunctions, t: Array, q: Array) -> float:
         q: Its configurations, shape (m, n).
 
     Returns:
-        The factor; one where nothing is carried, or slowness is no cure.
+        The factor; 1 where no load is carried, or slowing does not cure the violation.
     """
     held = [
         item

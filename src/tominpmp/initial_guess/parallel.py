@@ -28,11 +28,11 @@ Result = TypeVar("Result")
 KEEP = 120.0
 # They are still counted on within this time [s].
 READY = 0.9 * KEEP
-# Results that are late by this are no longer waited for [s]: those of processes that
-# were asked to stop, and those of processes at the end of the time.
+# Longest waits for results [s]: of processes that were asked to stop, and of processes
+# at the end of the time.
 GRACE = 4.0
 LATE = 1.0
-# How often a request to stop is looked for, and whether the parent lives [s].
+# Periods of the checks for a request to stop, and for a living parent [s].
 TICK, PULSE = 0.1, 0.25
 # Numerical libraries take one thread a process.
 THREADS = {
@@ -57,18 +57,17 @@ def run_parallel(
     """Apply a function to items in several processes.
 
     Items are only taken from the iterable when a process is free (or will be next), so
-    that it may be a generator that works for them; it runs in this process. What was
-    yielded before an interruption (Ctrl-C), an exception or the time limit is the
-    caller's to keep. Processes at work are asked to stop then, and when the caller
-    stops iterating, and ended if they do not; a function that heeds
-    :func:`asked_to_stop` has its result yielded still. Processes end with this one,
-    however it ends.
+    that it may be a generator that computes them; it runs in this process. Results
+    yielded before an interruption (Ctrl-C), an exception or the time limit are the
+    caller's to keep. Busy processes are asked to stop then, and when the caller stops
+    iterating, and killed if they do not; a function that heeds :func:`asked_to_stop`
+    still has its result yielded. Processes end with this one, however it ends.
 
     Args:
         function: Function of an item. Processes keep their copy of it during a call,
             so it should forget what it did with other items: results must not depend
             on which process made them. Both must be picklable.
-        items: What it is applied to.
+        items: Arguments of the function.
         processes: Number of processes, at least 1; with 1 it runs in this process.
         seconds: Time after which results are no longer waited for [s]; a function that
             watches its own time should end before.
@@ -77,7 +76,7 @@ def run_parallel(
         Number of the item and its result, in order of completion.
 
     Raises:
-        Exception: What the function raised first.
+        Exception: The first exception that the function raised.
         Stop: If this process was told to stop.
     """
     deadline = time.perf_counter() + seconds
@@ -91,7 +90,7 @@ def run_parallel(
     numbered = enumerate(items)
     try:
         while True:
-            # One more than there are processes: none waits for the next item.
+            # One more than there are processes, so that no process waits for an item.
             while len(crew.pending) <= processes:
                 following = next(numbered, None)
                 if following is None:
@@ -105,7 +104,7 @@ def run_parallel(
             yield from crew.results(done)
     except (Stop, KeyboardInterrupt):
         crew.ask()
-        # At the end of the time they end by themselves, and that is all there is.
+        # At the end of the time processes end by themselves, without further grace.
         patience = min(GRACE, seconds_to_end())
         end = time.perf_counter() + patience
         with grace(patience):
@@ -127,7 +126,7 @@ def ready() -> bool:
 
 
 class _Crew:
-    """Processes at work, of which those that are idle are kept for the next call."""
+    """Processes at work; idle processes are kept for the next call."""
 
     def __init__(self, processes: int, function: Callable[[Any], Any]) -> None:
         # Takes a while, and most plans run in this process.
@@ -155,7 +154,7 @@ class _Crew:
         self.pending[self._executor.submit(_apply, *self._function, item)] = number
 
     def wait(self, until: float) -> set[Future[Any]]:
-        """Futures that are done; none at the end of the time [s].
+        """Futures that are done; the set is empty at the end of the time [s].
 
         Raises:
             Stop: If this process was told to stop.
@@ -167,19 +166,19 @@ class _Crew:
             check()
 
     def results(self, done: set[Future[Any]]) -> Iterator[tuple[int, Any]]:
-        """Results of some, in order."""
+        """Results of futures that are done, in the order of their items."""
         for future in sorted(done, key=lambda f: self.pending[f]):
             yield self.pending.pop(future), future.result()
 
     def ask(self) -> None:
-        """Ask all to stop; what has not begun never will."""
+        """Ask all processes to stop; items not begun are cancelled."""
         for future in list(self.pending):
             if future.cancel():
                 del self.pending[future]
         self._asking.set()
 
     def dismiss(self) -> None:
-        """Let all go on with other work, or end those that do not come to an end."""
+        """Release the processes for other work, or kill them if they do not finish."""
         self.ask()
         if self.pending:
             wait(self.pending, min(LATE, seconds_to_end()))
@@ -194,7 +193,7 @@ _known_event: Any = None
 
 
 def _event() -> Any:
-    """What asks the processes to stop; one for all, so that these can be kept."""
+    """Event that asks the processes to stop; shared, so that these can be kept."""
     global _known_event
     if _known_event is None:
         from loky.backend import get_context
@@ -207,7 +206,7 @@ _asked: Callable[[], bool] | None = None
 
 
 def asked_to_stop() -> bool:
-    """In a process of :func:`run_parallel`: whether it is to stop."""
+    """Whether this process of :func:`run_parallel` was asked to stop."""
     return _asked is not None and _asked()
 
 
@@ -215,7 +214,7 @@ _copy: tuple[str, Callable[[Any], Any]] | None = None
 
 
 def _apply(key: str, pickled: bytes, item: Any) -> Any:
-    """In a process of :func:`run_parallel`: the result for an item.
+    """The result for an item, in a process of :func:`run_parallel`.
 
     The function is kept for the next item: to read the meshes of an arm again may take
     longer than to plan.
@@ -243,7 +242,7 @@ def end_with(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent has gone, killed without a word maybe."""
+    """End this process when its parent has gone, even if it was killed."""
     while os.getppid() == parent:
         time.sleep(PULSE)
     os._exit(1)

@@ -21,9 +21,9 @@ from tominpmp.arrays import Array
 
 # Joint displacement between two samples of a rounded corner that is checked [rad or m].
 CHECK_STEP = 0.05
-# How often a rounding that meets an obstacle is halved.
+# Largest number of halvings of a rounding that meets an obstacle.
 HALVINGS = 5
-# Corners closer than this, as a share of the path, are one.
+# Corners closer than this, as a share of the path, count as one.
 SHORTEST = 1e-6
 
 

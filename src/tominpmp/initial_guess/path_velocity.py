@@ -1,11 +1,11 @@
-"""Path-velocity decomposition: when to wait on a path for what passes.
+"""Path-velocity decomposition: when to wait on a path for moving obstacles.
 
-A path is given, and obstacles that move cross it, or constraints forbid some of it for
-a part of the motion. Whether the arm is free depends on how far along the path it is
-and on the time: in the plane of these two, the way that arrives first is sought by
-going, waiting and going back (path-velocity decomposition, Kant and Zucker, 1986). The
-arm never goes faster than on the timed path it follows, and the time of waiting is part
-of the motion: T counts from the start.
+A path is given, and moving obstacles cross it, or constraints forbid a part of it for
+a part of the motion. Whether the arm is free depends on the path parameter and on the
+time: in the plane of these two, the curve that arrives first is sought by going,
+waiting and going back (path-velocity decomposition, Kant and Zucker, 1986). The arm
+never goes faster than on the timed path it follows, and the time of waiting is part of
+the motion: T counts from the start.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from tominpmp.constraints.path import PathConstraint, Window
 from tominpmp.initial_guess.guess import SAMPLED, Guess, initial_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Places on the path that are told apart, and the shortest time between two [s].
+# Number of places on the path, and the shortest time between two [s].
 PLACES = 60
 SHORTEST = 5e-3
 # Configurations that are checked for one path, at most.
 CHECKS = 30_000
-# How long to wait at most: this many times the duration of the path, and at least this
-# long [s].
+# Longest duration of a motion that waits, in multiples of the duration of the path, and
+# a lower bound on it [s].
 PATIENCE = 10.0
 LONG = 10.0
-# What constraints on positions may lack, as a share of their scale.
+# Tolerated violation of constraints on positions, as a share of their scale.
 KEPT = 1e-6
-# Obstacles at rest are left to the path: they do not go away [m].
+# Margin of obstacles at rest, which disables them: waiting does not avoid them [m].
 ANY_DEPTH = -1e6
 # A cautious passage keeps this share of the reach free beside the margin.
 CAUTION = 0.02
-# Guesses that are made without the obstacles that move, before some are made with these
-# standing still, and when they do, as shares of the time that a motion takes.
+# Number of guesses without moving obstacles that come first, and the instants at which
+# moving obstacles are frozen for later guesses, as shares of the time of a motion.
 WITHOUT_MOVING = 4
 MOMENTS = (0.5, 0.25, 0.75, 1.0)
-# What guesses are called that go just anywhere.
+# Name of guesses through random configurations.
 ANYWHERE = "via point"
 
 
@@ -54,7 +54,7 @@ def guesses_of(
     duration: float | None = None,
     deadline: float = np.inf,
 ) -> Iterator[Guess]:
-    """Initial guesses for a problem, which wait where something passes.
+    """Initial guesses for a problem, which wait for moving obstacles.
 
     For the arguments see :func:`~tominpmp.initial_guess.guess.initial_guesses`.
     """
@@ -77,13 +77,13 @@ def waiting_guesses(
     duration: float | None = None,
     deadline: float = np.inf,
 ) -> Iterator[Guess]:
-    """Initial guesses where something passes, the most promising first, without end.
+    """Initial guesses among moving obstacles, the most promising first, without end.
 
-    Those for the scene without what moves come first, each beside the same path
-    traversed in such a way that all that passes is let pass. Then paths follow that are
-    free where obstacles stand still at some instant. For the arguments see
-    :func:`~tominpmp.initial_guess.guess.initial_guesses`; there are up to so many of
-    each kind.
+    Guesses for the scene without its moving obstacles come first, each beside the same
+    path with a timing that waits for the obstacles. Then paths follow that are free
+    where the obstacles are frozen at an instant. For the arguments see
+    :func:`~tominpmp.initial_guess.guess.initial_guesses`; ``count`` limits each of the
+    two kinds.
     """
     alone = initial_guesses(system.resting(), count, rng, duration, deadline)
     first: Guess | None = None
@@ -109,11 +109,12 @@ def waiting_guesses(
 
 
 def _with_passages(system: ProblemFunctions, guess: Guess) -> Iterator[Guess]:
-    """A guess, beside the way in which its path lets pass what does, if there is one.
+    """A guess, beside its path with a timing that waits, if a timing is found.
 
-    That is an admissible start, or nearly, while the optimiser may drive a motion that
-    goes through an obstacle to either side of it, or nowhere: it comes first where
-    obstacles move. Where constraints hold for a while, most motions find their way.
+    The guess that waits is admissible, or nearly, while the optimiser may drive a
+    motion that goes through an obstacle to either side of it, or fail: the guess that
+    waits comes first where obstacles move. Where constraints hold for a while, the
+    optimiser mostly succeeds from the original guess.
     """
     passed = let_pass(system, guess)
     passages = [] if passed is None or passed is guess else [passed]
@@ -129,7 +130,7 @@ def _with_passages(system: ProblemFunctions, guess: Guess) -> Iterator[Guess]:
 def let_pass(
     system: ProblemFunctions, guess: Guess, caution: float = 0.0
 ) -> Guess | None:
-    """Traverse the path of a guess so that what passes is let pass.
+    """Traverse the path of a guess, waiting for moving obstacles and constraints.
 
     Args:
         system: Clearance, margin, and constraints that hold for a while.
@@ -137,8 +138,8 @@ def let_pass(
         caution: Distance to keep beyond the margin, as a share of the reach.
 
     Returns:
-        The guess that arrives first as far as this is known; the same guess if nothing
-        is in its way, and None if there is no way.
+        The guess that arrives first on the grid of places and times; the same guess if
+        its path is free, and None if no timing is free.
     """
     clearance, holding = system.clearance, _passing(system)
     bodies: _Bodies | None = None
@@ -164,21 +165,21 @@ def let_pass(
 
 
 class _Bodies(NamedTuple):
-    """Obstacles that move, and how far away they have to be, shape (pairs,) [m]."""
+    """Checker of moving obstacles, and the margins of its pairs, shape (pairs,) [m]."""
 
     checker: CollisionChecker
     margin: Array
 
 
 class _Forbidden(NamedTuple):
-    """Where a constraint does not let the arm be while it holds, shape (places,)."""
+    """Places on the path that a constraint forbids while it holds, shape (places,)."""
 
     window: Window
     places: BoolArray
 
     @classmethod
     def of(cls, item: PathConstraint, q: Array) -> _Forbidden:
-        """Those of a path."""
+        """The places of a path, shape (places, n), that a constraint forbids."""
         assert item.window is not None  # noqa: S101
         rest = np.zeros(q.shape[1])
         lacks = [bool(item.lack(place, rest, KEPT)) for place in q]
@@ -205,11 +206,11 @@ class _Plane:
         return len(self._q)
 
     def free(self, places: BoolArray, number: int) -> BoolArray:
-        """Which of some places are free at a time, counted in steps."""
+        """The places, of given ones, that are free at a time counted in steps."""
         time = number * self.step
         out = places.copy()
         for window, forbidden in self._windows:
-            # With what is between this time and the next ones.
+            # The window is widened by a step, to cover the time between the steps.
             if window.begin - self.step < time < window.end + self.step:
                 out &= ~forbidden
         if self._bodies is None:
@@ -229,7 +230,7 @@ class _Plane:
 
 
 def _passage(plane: _Plane) -> IntArray | None:
-    """Place at each step on the way that arrives first; None if there is none."""
+    """Place at each step of the passage that arrives first; None without a passage."""
     here = np.zeros(plane.places, dtype=bool)
     here[0] = True
     reached = [here]

@@ -1,8 +1,8 @@
 """Paths around obstacles, by RRT-Connect and path simplification of OMPL.
 
-OMPL seeds its random numbers once a process; but whatever is made after its seed was
-set again draws from there, so that a path depends on its seed alone (and on when it was
-told to stop, which is why work is limited by collision checks rather than by time).
+OMPL seeds its random numbers once a process; but objects made after the seed was set
+again draw from that seed, so that a path depends on its seed alone (and on when the
+search was stopped, which is why collision checks rather than time limit the work).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from tominpmp.arrays import Array
 from tominpmp.exceptions import optional
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
-# Longest branches that are grown at once [rad]; tries take turns. On the Panda among
-# shelves and tables 0.5 finds 9 of 10 paths in half a second, a fifth of OMPL's choice
-# (2.7), and 0.25 those through the narrowest gaps.
+# Ranges of the planner, the longest branches that are grown at once [rad]; tries take
+# turns. On the Panda among shelves and tables 0.5 finds 9 of 10 paths in half a second,
+# a fifth of OMPL's choice (2.7), and 0.25 the paths through the narrowest gaps.
 RANGES = (0.5, 0.25)
 # Distance of the configurations that are checked on a branch [rad].
 RESOLUTION = 0.05
@@ -29,18 +29,18 @@ RESOLUTION = 0.05
 CHECKS = 40_000
 # Distance of the points between which shortcuts are sought [rad].
 SHORTCUT_SPACING = 0.5
-# How far beyond both ends joints without limits (or with wide ones) are sampled [rad].
+# Distance beyond both ends to which joints without narrow limits are sampled [rad].
 MARGIN = np.pi
-# Points at which two paths are compared, and how near alike ones are [rad].
+# Points at which two paths are compared, and the distance below which they are alike
+# [rad].
 SAMPLES = 24
 NEAR = 0.3
-# Tries in a row without a new path, beside one for each end, after which there are
-# none.
+# Tries in a row without a new path that end the search, beside one for each end.
 TRIES = 4
 
 
 class _OutOfTime(Exception):
-    """Ends what OMPL is doing."""
+    """Raised in the validity checker to end a search of OMPL at the deadline."""
 
 
 def sampling_available() -> bool:
@@ -49,12 +49,12 @@ def sampling_available() -> bool:
 
 
 def is_free(system: ProblemFunctions, q: Array) -> bool:
-    """Whether a configuration, shape (n,), keeps the clearance that is asked for."""
+    """Whether a configuration, shape (n,), keeps the required clearance."""
     return check_of(system)(q)
 
 
 def check_of(system: ProblemFunctions) -> Callable[[Array], bool]:
-    """What tells the same of many configurations, for samplers that ask very often."""
+    """A collision check like :func:`is_free`, set up once for many configurations."""
     if system.watched is None:
         return lambda _: True
     checker = system.problem.checker
@@ -67,7 +67,7 @@ def check_of(system: ProblemFunctions) -> Callable[[Array], bool]:
 
     if not checker.lone:
         return of_pieces()
-    # Pieces need not be known where the links are clear as one hull each.
+    # Convex pieces are not needed where the links are clear as one hull each.
     return lambda q: checker.hulls_clear(q, PADDING) or of_pieces()(q)
 
 
@@ -89,12 +89,12 @@ def sample_paths(
         system: Start, limits and clearance.
         ends: Final configurations, each of shape (n,) [rad or m].
         rng: Random numbers; the paths depend on them alone unless time runs out.
-        known: Free paths like which none is wanted, each of shape (m, n).
+        known: Free paths; paths like them are left out; each of shape (m, n).
         checks: Collision checks for each path.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
 
     Yields:
-        Corners of a path, shape (m, n). It is searched for when it is asked for.
+        Corners of a path, shape (m, n). The search is lazy.
 
     Raises:
         MissingDependency: If OMPL is not installed.
@@ -168,8 +168,8 @@ def sample_path(
         simplifier = geometric.PathSimplifier(info)
         try:
             simplifier.reduceVertices(path)
-            # As short as all of OMPL's methods in turn make it, in two thirds of the
-            # time.
+            # The path gets as short as with all of OMPL's methods in turn, in two
+            # thirds of the time.
             simplifier.ropeShortcutPath(path, SHORTCUT_SPACING)
             simplifier.reduceVertices(path)
         except _OutOfTime:
@@ -180,10 +180,10 @@ def sample_path(
 
 
 class _Validity:
-    """Whether a state of OMPL is free; counts how often it was asked.
+    """Whether a state of OMPL is free; counts its calls.
 
-    OMPL keeps it, so that it must not know of any of OMPL's objects: nobody would ever
-    free such a ring.
+    OMPL keeps a reference to this checker, so the checker must not hold any of OMPL's
+    objects: the reference cycle would never be freed.
     """
 
     def __init__(self, system: ProblemFunctions, most: int, deadline: float) -> None:
@@ -197,9 +197,9 @@ class _Validity:
         return self.free(_configuration(self.system, state))
 
     def enough(self) -> bool:
-        """Whether the work that was allowed is done; to ask is work too.
+        """Whether the budget of collision checks is used up; calls of this count too.
 
-        A search that never comes to check anything ends as well by this.
+        A search that never checks a state ends as well by this count.
         """
         self.asked += 1
         return self.checks + self.asked >= self.most
@@ -233,7 +233,7 @@ def _definition(
     space.setBounds(bounds)
     info = base.SpaceInformation(space)
     info.setStateValidityChecker(validity)
-    # A share of the extent, which may be smaller where joints have little room.
+    # OMPL takes a share of the extent, which is small where joints have little room.
     extent = max(space.getMaximumExtent(), 2.0 * RESOLUTION)
     info.setStateValidityCheckingResolution(RESOLUTION / extent)
     info.setup()
@@ -254,7 +254,7 @@ def is_free_line(system: ProblemFunctions, one: Array, other: Array) -> bool:
 
 
 def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
-    """Whether two paths are near, or one can be shifted into the other at once.
+    """Whether two paths are near, or homotopic by a straight shift.
 
     Args:
         system: Clearance and scales.

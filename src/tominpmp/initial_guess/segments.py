@@ -1,9 +1,9 @@
 """Initial guesses for motions of several segments: from goal to goal, at rest there.
 
-Each begins where the one before it ends. That it stops there is none of the optimiser's
-concern: like every guess it need satisfy nothing but its ends.
+Each segment begins where the one before it ends. The stops at the goals do not bind the
+optimiser: of a guess only the ends need be admissible.
 
-A former motion is one as well. Each segment of it is bent to where it begins now, and
+A former motion is a guess as well. Each of its segments is bent to its new start, and
 to its goal where that is a configuration: a difference in position is added evenly over
 its time.
 """
@@ -34,7 +34,7 @@ from tominpmp.verification.stages import with_segments
 
 # Samples of each segment of a motion that was found before.
 SAMPLES = 800
-# What such a motion is called.
+# Name of a guess from a former motion.
 FORMER = "former motion"
 
 
@@ -43,10 +43,9 @@ class SegmentedGuess(Guess):
     """A path over time through the goals of all segments.
 
     Attributes:
-        ends: Times at which the segments end [s], without what is stayed there, shape
-            (k,).
+        ends: Times at which the segments end [s], without the dwells there, shape (k,).
         solved: Whether it is a motion that was found before.
-        stops: Whether to look for a motion that stops at all goals before one that
+        stops: Whether to plan a motion that stops at all goals before a motion that
             passes them.
     """
 
@@ -56,7 +55,7 @@ class SegmentedGuess(Guess):
 
     @property
     def durations(self) -> Array:
-        """How long each segment takes [s], shape (k,)."""
+        """Durations of the segments [s], shape (k,)."""
         return np.diff(np.concatenate([[0.0], self.ends]))
 
 
@@ -71,10 +70,10 @@ def segmented_guesses(
 ) -> Iterator[SegmentedGuess]:
     """Guesses through the goals of all segments; see :func:`initial_guesses`.
 
-    The first joins the first guesses of all segments, the second the second ones, where
-    there are so many. If accelerations are continuous each of them comes twice where
-    goals are passed, to pass them at once and to stop there first: which leads to the
-    better motion is not known beforehand.
+    The first guess joins the first guesses of all segments, the second guess their
+    second guesses, as long as every segment has one. If accelerations are continuous,
+    each guess comes twice where goals are passed, to pass them at once and to stop
+    there first: which leads to the better motion is not known beforehand.
     """
     share = None if duration is None else duration / len(system.parts)
     twice = smooth and at_rest_on_the_way(system) is not system
@@ -107,7 +106,7 @@ def _guess(
             guesses = initial_guesses(
                 alone, number + 2, rng, duration, deadline, beyond=ahead
             )
-        # One that rests at its start does not lead on to the next segment.
+        # A guess that rests at its start does not lead on to the next segment.
         moving = (g for g in guesses if g.name != RESTING or len(system.parts) == 1)
         made = [*itertools.islice(moving, number + 1)]
         if not made:
@@ -144,7 +143,7 @@ def following(system: ProblemFunctions, place: int) -> list[PathConstraint]:
 def solved_guess(
     name: str, motion: Trajectory, segments: Sequence[Segment]
 ) -> SegmentedGuess:
-    """A motion of several segments as a guess, without what it stays anywhere."""
+    """A motion of several segments as a guess, without its dwells."""
     t, q, ends = [np.zeros(1)], [motion.q[:1]], [0.0]
     for part in segments_of(motion, segments):
         times = np.linspace(0.0, part.arrival - part.begin, SAMPLES)[1:]
@@ -162,15 +161,14 @@ def former_segments(
 
     Args:
         problem: A problem of several segments.
-        former: The motion; where it does not tell when its segments end, that is when
-            it meets the goals of the problem, or comes nearest.
+        former: The motion; without recorded ends its segments end where it meets the
+            goals of the problem, or comes nearest.
 
     Returns:
         The guess, and the motion with the ends of its segments.
 
     Raises:
-        ProblemError: If the motion is one of other joints, or has segments of no
-            length.
+        ProblemError: If the motion has other joints, or segments of no length.
     """
     try:
         motion = checked_motion(former, problem.robot, problem.q_start, problem.v_start)
@@ -202,10 +200,10 @@ def _bent(problem: Problem, guess: SegmentedGuess) -> SegmentedGuess:
 def unreached(
     system: ProblemFunctions, rng: np.random.Generator
 ) -> tuple[int, ProblemFunctions]:
-    """The first segment whose goal no guess reaches, from where the others end.
+    """The first segment whose goal no guess reaches from the end of the segment before.
 
     Returns:
-        Its number, from 0, and its functions.
+        The number of the segment, from 0, and its functions.
     """
     q = system.problem.q_start
     for number, part in enumerate(system.parts):
@@ -218,7 +216,7 @@ def unreached(
 
 
 def at_rest_on_the_way(system: ProblemFunctions) -> ProblemFunctions:
-    """The same problem with a stop at the goals of all segments; itself if there is."""
+    """The problem with a stop at the goals of all segments; itself if all have one."""
     parts = [_from(part, part.problem.q_start) for part in system.parts]
     goals = zip(parts, system.parts, strict=True)
     if all(one.problem.goal is other.problem.goal for one, other in goals):

@@ -4,7 +4,7 @@ On q(s) the torque is m(s) s'' + b(s) s'^2 + d(s) s' + g(s). With x = s'^2 the l
 controllable x is found backwards from the end and followed forwards (reachability
 analysis after Pham and Pham, 2018). Viscous friction enters with s', so that the
 constraints are not linear in (s'', x); they are therefore evaluated on a table of x.
-Dry friction is a torque that depends on the way of the joint along the path alone.
+Dry friction is a torque that depends only on the direction of a joint along the path.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 POINTS = 120  # grid points of s
 CORNER_POINTS = 9  # grid points added at each rounded corner
 SPEEDS = 160  # table entries of x at each of them
-# The same of a straight line, on which nothing turns: more of them take twice as long,
-# and lead to no fewer programs.
+# Grid points and table entries of a straight line, on which no joint reverses: a finer
+# table takes twice as long, and leads to no fewer programs.
 LINE_POINTS, LINE_SPEEDS = 64, 96
 
 
@@ -34,8 +34,8 @@ class PathTiming:
     Attributes:
         path: The path.
         s: Grid of the path parameter from 0 to 1, shape (m,).
-        t: Time at each of them [s], shape (m,).
-        x: Squared speed of s there [1/s^2], shape (m,).
+        t: Time at each grid point [s], shape (m,).
+        x: Squared speed of s at each grid point [1/s^2], shape (m,).
     """
 
     path: RoundedPath
@@ -65,11 +65,12 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
 
     Args:
         system: Dynamics and limits.
-        path: The path; its corners are to be rounded, for a sharp one would have to be
-            passed at rest.
+        path: The path; its corners are to be rounded, for a sharp corner would have to
+            be passed at rest.
 
     Returns:
-        The timing; None if the torque limits do not let the arm stand somewhere on it.
+        The timing; None if torque limits do not let the arm stand at a point of the
+        path.
     """
     limits = system.problem.robot.limits
     straight = path.s.size == 2
@@ -108,7 +109,7 @@ def _acceleration_range(
     half = 0.5 * (limits.effort_upper - limits.effort_lower)
     idle = np.abs(m) < 1e-12
     inverse = 1.0 / np.where(idle, 1.0, m)
-    # s'' lies within the room of each joint about the one that needs its middle torque.
+    # Each joint bounds s'' to an interval about the s'' of its middle torque.
     x = table[:, None, :]
     need = (
         ((middle - g) * inverse)[..., None]
@@ -116,7 +117,7 @@ def _acceleration_range(
         - (d * inverse)[..., None] * np.sqrt(x)
     )
     room = (half * np.abs(inverse))[..., None]
-    # An idle joint leaves s'' free, or nothing at all if its torque is not enough.
+    # An idle joint leaves s'' free, or excludes every s'' if its torque is not enough.
     free = np.where(np.abs(need) > room, -np.inf, np.inf)
     room = np.where(idle[..., None], free, room)
     with np.errstate(invalid="ignore"):

@@ -2,7 +2,7 @@
 
 The motion is entered where it passes closest to the new start, and bent to the new ends
 by the cubic polynomial that takes up the differences in position and velocity: its
-torques change as little as they can. Where it fits the transcription it is taken over
+torques change as little as they can. A motion that fits the transcription is taken over
 to the last bit, interval by interval.
 """
 
@@ -32,20 +32,20 @@ from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
-# Samples for what needs the shape only.
+# Samples where only the shape of the motion matters.
 SAMPLES = 400
 # A motion is entered on the way if it passes the new start this much closer than it
 # begins, before this share of its duration.
 CLOSER = 0.5
 LATEST = 0.95
-# What a difference in velocity counts, in shares of the duration.
+# Weight of a difference in velocity, in shares of the duration.
 SPEED_WEIGHT = 0.1
 # Grids of this many times the intervals asked for are not taken over.
 FINEST = 4
-# A spline on a finer grid than the one asked for goes on with this many times the
-# intervals at most.
+# A spline on a finer grid than the one asked for keeps at most this many times the
+# intervals.
 FINER = 2
-# Nor are those with an interval this much shorter than the mean.
+# Grids with an interval shorter than this share of the mean are not taken over.
 SHORTEST = 1e-3
 # Samples an interval for fitting splines.
 FIT = 8
@@ -59,9 +59,9 @@ class WarmStart(Guess):
         trajectory: The motion, without its inverse dynamics.
         torque: Its torques [N m or N] at times of the guess, shape (k,) to (k, n).
         held: Whether its torques are held on the intervals.
-        entry: Its time at which the guess begins [s].
-        bend: What is added to the positions: coefficients of the powers 0 to 3 of the
-            share of the duration, shape (4, n).
+        entry: Time of the motion at which the guess begins [s].
+        bend: Polynomial added to the positions: coefficients of the powers 0 to 3 of
+            the share of the duration, shape (4, n).
         box: Lower and upper position limits, shape (n,) each.
         halved: Whether intervals are halved at once where its controls bend, unless its
             grid is finer than the one asked for.
@@ -84,7 +84,7 @@ class WarmStart(Guess):
         return self.within(self.trajectory(self._own(times)).q + added)
 
     def _own(self, times: Array) -> Array:
-        """Times of the motion itself at times of the guess [s]: the end is the last."""
+        """Times of the motion at times of the guess [s], at most the end of it."""
         return np.clip(self.entry + times, 0.0, self.trajectory.duration)
 
     def within(self, q: Array) -> Array:
@@ -93,7 +93,7 @@ class WarmStart(Guess):
 
     @property
     def unchanged(self) -> bool:
-        """Whether the motion is as it was, from the entry on."""
+        """Whether the guess equals the former motion, from the entry on."""
         return not np.any(np.abs(self.bend) > 1e-9)
 
     @property
@@ -102,10 +102,10 @@ class WarmStart(Guess):
         return not self.held and self.trajectory.degree > 2
 
     def remainder(self, system: ProblemFunctions) -> Trajectory | None:
-        """The motion as it was from the entry on; None if it was bent.
+        """The former motion from the entry on; None if the guess was bent.
 
-        Torques follow from the inverse dynamics of the new problem, unless they are
-        what is given.
+        Torques follow from the inverse dynamics of the new problem, unless the motion
+        is given by its torques.
         """
         motion = self.trajectory
         if not self.unchanged or (self.held and self.entry > 0.0):
@@ -134,7 +134,7 @@ class WarmStart(Guess):
         return self.duration * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
 
     def grid(self, intervals: int) -> Array | None:
-        """Nodes of the motion, with some between them until there are enough [s].
+        """Nodes of the motion, its longest intervals halved until they suffice [s].
 
         None where its own nodes are too many or too close.
         """
@@ -187,7 +187,7 @@ class WarmStart(Guess):
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
     ) -> tuple[NonlinearProgram, Array]:
-        """Program in a B-spline, and the nearest one to the motion."""
+        """Program in a B-spline, and the spline nearest to the motion as iterate."""
         own = np.diff(self.nodes)[:, None] / self.duration
         finer = self._finer(intervals)
         shares = interval_shares(kind, finer or intervals, sudden=system.sudden)
@@ -197,10 +197,10 @@ class WarmStart(Guess):
         return self._spline_on(system, shares, self.duration, degree)
 
     def _finer(self, intervals: int) -> int | None:
-        """How many intervals a spline on a finer grid than asked for goes on with.
+        """Number of intervals of a spline whose grid is finer than the one asked for.
 
-        What a fine grid had brought, a coarse one would lose again; the finest are left
-        to the refinement of the new motion, whose controls bend elsewhere.
+        A coarse grid would lose the gain of a fine grid; the finest grids are left to
+        the refinement of the new motion, whose controls bend elsewhere.
         """
         own = self.nodes.size - 1
         if not self.continuous or own <= intervals:
@@ -212,7 +212,7 @@ class WarmStart(Guess):
     ) -> tuple[NonlinearProgram, Array]:
         """Program in a B-spline on intervals of given shares."""
         transcription = BSplineTranscription(system, shares, degree)
-        # As many in each interval, however short: each has a control point.
+        # As many samples in each interval, however short: each has a control point.
         starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
         fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
         wanted = self.position(fit * self.duration)
@@ -223,8 +223,9 @@ class WarmStart(Guess):
     ) -> tuple[NonlinearProgram, Array]:
         """Program on the clock of a controller, and an iterate near to the motion.
 
-        In a B-spline if the accelerations of the motion are continuous, else in
-        constant accelerations; the motion is stretched to the time of the ticks.
+        The program is in a B-spline if the accelerations of the motion are continuous,
+        else in constant accelerations; the motion is stretched to the time of the
+        ticks.
         """
         motion, T = self.trajectory, ticks.duration
         if self.continuous:
@@ -253,12 +254,12 @@ class WarmStart(Guess):
         return _program(transcription, transcription.pack(x, u, np.array([T])))
 
     def _net_torque(self, system: ProblemFunctions, times: Array) -> Array:
-        """What dry friction leaves of the torques, shape (k, n)."""
+        """Torques without dry friction, shape (k, n)."""
         v = self.trajectory(self.entry + times).v
         return net_torque(system, self.torque(times), v)
 
     def torque_program(self, system: ProblemFunctions, shares: Array) -> Array:
-        """Iterate of the methods that shoot: torques and the duration."""
+        """Iterate of the shooting methods: torques and the duration."""
         ends = self._ends(shares)
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
         z = torque_shares(system, u).ravel()
@@ -275,14 +276,14 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     """Take a former motion as a guess.
 
     Args:
-        system: The problem that it is to start.
-        motion: The motion: of the same joints.
+        system: The problem that it is to warm-start.
+        motion: The motion, of the same joints.
 
     Returns:
         The guess.
 
     Raises:
-        ProblemError: If the motion is one of other joints, or is none at all.
+        ProblemError: If the motion has other joints, or the argument is no motion.
     """
     trajectory = _checked(system, motion)
     problem, limits = system.problem, system.problem.robot.limits
@@ -343,7 +344,7 @@ def _checked(system: ProblemFunctions, motion: Trajectory | Samples) -> Trajecto
 
 
 def _entry(motion: Trajectory, q: Array, v: Array, scale: Array) -> float:
-    """Time at which a motion is closest to a state [s]; 0 unless that is far closer."""
+    """Time at which a motion is closest to a state [s]; 0 unless far closer there."""
     T = motion.duration
 
     def distance(times: Array) -> Array:

@@ -1,1 +1,1 @@
-"""Motions over time: curves through nodes, samples of them, turns and measures."""
+"""Motions over time: curves through nodes, samples, reversals and measures."""

@@ -1,9 +1,9 @@
 """Polynomials between the nodes of a motion.
 
 They are of degree 2 where accelerations of the intervals are given, of degree 5 where
-those at the nodes are, else of degree 3. SciPy's ``CubicHermiteSpline`` was measured at
-1.2 times the time for positions, velocities and accelerations at 5000 instants, and has
-no form for the other two.
+accelerations at the nodes are given, else of degree 3. SciPy's ``CubicHermiteSpline``
+took 1.2 times the time for positions, velocities and accelerations at 5000 instants,
+and does not cover degrees 2 and 5.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def states(
         times: Times from the first to the last node [s], shape (m,).
 
     Returns:
-        Shape (m, n) each; at nodes accelerations are those just afterwards.
+        Shape (m, n) each; accelerations at nodes are those just after the node.
     """
     if t.size == 1:
         t, q, v, a = _instant(t, q, v, a)
@@ -84,7 +84,7 @@ def velocities(t: Array, q: Array, v: Array, a: Array | None) -> Array:
 def _instant(
     t: Array, q: Array, v: Array, a: Array | None
 ) -> tuple[Array, Array, Array, Array]:
-    """Two nodes of a motion that has one, with the shortest interval between them."""
+    """Two nodes for a motion of one node, with the shortest interval between them."""
     still = np.zeros_like(q) if a is None or not len(a) else a
     ends = np.array([t[0], np.nextafter(t[0], np.inf)])
     return ends, np.vstack([q, q]), np.vstack([v, v]), still
@@ -113,7 +113,7 @@ def _coefficients(
         c2 = (3.0 * (q1 - q0) / h - 2.0 * v0 - v1) / h
         return [q0, v0, c2, (2.0 * (q0 - q1) / h + v0 + v1) / h**2]
     c1, c2, a1 = v0 * h, 0.5 * a[k] * h**2, a[k + 1] * h**2
-    # What is left for the powers 3 to 5 after those at the left end.
+    # Differences at the right end, which the powers 3 to 5 have to make up.
     dq, dv, da = q1 - q0 - c1 - c2, v1 * h - c1 - 2.0 * c2, a1 - 2.0 * c2
     rest = (
         10.0 * dq - 4.0 * dv + 0.5 * da,

@@ -1,7 +1,7 @@
-"""Interior extrema: where between its nodes something of a motion is least or largest.
+"""Interior extrema: instants between nodes at which values are least or largest.
 
-What is looked at are tables of samples, one row an instant, or functions of time. That
-nothing is missed between the samples of distances is proved by
+The values are tables of samples, one row an instant, or functions of time. A proof that
+no extremum of the distances is missed between samples is in
 :mod:`tominpmp.verification.closest_approach`.
 """
 
@@ -13,15 +13,15 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 
-# Instants at which a function is looked at between two times, and how often again
-# around the least of them.
+# Instants at which a function is sampled between two times, and the number of rounds,
+# each around the least sample of the round before.
 PLACES, ROUNDS = 9, 4
 
 
 def least_between(
     look: Callable[[Array], Array], low: float, high: float
 ) -> tuple[float, float]:
-    """Where a function is least between two times, and its value there.
+    """Instant between two times at which a function is least, and its value there.
 
     Args:
         look: Values at times [s], both of shape (m,).
@@ -37,7 +37,7 @@ def least_between(
 
 
 def local_maxima(table: Array) -> BoolArray:
-    """Where values are not smaller than before, and larger than after.
+    """Whether values are not smaller than before, and larger than after.
 
     Args:
         table: Values, one row an instant, shape (m, p); minus infinity where unknown.
@@ -48,12 +48,13 @@ def local_maxima(table: Array) -> BoolArray:
 
 
 def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:
-    """Instants around which what is missing may pass a tolerance between the samples.
+    """Instants around which a violation may exceed a tolerance between the samples.
 
     Args:
-        missing: By instant and value, in the order of time, shape (m, count).
-        tolerance: What is let pass.
-        close: Values below minus this are upper bounds, and not looked at.
+        missing: Violations by instant and value, in the order of time, shape
+            (m, count).
+        tolerance: Tolerated violation.
+        close: Values below minus this are upper bounds, and ignored.
 
     Returns:
         Indices of the instants.
@@ -65,7 +66,7 @@ def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:
     change = np.zeros_like(missing)
     change[1:] = step
     np.maximum(change[:-1], step, out=change[:-1])
-    # Half a step away it has risen by half of that at the most, if evenly.
+    # Half a step away the value has risen by half of the step, if it rises evenly.
     change *= 0.5
     change += missing
     exceeding = change > tolerance

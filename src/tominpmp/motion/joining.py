@@ -1,10 +1,10 @@
-"""Motions from samples as trajectories of a robot, of whatever origin.
+"""Motions from samples as trajectories of a robot, of any origin.
 
-What samples are between their times depends on who reads them. A controller follows a
-rule: straight lines between positions, cubics where there are velocities, polynomials
-of degree 5 where there are accelerations too; so are messages for it joined. A table
-in CSV or NPZ is a record of a motion, for which the motion is looked for that it was
-taken from.
+The motion between samples depends on their reader. A controller follows a rule:
+straight lines between positions, cubics where there are velocities, polynomials of
+degree 5 where there are accelerations too; messages for a controller are joined by this
+rule. A table in CSV or NPZ is a record of a motion, and the motion that it was sampled
+from is recovered.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
 
-# A locked joint may be this far from its place in a recorded motion [rad or m].
+# Tolerance of the position of a locked joint in a recorded motion [rad or m].
 APART = 1e-3
 # Deviation of a change of velocity from the mean of the accelerations before and after,
-# relative to the largest one, up to which accelerations are taken not to jump.
+# relative to the largest one, up to which accelerations count as continuous.
 SMOOTH = 0.02
-# Accelerations between samples beyond the largest ones of samples and cubics, relative
-# to these, from which polynomials of degree 5 are taken to overshoot.
+# Relative excess of accelerations between samples over the largest ones of samples and
+# cubics, from which on polynomials of degree 5 overshoot.
 OVERSHOOT = 0.1
-# Accelerations and torques that differ by this share of the largest ones are others.
+# Tolerance of equal accelerations and torques, as a share of the largest ones.
 SAME = 1e-6
-# Times that differ by this share of T are one.
+# Tolerance of equal times, as a share of T.
 SAME_INSTANT = 1e-12
-# What each way to join samples is called in reports.
+# Name of each interpolation in reports.
 MANNERS = {
     "steps": "accelerations that jump, as recorded",
     "linear": "straight lines between positions, as a controller joins them",
@@ -50,12 +50,12 @@ MANNERS = {
 
 
 class Joined(NamedTuple):
-    """Samples, joined.
+    """A motion joined from samples.
 
     Attributes:
         trajectory: The motion.
-        manner: How they were joined, a key of MANNERS.
-        note: What follows from it, in a clause; empty if nothing is to be said.
+        manner: The interpolation, a key of MANNERS.
+        note: A consequence for the motion, in a clause; empty without one.
     """
 
     trajectory: Trajectory
@@ -63,7 +63,7 @@ class Joined(NamedTuple):
     note: str = ""
 
     def __str__(self) -> str:
-        """Say how they were joined."""
+        """The interpolation, in words."""
         return MANNERS[self.manner] + (f"; {self.note}" if self.note else "")
 
 
@@ -88,29 +88,29 @@ def join(
 ) -> Joined:
     """Make a trajectory of a robot from samples.
 
-    Columns are found by the names of their joints. The torque is what the motion takes.
-    With "auto", if the samples are those of a motion whose acceleration is constant but
-    for a jump between two samples at most, this motion comes back. Else they are
-    joined by polynomials, of degree 5 if they have accelerations that do not jump, of
-    degree 3 if not. Without velocities, positions are joined by a smooth cubic spline
-    that begins and ends at rest.
+    Columns are found by the names of their joints. Torques follow from the inverse
+    dynamics of the motion. With "auto", if the samples are those of a motion whose
+    acceleration is constant with at most one jump between two samples, this motion is
+    recovered. Else they are joined by polynomials, of degree 5 if they have
+    accelerations that do not jump, of degree 3 if not. Without velocities, positions
+    are joined by a smooth cubic spline that begins and ends at rest.
 
     Args:
         samples: The samples.
-        robot: Whose motion they are.
+        robot: The robot that moves.
         path: The file that they come from, if any, for messages.
-        start: Positions where the motion begins if the first sample comes after time 0,
-            as ROS allows, shape (n,).
-        start_velocity: Velocities there, shape (n,); None for rest.
-        interpolation: How to join them; None for what the samples say.
+        start: Positions at time 0 if the first sample comes after it, as ROS allows,
+            shape (n,).
+        start_velocity: Velocities at time 0, shape (n,); None for rest.
+        interpolation: The interpolation; None for that of the samples.
 
     Returns:
-        The trajectory, from time 0, and how it was joined.
+        The trajectory, from time 0, and its interpolation.
 
     Raises:
-        ProblemError: If there is no such interpolation.
+        ProblemError: If the interpolation is unknown.
         ScenarioError: If the samples are not of this robot, do not begin at 0, or lack
-            what the interpolation needs.
+            the derivatives that the interpolation needs.
     """
     chosen = samples.interpolation if interpolation is None else interpolation
     check_interpolation(chosen)
@@ -118,8 +118,8 @@ def join(
     parts = (samples.q, samples.v, samples.a, samples.u)
     rows = _Rows(robot, samples.t, *(part[:, columns] for part in parts))
     if samples.segment_ends is not None:
-        # With what is carried on each segment, torques are not those of the robot; they
-        # follow from the movement once that is known.
+        # With a load on each segment, torques differ from those of the bare robot; they
+        # are computed once the movement is known.
         rows = rows._replace(u=np.full_like(rows.q, np.nan))
     if rows.t[0] < 0.0 or (rows.t[0] > 0.0 and start is None):
         raise ScenarioError(
@@ -146,7 +146,7 @@ def join(
 
 
 def _instant(rows: _Rows) -> Joined:
-    """A motion that takes no time; what a single row does not say of it is zero."""
+    """A motion that takes no time; derivatives missing in its single row are zero."""
     v, a = (np.where(np.isnan(part), 0.0, part) for part in (rows.v, rows.a))
     motion = rows.motion(v, a)
     return Joined(replace(motion, u=rows.u) if rows.known("u") else motion, "instant")
@@ -182,7 +182,7 @@ class _Rows(NamedTuple):
         )
 
     def motion(self, v: Array, a: Array | None) -> Trajectory:
-        """The motion with such velocities and accelerations, and what it takes."""
+        """The motion with given velocities and accelerations, and its torques."""
         draft = self._replace(v=v).curve(a)
         return draft.with_torques(RobotDynamics(self.robot).inverse)
 
@@ -196,14 +196,14 @@ def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
 
 
 def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str:
-    """Which polynomials join the rows."""
+    """Interpolation of the rows by a rule, after a check that they suffice for it."""
     manner: str = chosen
     if chosen == "controller":
         manner = "linear"
         if rows.known("v"):
             manner = "quintic" if rows.known("a") else "cubic"
         elif rows.known("a"):
-            manner = "quintic"  # which needs the velocities that are not there
+            manner = "quintic"  # whose missing velocities are reported below
     needed = {"linear": "", "cubic": "v", "quintic": "va"}[manner]
     names = {"v": "velocities", "a": "accelerations"}
     for key in needed:
@@ -218,7 +218,7 @@ def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str
 
 
 def _straight(rows: _Rows, velocity: Array | None) -> Joined:
-    """Straight lines: the velocity jumps wherever they meet, and at both ends."""
+    """Straight lines: the velocity jumps at all samples, and at both ends."""
     robot, t = rows.robot, rows.t
     slopes = np.diff(rows.q, axis=0) / np.diff(t)[:, None]
     motion = rows.motion(np.vstack([slopes, slopes[-1:]]), np.zeros_like(slopes))
@@ -234,7 +234,7 @@ def _straight(rows: _Rows, velocity: Array | None) -> Joined:
 
 
 def _as_recorded(rows: _Rows) -> Joined:
-    """The motion that rows were taken from, as far as they tell."""
+    """The motion that rows were sampled from, as far as they determine it."""
     robot, t, q, v, a, u = rows
     manner, steps = "cubic", None
     if not rows.known("v"):
@@ -267,17 +267,17 @@ def checked_motion(
     start: Array,
     start_velocity: Array | None = None,
 ) -> Trajectory:
-    """A motion of a robot that is to be judged; samples are joined to one.
+    """A motion of a robot, checked; samples are joined to a motion.
 
     Args:
         motion: The motion, or samples of it.
-        robot: Whose motion it is.
-        start: Where samples begin that come after time 0, shape (n,) [rad or m].
-        start_velocity: How fast, shape (n,) [rad/s or m/s]; None for rest.
+        robot: The robot that moves.
+        start: Positions at time 0 of samples that begin later, shape (n,) [rad or m].
+        start_velocity: Velocities at time 0, shape (n,) [rad/s or m/s]; None for rest.
 
     Raises:
-        ProblemError: If the motion is one of other joints, or has no numbers.
-        ScenarioError: If samples are.
+        ProblemError: If the motion has other joints, or values that are not finite.
+        ScenarioError: If the samples have other joints.
     """
     if isinstance(motion, Samples):
         motion = recorded_motion(
@@ -328,8 +328,8 @@ def _holds_torques(rows: _Rows) -> bool:
     """Whether the samples are the nodes of a motion whose torques are held.
 
     Its accelerations are those of the cubics through the nodes, and its torques are not
-    what these cubics take: they are what it was made from. Where a joint stands dry
-    friction may take anything up to its limit, as before a stop and after it.
+    the inverse dynamics of these cubics: the motion was integrated from its torques.
+    Where a joint stands, dry friction may have any value up to its limit.
     """
     robot, t, q, v, a, u = rows
     if not all(map(rows.known, "vau")):
@@ -344,7 +344,7 @@ def _holds_torques(rows: _Rows) -> bool:
 
 
 def _overshoots(rows: _Rows) -> bool:
-    """Whether polynomials of degree 5 accelerate far beyond what the samples tell."""
+    """Whether polynomials of degree 5 accelerate far beyond the samples."""
     t, a = rows.t, rows.a
     if not all(map(rows.known, "va")):
         return True
@@ -364,30 +364,31 @@ def _is_smooth(t: Array, v: Array, a: Array) -> bool:
     return bool(np.all(gaps <= SMOOTH * np.abs(a).max()))
 
 
-# Deviations up to which positions and velocities are what the accelerations make,
+# Deviations up to which positions and velocities are integrals of the accelerations,
 # relative to the largest ones: more than rounding, as jumps may come in pairs.
 EXACT_Q, EXACT_V = 1e-8, 1e-6
 # Times of ROS messages are rounded to this [s].
 NANOSECOND = 1e-9
-# Jumps this close to the middle of their intervals, in shares of these, one after
-# another, are what a ramp looks like.
+# Successive jumps this close to the middle of their intervals, in shares of these,
+# indicate a sampled ramp.
 MIDDLE = 0.01
-# Accelerations that differ from those of cubics by this share of the largest one are
-# others; those that jump by this share do.
+# Largest deviation of accelerations from those of cubics, and least jump of
+# accelerations at a node, as shares of the largest acceleration.
 CUBIC, JUMP = 1e-6, 0.02
 
 
 def _stepwise_motion(
     t: Array, q: Array, v: Array, a: Array
 ) -> tuple[Array, Array, Array, Array] | None:
-    """Find the motion whose acceleration is that of the samples, with jumps.
+    """Find the motion with the accelerations of the samples, constant between jumps.
 
     Where all joints jump at one instant between two samples, from the acceleration of
-    the one to that of the other, that instant follows from the velocities.
+    the first sample to that of the second, that instant follows from the velocities.
 
     Returns:
-        Times, positions and velocities with those instants, and the acceleration of
-        every interval; None if the samples are not of such a motion.
+        Times, positions and velocities with these instants, and the acceleration of
+        every interval; None if the samples are not of a motion with constant
+        accelerations.
     """
     if np.isnan(a).any():
         return None
@@ -425,14 +426,14 @@ def _stepwise_motion(
 
 
 def _ramps(h: Array, jumps: BoolArray, rest: Array) -> bool:
-    """Whether jumps of accelerations are what ramps look like that are sampled.
+    """Whether apparent jumps of accelerations come from sampled ramps.
 
     Velocities are the same whether an acceleration rises evenly from one sample to the
-    next or jumps halfway; positions nearly so, but what they differ by adds up.
+    next or jumps halfway; positions nearly so, but their differences add up.
 
     Args:
         h: Lengths of the intervals between samples [s], shape (m,).
-        jumps: In which of them accelerations jump, shape (m,).
+        jumps: Whether accelerations jump in each interval, shape (m,).
         rest: Time from the jump to the end of the interval [s], shape (m,).
     """
     halfway = jumps & (np.abs(rest - 0.5 * h) <= MIDDLE * h)
@@ -444,8 +445,8 @@ def _ramps(h: Array, jumps: BoolArray, rest: Array) -> bool:
 def _cubics_that_jump(t: Array, q: Array, v: Array, a: Array) -> bool:
     """Whether samples are nodes of cubics whose accelerations jump at some.
 
-    A row has the acceleration just after its jump; those of polynomials of degree 5
-    would have to end with it.
+    A row has the acceleration just after its jump; polynomials of degree 5 would have
+    to end with it.
 
     Args:
         t: Times [s], shape (m,).

@@ -1,4 +1,4 @@
-"""Measures of a motion: how unquiet its torques are, its way, energy and peak."""
+"""Measures of a motion: roughness of its torques, path length, energy and peak."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 ROUGHNESS_INSTANTS = 100
 # Instants of each interval between nodes at which torques are squared.
 GAUSS_POINTS = 4
-# The same for work, which has kinks where a motor begins to brake.
+# Instants of each interval for work, which has kinks where a motor begins to brake.
 WORK_POINTS = 12
 
 
 def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
-    """How unquiet the torques of a motion are; see :attr:`Solution.roughness`."""
+    """Roughness of the torques of a motion; see :attr:`Solution.roughness`."""
     share = (np.arange(ROUGHNESS_INSTANTS) + 0.5) / ROUGHNESS_INSTANTS
     u = trajectory(share * trajectory.duration).u
     span = limits.effort_upper - limits.effort_lower
@@ -36,9 +36,9 @@ def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
 
 
 def way_of(trajectory: Trajectory, limits: JointLimits) -> float:
-    """What all joints would take for their ways one after the other [s].
+    """Path length of all joints, in time at their speed limits [s].
 
-    Each at the limit of its speed, those without one at 1 rad/s or m/s.
+    Joints without a speed limit count at 1 rad/s or m/s.
     """
     speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
     return float(np.sum(np.abs(np.diff(trajectory.q, axis=0)) / speed))
@@ -50,7 +50,7 @@ def energy_of(trajectory: Trajectory) -> float:
 
 
 def work_of(trajectory: Trajectory) -> float:
-    """Mechanical work that the motors do in a motion [J], without what they brake."""
+    """Positive mechanical work of the motors in a motion [J], without braking."""
     return _integral(
         trajectory,
         WORK_POINTS,
@@ -61,7 +61,7 @@ def work_of(trajectory: Trajectory) -> float:
 def _integral(
     trajectory: Trajectory, points: int, of: Callable[[State], Array]
 ) -> float:
-    """Integral over time of what is at the states of a motion."""
+    """Integral over time of a function of the states of a motion."""
     h = np.diff(trajectory.t)
     places, weights = np.polynomial.legendre.leggauss(points)
     share = 0.5 * (1.0 + places)
@@ -93,7 +93,7 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
     """Find the largest acceleration of a motion; of joints without a limit, if any."""
     nodes = trajectory.t
     steps = np.diff(nodes)
-    # Accelerations may jump at the nodes: just after and just before, and in between.
+    # Accelerations may jump at the nodes: sample just beside the nodes and in between.
     shares = np.array([1e-9, 0.25, 0.5, 0.75, 1.0 - 1e-9])
     inside = (nodes[:-1, None] + steps[:, None] * shares).ravel()
     times = inside if steps.size else nodes
@@ -116,10 +116,10 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
 
 
 def acceleration_remark(problem: Problem, trajectory: Trajectory) -> str:
-    """What to say of a motion that was planned without limits of accelerations.
+    """Remark on a motion that was planned without limits of accelerations.
 
     Returns:
-        A sentence; empty if all joints have such a limit.
+        A sentence; empty if all joints have a limit of accelerations.
     """
     peak = peak_acceleration(problem, trajectory)
     if peak.limited:

@@ -1,4 +1,4 @@
-"""Motions as samples: one row a time; at which times, and how they are joined."""
+"""Motions as samples, one row a time: their times and their interpolation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.checks import choice, names, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
 
-# How samples are joined, see Samples.
+# Interpolation of samples, see Samples.
 Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
 INTERPOLATIONS = ("auto", "controller", "linear", "cubic", "quintic")
 # Nanoseconds in a second: clocks of controllers count them.
@@ -28,7 +28,7 @@ class TimedRows(Record):
     def _take(
         self, name: str, called: str, shape: tuple[int, ...] | None = None, of: str = ""
     ) -> Array:
-        """Take a field as an array of numbers, of a shape that is told in words."""
+        """Check a field as an array of numbers, of a shape described in words."""
         value, told = getattr(self, name), called.format(name)
         try:
             found = real_array(value)
@@ -42,7 +42,7 @@ class TimedRows(Record):
         return found
 
     def _take_rows(self, called: str, row: str, columns: str) -> None:
-        """Take names of joints, times, and fields that have a column for each joint."""
+        """Check names of joints, times, and fields with a column for each joint."""
         self._keep(joint_names=names(self.joint_names))
         times = self._take("t", called).ravel().size
         self._take("t", called, (times,), f"one time for each {row}")
@@ -51,7 +51,7 @@ class TimedRows(Record):
             self._take(name, called, (times, len(self.joint_names)), layout)
 
     def _segments_at(self, times: Array) -> IntArray:
-        """Index of the segment at times, the later one where one ends."""
+        """Index of the segment at times, the later segment at an end."""
         if self.segment_ends is None:
             return np.zeros(times.size, dtype=np.int64)
         return np.searchsorted(self.segment_ends[:-1], times, side="right")
@@ -68,15 +68,15 @@ class Samples(TimedRows):
         v: Velocities [rad/s or m/s], shape (m, n).
         a: Accelerations [rad/s^2 or m/s^2], shape (m, n).
         u: Torques [N m or N], shape (m, n).
-        interpolation: What becomes of them between their times: "controller" joins them
-            as ROS's joint trajectory controller does, by straight lines where there are
+        interpolation: Interpolation between their times: "controller" joins them as
+            ROS's joint trajectory controller does, by straight lines where there are
             positions only, by cubics with velocities, by polynomials of degree 5 with
-            accelerations; these three may be named too; "auto" looks for the motion
-            that they were taken from, see :mod:`~tominpmp.motion.joining`.
+            accelerations; these three may be named too; "auto" recovers the motion that
+            they were sampled from, see :mod:`~tominpmp.motion.joining`.
         segment_ends: Times at which the segments of the motion end [s], in order, two
-            of them the same where a segment takes no time, shape (k,); None for one
-            segment, or where that is not known. What was taken from a file may be late
-            by the time between two rows.
+            of them equal where a segment takes no time, shape (k,); None for one
+            segment, or where the ends are not known. Ends from a file may be late by
+            the time between two rows.
     """
 
     joint_names: tuple[str, ...]
@@ -106,7 +106,7 @@ class Samples(TimedRows):
 
     @property
     def segment_numbers(self) -> IntArray:
-        """Number of the segment of each row, from 1; the later one where one ends."""
+        """Number of the segment of each row, from 1; the later segment at an end."""
         return 1 + self._segments_at(self.t)
 
     def __repr__(self) -> str:
@@ -120,10 +120,10 @@ class Samples(TimedRows):
 
 
 def check_interpolation(name: object) -> None:
-    """Check the name of a way to join samples.
+    """Check the name of an interpolation of samples.
 
     Raises:
-        ProblemError: If there is none of that name.
+        ProblemError: If no interpolation has that name.
     """
     choice(name, INTERPOLATIONS, "interpolation")
 
@@ -141,7 +141,7 @@ def clock(duration: float, period: float) -> Array:
 
 def multiples(ticks: Array | IntArray, period: float) -> Array:
     """Times of ticks, shape (m,) [s]: of whole nanoseconds where the period is."""
-    # Of a period as long as this no double knows the nanoseconds, or it overflows.
+    # For a longer period a double cannot hold the nanoseconds, or overflows.
     whole = round(period * BILLION) if period < BILLION else 0
     if whole > 0 and whole / BILLION == period:
         return np.asarray(ticks * float(whole) / BILLION)

@@ -31,27 +31,27 @@ if TYPE_CHECKING:
 InverseDynamics = Callable[[Array, Array, Array], Array]
 DYNAMICS = "a function (q, v, a) -> u"
 
-# A time this close to a node [s] is that node, whatever rounding has made of it.
+# A time this close to a node [s] counts as the node, as times round.
 SAME_TIME = 1e-10
-# More samples than this are taken for a mistake in dt, before they fill the memory.
+# More samples than this indicate a mistake in dt; the limit protects the memory.
 MAX_SAMPLES = 10_000_000
-# A time this far outside of a motion is one at its end [s], or as a share of T: sums
+# A time this far outside of a motion counts as its end [s], or as a share of T: sums
 # and files round.
 ROUNDING = 1e-9
 
 
 @runtime_checkable
 class Frictional(Protocol):
-    """Dynamics that may have dry friction, whose sign they can be told."""
+    """Dynamics that may have dry friction, and accept its sign as an argument."""
 
     friction: Array | None
 
     def inverse_along(self, q: Array, v: Array, a: Array, way: Array) -> Array:
-        """Torques of a movement whose ways are known, all shapes (m, n)."""
+        """Torques of a movement with given directions, all shapes (m, n)."""
 
 
 class State(NamedTuple):
-    """What a trajectory gives at a time.
+    """The state of a trajectory at a time.
 
     Attributes:
         q: Positions [rad or m], shape (n,) or (m, n).
@@ -66,7 +66,7 @@ class State(NamedTuple):
     u: Array
 
     def __repr__(self) -> str:
-        """The numbers, or how many there are, on one line."""
+        """The numbers, or their count, on one line."""
         parts = (
             f"{k}={in_brief(np.asarray(x))}" for k, x in zip("qvau", self, strict=True)
         )
@@ -93,13 +93,13 @@ class Trajectory(TimedRows):
             of degree 5 between them; None for motions of degree 3.
         inverse_dynamics: Function (q, v, a) -> u on rows, for the torque between nodes
             of a motion with constant acceleration; without it the torque is constant.
-        holding: The same function for a motion whose torques are given: what holds the
-            arm before and after it.
+        holding: Inverse dynamics of a motion whose torques are given, for the torques
+            that hold the arm before and after it.
         segment_ends: Times at which the segments of the motion end [s], in order up to
-            T, shape (k,), with the time the arm stays there; each is a node, and two
-            are the same where a segment takes no time. None for one segment.
+            T, shape (k,), with the dwell there; each is a node, and two are equal where
+            a segment takes no time. None for one segment.
         segment_dynamics: Functions as ``inverse_dynamics``, one for each segment, where
-            the arm carries something else on each; empty else.
+            the arm carries another load on each; empty else.
     """
 
     joint_names: tuple[str, ...]
@@ -151,7 +151,7 @@ class Trajectory(TimedRows):
             )
 
     def segment_at(self, times: Array) -> IntArray:
-        """Index of the segment at times, the later one where one ends, shape (m,)."""
+        """Index of the segment at times, the later segment at an end, shape (m,)."""
         return self._segments_at(array(times, "times", (None,), "times [s]"))
 
     @property
@@ -194,21 +194,21 @@ class Trajectory(TimedRows):
 
         Args:
             time: A time [s] or an array of times, shape (m,), from 0 to T.
-            nu: Order of a derivative of the position, as SciPy's ``PPoly`` has it: 0
-                for the position alone, 1 for the velocity, 3 for the jerk; None for the
+            nu: Order of a derivative of the position, as in SciPy's ``PPoly``: 0 for
+                the position alone, 1 for the velocity, 3 for the jerk; None for the
                 whole state.
-            hold: Whether there may be times before the start or after the end: the arm
-                stands there, at the position of that end, with the torque that holds it
-                still; this torque is NaN for a motion that knows no dynamics.
+            hold: Whether times may be before the start or after the end: the arm stands
+                there, at the position of that end, with the torque that holds it still;
+                this torque is NaN for a motion without dynamics.
 
         Returns:
             Position, velocity, acceleration and torque, or the derivative: shape (n,)
             for a single time, (m, n) for an array of times. Where the torque or the
-            acceleration jumps, they are those just after the jump, as at the nodes.
+            acceleration jumps, the values are those just after the jump, as at nodes.
 
         Raises:
-            ProblemError: If a time is not a number, they are not in one row, or one is
-                outside of the motion by more than rounding and not to be held.
+            ProblemError: If a time is not a number, the times are not in one row, or a
+                time is outside of the motion by more than rounding without ``hold``.
         """
         try:
             times = real_array(time)
@@ -240,7 +240,7 @@ class Trajectory(TimedRows):
         """Derivative of the position by time, as a ``scipy.interpolate.PPoly``.
 
         Args:
-            nu: Its order: 0 for the position itself, 1 for the velocity, ...
+            nu: Order of the derivative: 0 for the position, 1 for the velocity, ...
 
         Returns:
             A function of times, which is NaN outside of the motion; its own
@@ -249,7 +249,7 @@ class Trajectory(TimedRows):
         Raises:
             ProblemError: If the order is no whole number from 0.
         """
-        # Beyond the degree all are zero, and SciPy counts up to the order.
+        # Beyond the degree all derivatives are zero, and SciPy loops up to the order.
         order = min(whole(nu, "nu"), 9)
         curve = polynomials(*self._nodes)
         return curve.derivative(order) if order else curve
@@ -267,7 +267,7 @@ class Trajectory(TimedRows):
         return np.asarray((times < -slack) | (times > self.duration + slack))
 
     def _held(self, state: State, outside: BoolArray, times: Array) -> State:
-        """The states, at rest where they are those of an end that is held."""
+        """The states, at rest at times outside of the motion."""
         q, v, a, u = map(np.array, state)
         v[outside] = a[outside] = 0.0
         rest = q[outside], v[outside], a[outside]
@@ -291,7 +291,7 @@ class Trajectory(TimedRows):
         return State(q, v, a, np.where(node[:, None] < self.t.size - 1, u, self.u[-1]))
 
     def _torques(self, times: Array, q: Array, v: Array, a: Array) -> Array:
-        """What the dynamics take, with the friction of the way the joints go."""
+        """Inverse dynamics, with the dry friction of the directions of the joints."""
         if not self.segment_dynamics:
             return self._torques_of(self.inverse_dynamics, times, q, v, a)
         out, segment = np.empty_like(q), self.segment_at(times)
@@ -304,8 +304,7 @@ class Trajectory(TimedRows):
     def _torques_of(self, dynamics: InverseDynamics | None, *rows: Array) -> Array:
         assert dynamics is not None  # noqa: S101
         times, q, v, a = rows
-        # Methods of a robot's dynamics can be told the way; other functions decide by
-        # themselves.
+        # Methods of a robot's dynamics take the directions; other functions find them.
         owner = getattr(dynamics, "__self__", None)
         if isinstance(owner, Frictional) and owner.friction is not None:
             return owner.inverse_along(q, v, a, self.turns.at(times))
@@ -313,7 +312,7 @@ class Trajectory(TimedRows):
 
     @cached_property
     def turns(self) -> Turns:
-        """Which way the joints go, and when they turn."""
+        """Directions of the joints, and their reversals."""
         if self.t.size == 1:
             return Turns.of_instant(self.t, self.v)
         return Turns.of(self.t, velocities(*self._nodes))
@@ -323,11 +322,11 @@ class Trajectory(TimedRows):
         inverse_dynamics: InverseDynamics,
         segment_dynamics: tuple[InverseDynamics, ...] = (),
     ) -> Trajectory:
-        """The same movement with the torques that it takes.
+        """The same movement with torques by the inverse dynamics.
 
         Args:
-            inverse_dynamics: What they follow from, see the attribute.
-            segment_dynamics: What they follow from on each segment.
+            inverse_dynamics: Inverse dynamics, see the attribute.
+            segment_dynamics: Inverse dynamics on each segment.
         """
         if not callable(inverse_dynamics):
             raise wrong(inverse_dynamics, "inverse_dynamics", DYNAMICS)
@@ -362,9 +361,9 @@ class Trajectory(TimedRows):
         return Samples(self.joint_names, times, *states, segment_ends=self.segment_ends)
 
     def _at_nodes(self, times: Array) -> Array:
-        """Times, those that rounding keeps from being those of nodes put right.
+        """Times, put on nodes from which they differ by rounding.
 
-        Accelerations that jump at a node would else be those before it.
+        A time just before a node would get the acceleration before a jump there.
         """
         right = np.minimum(np.searchsorted(self.t, times), self.t.size - 1)
         left = np.maximum(right - 1, 0)
@@ -381,7 +380,7 @@ def torque_breaks(trajectory: Trajectory, friction: Array) -> Array:
         friction: Dry friction of its joints, shape (n,) [N m or N].
 
     Returns:
-        Its nodes, and where joints with friction turn between them if torques follow
+        Its nodes, and reversals of joints with friction between them if torques follow
         from the motion; in the order of time.
     """
     if trajectory.inverse_dynamics is None:
@@ -390,7 +389,7 @@ def torque_breaks(trajectory: Trajectory, friction: Array) -> Array:
 
 
 def reversals(trajectory: Trajectory, friction: Array) -> Array:
-    """Times at which joints with dry friction turn, away from the nodes [s].
+    """Times of reversals of joints with dry friction, away from the nodes [s].
 
     Args:
         trajectory: The motion.

@@ -1,12 +1,12 @@
-"""Which way joints move, and when they turn: what decides the sign of dry friction.
+"""Directions of joints, and their reversals, which decide the sign of dry friction.
 
-Velocities are polynomials between nodes. Where a joint turns at a node, rounding (of
+Velocities are polynomials between nodes. Where a joint reverses at a node, rounding (of
 floats, and of the programs that motions come from) leaves a velocity there that is not
 quite zero, and the polynomial passes through zero a hair before the node or after it,
 or not at all; the acceleration jumps at the node itself. Signs taken instant by instant
 would give that hair the acceleration of one side and the friction of the other, a
-torque that nobody has planned. Stretches between two zeros in which a joint never
-becomes faster than one at rest are no movements therefore: they belong to the movement
+torque that was never planned. Stretches between two zeros in which a joint stays slower
+than the limit of standstill are therefore not movements: they belong to the movement
 beside them.
 """
 
@@ -20,11 +20,11 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import RESTING, STANDSTILL, STEADY, directions
 
-# Instants as close as this are one, as shares of the duration: floats can hardly tell
-# what is between them.
+# Instants closer than this share of the duration count as one: floats can hardly
+# resolve them.
 SAME = 1e-12
-# Joints that are slower than STANDSTILL for longer than this are at rest, whatever they
-# accelerate by: it is rounding [s].
+# Joints that are slower than STANDSTILL for longer than this are at rest, and their
+# accelerations are rounding [s].
 PAUSE = 2e-3
 # Halvings of an interval until a zero is known to the last bit.
 HALVINGS = 54
@@ -32,14 +32,14 @@ HALVINGS = 54
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Which way the joints of a motion go at all times.
+    """Directions of the joints of a motion at all times.
 
     Attributes:
         t: Times of the nodes [s], shape (N + 1,).
-        first: The way of each joint at the beginning of each interval: 1, -1, or 0 for
-            those that rest all along it, shape (N, n).
-        times: When joints turn between the nodes [s], in the order of time, shape (m,).
-        joint: Which joint does, shape (m,).
+        first: Direction of each joint at the beginning of each interval: 1, -1, or 0
+            for joints that rest all along it, shape (N, n).
+        times: Times of reversals between the nodes [s], ascending, shape (m,).
+        joint: Joint of each reversal, shape (m,).
     """
 
     t: Array
@@ -49,7 +49,7 @@ class Turns:
 
     @classmethod
     def of(cls, t: Array, velocity: Array) -> Turns:
-        """Look at a motion.
+        """Find the directions of a motion.
 
         Args:
             t: Times of the nodes [s], shape (N + 1,).
@@ -63,7 +63,8 @@ class Turns:
         first[rests] = 0.0
         k, joint = np.nonzero(np.isnan(first))
         begins, sign, moves = _stretches(velocity[k, joint], SAME * t[-1] / h[k])
-        # Stretches that are none have the way of the last one that is, or the next.
+        # Stretches that are not movements get the direction of the last movement, or
+        # the next one.
         way = np.where(moves, sign, 0.0)
         for i in range(1, way.shape[1]):
             way[:, i] = np.where(moves[:, i], way[:, i], way[:, i - 1])
@@ -81,20 +82,20 @@ class Turns:
 
     @classmethod
     def of_instant(cls, t: Array, v: Array) -> Turns:
-        """Look at a motion of one node, with its time and its velocities, (1, n)."""
+        """Directions of a motion of one node, with its time and velocities, (1, n)."""
         way = directions(v, 0.0 * v)
         return cls(t, way, np.zeros(0), np.zeros(0, dtype=np.int64))
 
     def of_joints(self, some: BoolArray) -> Array:
-        """When some joints turn between the nodes [s], each time once.
+        """Times of reversals of some joints between the nodes [s], each time once.
 
         Args:
-            some: Which joints are asked for, shape (n,).
+            some: Whether each joint is included, shape (n,).
         """
         return np.unique(self.times[some[self.joint]])
 
     def at(self, times: Array) -> Array:
-        """Which way joints go: just after a node or a turn, and before the end.
+        """Directions of joints: just after a node or a reversal, and before the end.
 
         Args:
             times: Times within the motion [s], shape (m,).
@@ -126,7 +127,7 @@ def _bernstein(c: Array) -> Array:
 
 
 def _one_way(velocity: Array) -> Array:
-    """Ways on intervals where a bound tells them; NaN where joints may turn."""
+    """Directions on intervals that a bound decides; NaN where joints may reverse."""
     bounds = _bernstein(velocity)
     low, high = bounds.min(axis=-1), bounds.max(axis=-1)
     return np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, np.nan))
@@ -135,9 +136,9 @@ def _one_way(velocity: Array) -> Array:
 def _rests(velocity: Array, h: Array, slow: BoolArray) -> BoolArray:
     """Which joints rest all along intervals, shape (N, n).
 
-    Slow ones do that do not accelerate, and those that stay slow for a while: what is
-    left of zero at the nodes may have any sign. Before and after that a joint may come
-    to rest, or set out, as softly as its jerk is limited.
+    Slow joints rest if they do not accelerate, or stay slow for a while: the velocities
+    near zero at the nodes may have any sign. Before and after a rest a joint may stop,
+    or set out, as softly as its jerk is limited.
     """
     slope = velocity[..., 1:] * np.arange(1.0, velocity.shape[-1])
     a = np.abs(_bernstein(slope)).max(axis=-1) / h[:, None]
@@ -149,18 +150,19 @@ def _rests(velocity: Array, h: Array, slow: BoolArray) -> BoolArray:
 
 
 def _traces(first: Array, last: Array, slow: BoolArray) -> BoolArray:
-    """Give slow intervals that are no movements the way of the movement beside them.
+    """Give slow intervals that are no movements the direction of the movement beside.
 
-    Between movements of two ways they are where a joint turns, and are left.
+    Between movements of opposite directions a slow interval holds the reversal, and is
+    left unchanged.
 
     Args:
-        first: The way of each joint at the beginning of each interval, which is
+        first: Direction of each joint at the beginning of each interval, which is
             changed, shape (N, n).
-        last: The way at its end, shape (N, n).
+        last: Direction at its end, shape (N, n).
         slow: Which joints are slow all along intervals without resting, shape (N, n).
 
     Returns:
-        Which intervals were given one, shape (N, n).
+        Which intervals were given a direction, shape (N, n).
     """
     given = np.zeros_like(slow)
     for joint, begin, end in _runs(slow):
@@ -181,12 +183,12 @@ def _runs(some: BoolArray) -> Iterator[tuple[int, int, int]]:
 
 
 def _pause(velocity: Array, begin: int, end: int) -> slice:
-    """Slow intervals but for those in which a movement dies away or sets in.
+    """Slow intervals without the intervals in which a movement dies away or sets in.
 
     Args:
         velocity: Polynomials of one joint, shape (N, K).
         begin: The first slow interval.
-        end: The one after the last.
+        end: The interval after the last slow interval.
     """
     first, last = velocity[:, 0], velocity.sum(axis=1)
     x = np.linspace(0.0, 0.5, 6)
@@ -217,9 +219,10 @@ def _stretches(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
         least: Shortest stretch that counts, shape (m,).
 
     Returns:
-        Where they begin, the sign of each, and whether it is a movement: longer than
-        that, and faster than rest; where none is, faster than rounding; where none is,
-        the fastest. Shape (m, K) each; those of length 0 a polynomial does not have.
+        Beginning and sign of each stretch, and whether it is a movement: longer than
+        ``least``, and faster than rest. A polynomial without a movement by this rule
+        takes stretches faster than rounding, and without these the fastest stretch.
+        Shape (m, K) each; surplus stretches have length 0.
     """
     zeros = _sign_changes(c)
     turning = _sign_changes(c[:, 1:] * np.arange(1.0, c.shape[1]))
@@ -241,10 +244,10 @@ def _stretches(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
 
 
 def _sign_changes(c: Array) -> Array:
-    """Where polynomials change sign in [0, 1], in order, filled up with ones.
+    """Sign changes of polynomials in [0, 1], in order, filled up with ones.
 
-    Between two zeros of its derivative a polynomial rises or falls, and has one zero at
-    most, which is found by halving.
+    Between two zeros of its derivative a polynomial is monotonic, and has one zero at
+    most, which is found by bisection.
 
     Args:
         c: Coefficients of 1, x, x^2, ..., shape (m, K).
@@ -275,6 +278,6 @@ def _values(c: Array, x: Array) -> Array:
 
 
 def _together(times: Array, apart: float) -> Array:
-    """Increasing times, those that follow another within ``apart`` moved to it."""
+    """Increasing times; a time within ``apart`` of the one before is moved to it."""
     first = np.diff(times, prepend=-np.inf) > apart
     return np.asarray(times[first][np.cumsum(first) - 1])

@@ -1,4 +1,4 @@
-"""What is asked for: robot, start, goals and obstacles, of one arm or a workcell."""
+"""Planning problems: robot, start, goals and obstacles, of one arm or a workcell."""
 
 from tominpmp.problem.problem import Problem
 

@@ -1,4 +1,4 @@
-"""Limits that the joints of a problem have one by one, kind by kind."""
+"""Limits of single joints of a problem, kind by kind."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class JointBounds:
 
     Attributes:
         kind: The kind.
-        lower: Lower bounds, infinite for none, shape (n,).
-        upper: Upper bounds, infinite for none, shape (n,).
-        scale: What an excess is a share of, shape (n,).
-        by_speed: What depends on the speed, by the index of the joint.
+        lower: Lower bounds, infinite where a joint has no bound, shape (n,).
+        upper: Upper bounds, infinite likewise, shape (n,).
+        scale: Scale of an excess, shape (n,).
+        by_speed: Bounds that depend on the speed, by the index of the joint.
     """
 
     kind: LimitKind
@@ -49,7 +49,7 @@ class JointBounds:
         return np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper))
 
     def beyond(self, q: Array, v: Array, a: Array, u: Array) -> Array:
-        """How far a motion is beyond the bounds at instants, shape (m, n)."""
+        """Excess of a motion over the bounds at instants, shape (m, n)."""
         if self.kind.of == "uv":
             out = np.full(u.shape, -np.inf)
             for i, bound in self.by_speed.items():
@@ -61,12 +61,12 @@ class JointBounds:
 
 
 def joint_limits(problem: Problem) -> list[JointBounds]:
-    """The limits of the joints of a problem, those that all robots have first."""
+    """Limits of the joints of a problem; positions, speeds and efforts come first."""
     limits, more = problem.robot.limits, problem.motion_limits or MotionLimits()
     low, high, top = limits.position_lower, limits.position_upper, limits.velocity
     middle, half = effort_range(problem)
     span = 0.5 * (limits.effort_upper - limits.effort_lower)
-    # Against a joint without a motor, the strongest one is the measure.
+    # A joint without a motor is scaled by the strongest motor.
     span = np.where(span > 0.0, span, np.max(span, initial=1e-12))
     found = [
         JointBounds(POSITION, low, high, high - low),

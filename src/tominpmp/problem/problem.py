@@ -37,7 +37,7 @@ from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 from tominpmp.scene.scene import SceneLike, as_scene
 
-# More choices of goals than this are not tried one by one.
+# Largest number of combinations of alternative goals, which are tried one by one.
 MOST_ALTERNATIVES = 256
 
 
@@ -59,32 +59,32 @@ class Problem(Record):
 
     Starts and goals that are beyond a limit of position or velocity by no more than
     rounding are put on it, with a warning: by 1e-4 rad or m, rad/s or m/s, or by a
-    hundredth of the room between the limits where that is less.
+    hundredth of the range between the limits where that is less.
 
     Attributes:
         robot: The robot.
         q_start: Positions at the start, shape (n,) [rad or m]; or by joint name.
-        goal: What must hold at the end; left out where there are segments, whose last
-            goal it is.
+        goal: The goal at the end; left out where there are segments, whose last goal it
+            is.
         scene: The obstacles: a Scene, or a list of them.
         margin: Distance that the links keep from them, and several robots from each
             other [m].
         v_start: Velocities at the start, shape (n,) [rad/s or m/s], or by joint
-            name, those not named at rest; None for rest.
-        motion_limits: Limits beyond those of the robot's description, if any. Of what
-            they leave out, those of the robot hold: ``robot.motion_limits``.
-        constraints: What else holds at all times: ``ToolSpeed``, ``KeepUpright``, ...
-        self_collision: Whether the links keep clear of each other, and of what is fixed
+            name, with joints not named at rest; None for rest.
+        motion_limits: Limits beyond those of the robot's description, if any. Limits
+            that they omit are those of the robot: ``robot.motion_limits``.
+        constraints: Constraints at all times: ``ToolSpeed``, ``KeepUpright``, ...
+        self_collision: Whether the links keep clear of each other, and of bodies fixed
             to the base, too, without a margin; None for yes. False is for robots whose
             description is wrong about their shapes.
-        segments: Goals that are passed one after the other, each with what holds on the
-            way to it, see :class:`Segment`; empty for a motion to one goal.
+        segments: Phases of the motion, each with a goal, constraints and limits, see
+            :class:`Segment`; empty for a motion to one goal.
         may_touch: Pairs of names of links and obstacles that may touch.
 
     Raises:
         ProblemError: If a value is wrong: the message names the joint, the value and
-            what was expected.
-        FrameNotFound: If the goal is on a frame that the robot has not.
+            the expected one.
+        FrameNotFound: If the goal is on a frame that is not part of the robot.
     """
 
     robot: LoadedRobot
@@ -100,9 +100,9 @@ class Problem(Record):
     may_touch: Pairs = ()
 
     def __post_init__(self) -> None:
-        """Check everything that can be told without planning."""
+        """Check all values, as far as no planning is needed."""
         super().__post_init__()
-        # What a goal does not name stays at the start, as it is put onto limits.
+        # Joints that a goal does not name stay at the start, after it is put on limits.
         snapped = self._snap_start()
         self._take_segments()
         of_kind(self.goal, Goal, "goal", f"{SOME_GOAL}, or segments")
@@ -129,7 +129,7 @@ class Problem(Record):
             warn_caller(message)
 
     def __repr__(self) -> str:
-        """Robot, goal and what else there is, on one line."""
+        """Robot, goal and further settings, on one line."""
         robot = f"{brief(self.robot.name)} with {self.robot.n} joints"
         count = len(self.scene)
         more = f", {count} obstacle{'s' if count > 1 else ''}" if count else ""
@@ -139,7 +139,7 @@ class Problem(Record):
         return f"<Problem of {robot}: {brief(self.goal)}{more}>"
 
     def _repr_html_(self) -> str:
-        """Stick figures at the start and the goal, and what is asked, for notebooks."""
+        """Stick figures at the start and the goal, and a table, for notebooks."""
         robot, goal = self.robot, self.goal.configuration
         ends = {"goal": self.q_start if goal is None else goal, "start": self.q_start}
         arms = {k: sticks(robot.model, robot.expand(q)) for k, q in ends.items()}
@@ -161,7 +161,7 @@ class Problem(Record):
 
     @cached_property
     def margins(self) -> Array:
-        """Distance to keep by pair of the checker: none from other links [m]."""
+        """Distance to keep by pair of the checker, zero between links [m]."""
         return self.checker.margins(self.margin)
 
     @cached_property
@@ -171,17 +171,17 @@ class Problem(Record):
 
     @property
     def phases(self) -> tuple[Problem, ...]:
-        """The problems of the segments, one after the other; itself if there are none.
+        """The problems of the segments, in order; the problem itself without segments.
 
-        Each has the robot, the scene and the limits of its segment, and at its end the
-        goal, which is passed or where the arm stops. Where it starts is only known if
-        the goal before it is a configuration; else ``q_start`` is that of the whole.
+        Each has the robot, the scene and the limits of its segment, and its goal, which
+        is passed or where the arm stops. Its start is only known if the goal before it
+        is a configuration; else ``q_start`` is that of the whole problem.
         """
         return self._phases[0] if self.segments else (self,)
 
     @cached_property
     def _phases(self) -> tuple[tuple[Problem, ...], list[str]]:
-        """The problems of the segments, and what to warn of."""
+        """The problems of the segments, and warnings."""
         found: list[Problem] = []
         messages: list[str] = []
         q = self.q_start
@@ -201,7 +201,7 @@ class Problem(Record):
     def _phase(
         self, segment: Segment, number: int, q_start: Array
     ) -> tuple[Problem, list[str]]:
-        """The problem of one segment, and what to warn of."""
+        """The problem of one segment, and warnings."""
         robot = segment.robot(self.robot)
         own = segment.motion_limits
         limits = self.motion_limits
@@ -258,7 +258,7 @@ class Problem(Record):
 
     @property
     def _checks(self) -> StateChecks:
-        """What can be told of states without planning."""
+        """Checks of states that need no planning."""
         return StateChecks(
             self.robot, self.scene, self.checker, self.margin, self.ready_constraints
         )
@@ -275,7 +275,7 @@ class Problem(Record):
 
     @property
     def alternatives(self) -> tuple[Problem, ...]:
-        """Problems of which any will do: one for each alternative of the goal."""
+        """Alternative problems: one for each combination of alternative goals."""
         if not self.segments:
             return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
         each = [phase.goal.alternatives for phase in self.phases]
@@ -291,7 +291,7 @@ class Problem(Record):
         return tuple(self._with_goals(goals) for goals in itertools.product(*each))
 
     def alternative_of(self, trajectory: Trajectory) -> Problem:
-        """The problem with those of its goals that a motion meets, or comes nearest."""
+        """The problem with the alternative goals that a motion meets, or is nearest."""
         instance(trajectory, Trajectory, "trajectory")
         if not self.segments:
             return self.alternative_at(trajectory.q[-1], trajectory.v[-1])
@@ -303,7 +303,7 @@ class Problem(Record):
         return self._with_goals(goals)
 
     def _with_goals(self, goals: Sequence[Goal]) -> Problem:
-        """The same with one goal for each segment, which were checked before."""
+        """The problem with one goal for each segment, which were checked before."""
         parts = [p._with_goal(g) for p, g in zip(self.phases, goals, strict=True)]
         return self._with_goal(goals[-1])._altered(
             _phases=(tuple(parts), []), segments=self._aiming_at(goals)
@@ -319,7 +319,7 @@ class Problem(Record):
         )
 
     def alternative_at(self, q: Array, v: Array) -> Problem:
-        """The problem with the one of its goals that a final state is nearest to.
+        """The problem with the alternative goal that is nearest to a final state.
 
         Args:
             q: Final configuration, shape (n,) [rad or m].
@@ -331,12 +331,12 @@ class Problem(Record):
         """The same problem from another start at rest to another goal, both checked.
 
         Args:
-            q_start: Where it starts, shape (n,) [rad or m].
-            goal: What must hold at its end.
-            where: What warnings begin with.
+            q_start: Positions at the start, shape (n,) [rad or m].
+            goal: The goal.
+            where: Prefix of warnings.
 
         Raises:
-            ProblemError: If one of them is wrong.
+            ProblemError: If the start or the goal is wrong.
         """
         instance(goal, Goal, "goal", "a goal")
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them
@@ -359,7 +359,7 @@ class Problem(Record):
         return self._altered(goal=goal)
 
     def with_scene(self, scene: Scene) -> Problem:
-        """The same problem among other obstacles, clear or not; links as they were."""
+        """The same problem with other obstacles, without a check of start and goal."""
         return self._altered(
             *("checker", "margins", "_phases"),
             self_collision=self.checker.self_collision,

@@ -1,7 +1,7 @@
-"""Segments: the goals that a motion passes one after the other, and what holds between.
+"""Segments: the phases of a motion, each with a goal, constraints and limits.
 
 A motion of several segments is one motion: it is planned as a whole, with a duration
-for each segment, and does not stop where one ends unless that is asked for.
+for each segment, and does not stop at the end of a segment unless the segment says so.
 """
 
 from __future__ import annotations
@@ -35,10 +35,9 @@ from tominpmp.scene import Scene
 from tominpmp.scene.scene import SceneOrNone
 
 SOME_GOAL = "a JointGoal, PositionGoal, PoseGoal or another goal"
-# More goals than this are taken for a mistake.
+# A larger number of segments is rejected as a mistake.
 MOST_SEGMENTS = 100
-# An arm that moves by no more than this is at rest [rad or m, rad/s or m/s], and times
-# that differ by no more are one [s].
+# Tolerance of an arm at rest [rad or m, rad/s or m/s], and of equal times [s].
 SAME = 1e-9
 
 
@@ -59,7 +58,7 @@ def checked_pairs(
     """Check a caller's pairs of names.
 
     Raises:
-        ProblemError: If they are none.
+        ProblemError: If the value is not a list of pairs of names.
     """
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise wrong(given, name, expected)
@@ -96,22 +95,22 @@ TimesOrNone: TypeAlias = Annotated[
 
 @record
 class Segment(Record):
-    """The way to the next goal, and what holds on it.
+    """A phase of a motion: a goal, and the constraints and limits on the way to it.
 
     Attributes:
-        goal: What must hold at its end. On the way to others, a goal is passed at any
-            velocity unless it gives one or ``stop`` is set; the last is as it says.
-        constraints: What else holds on it, beside the constraints of the problem.
-        motion_limits: Limits on it; of what they leave out, those of the problem hold.
-        payload: What is carried on it, beside what the robot carries anyway: picked up
-            at its start and put down at its end, if the next segment does not carry it.
+        goal: The goal at its end. A goal before the last is a via point, passed at any
+            velocity unless it gives one or ``stop`` is set; the last holds as given.
+        constraints: Constraints on it, in addition to the constraints of the problem.
+        motion_limits: Limits on it; limits that they omit are those of the problem.
+        payload: Payload on it, in addition to the robot's own: picked up at its start
+            and put down at its end, if the next segment does not carry it.
         scene: The obstacles on it, a Scene or a list of them; None for those of the
             problem.
         may_touch: Pairs of names of links, payloads and obstacles that may touch, as
             the payload and the table it is lifted from.
         stop: Whether the arm is at rest at its end.
-        dwell: How long it stays there at least [s]; more than zero is a stop. On the
-            clock of a controller the stay takes whole periods.
+        dwell: Least time at rest at its end [s]; more than zero is a stop. On the clock
+            of a controller the dwell takes whole periods.
         arrival: Earliest and latest time at which its goal is met, from the start of
             the motion [s]; the latest may be infinite. None for any time.
 
@@ -141,18 +140,18 @@ class Segment(Record):
             )
 
     def resolved(self, robot: Robot, before: Array | None = None) -> Segment:
-        """The same with values by joint name put into the order of the robot.
+        """The segment with values by joint name put into the order of the robot.
 
         Args:
             robot: The robot.
-            before: Where the joints are that its goal does not name, shape (n,); None
-                if that is not known.
+            before: Positions of joints that its goal does not name, shape (n,); None if
+                they are not known.
         """
         goal = self.goal.resolved(instance(robot, Robot, "robot"), before)
         return self if goal is self.goal else replace(self, goal=goal)
 
     def goal_on_the_way(self) -> Goal:
-        """The goal where others follow: passed, unless the arm stops there."""
+        """The goal of a segment before the last: passed, unless the arm stops there."""
         return self.goal if self.stop else passed(self.goal)
 
     def robot(self, robot: Robot) -> Robot:
@@ -169,8 +168,8 @@ def resolved_segments(
     Joints that a goal does not name stay where the goal before it leaves them.
 
     Raises:
-        ProblemError: If a joint is unknown, or not named although it is not known where
-            it is.
+        ProblemError: If a joint is unknown, or not named although its position is not
+            known.
     """
     found: list[Segment] = []
     before: Array | None = q_start
@@ -181,10 +180,10 @@ def resolved_segments(
 
 
 def _check_arrivals(segments: Sequence[Segment]) -> None:
-    """Check that no segment is to end before one that it follows.
+    """Check that no latest arrival is before an earliest arrival of a former segment.
 
     Raises:
-        ProblemError: If one is.
+        ProblemError: If a segment has to end too early.
     """
     reached, first = 0.0, 0
     for k, segment in enumerate(segments):
@@ -204,7 +203,7 @@ def checked_segments(given: object, name: str = "segments") -> tuple[Segment, ..
     """Check a caller's segments.
 
     Raises:
-        ProblemError: If they are none.
+        ProblemError: If the value is not a list of segments, or has too many.
     """
     expected = "a list of Segment, one for each goal"
     if isinstance(given, str) or not isinstance(given, Sequence):
@@ -222,7 +221,7 @@ def checked_segments(given: object, name: str = "segments") -> tuple[Segment, ..
 
 
 def known_names(robot: Robot, scene: Scene) -> set[str]:
-    """Names of what may touch: links that have a shape, and obstacles."""
+    """Names of bodies that may touch: links with a shape, and obstacles."""
     links = {
         robot.model.frames[item.parentFrame].name
         for item in robot.collision_model.geometryObjects
@@ -234,7 +233,7 @@ def check_names(pairs: Sequence[tuple[str, str]], robot: Robot, scene: Scene) ->
     """Check that pairs name links of a robot, or obstacles of a scene.
 
     Raises:
-        ProblemError: If one is neither.
+        ProblemError: If a name is neither a link nor an obstacle.
     """
     known = known_names(robot, scene)
     for pair in pairs:
@@ -252,10 +251,10 @@ class SegmentOfMotion(Record):
     """One segment of a motion.
 
     Attributes:
-        goal: What holds at its end; None where the motion has one segment only.
-        begin: When it begins [s].
-        arrival: When its goal is met [s].
-        end: When it ends, with the time the arm stays there [s].
+        goal: The goal at its end; None for a motion of one segment.
+        begin: Time at which it begins [s].
+        arrival: Time at which its goal is met [s].
+        end: Time at which it ends, with its dwell [s].
         trajectory: The motion on it, from time 0.
     """
 
@@ -267,22 +266,22 @@ class SegmentOfMotion(Record):
 
     @property
     def duration(self) -> float:
-        """How long it takes, with the time the arm stays at its end [s]."""
+        """Duration of the segment, with its dwell [s]."""
         return self.end - self.begin
 
     @property
     def stay(self) -> float:
-        """How long the arm stays at its end [s]."""
+        """Dwell at its end [s]."""
         return self.end - self.arrival
 
 
 class Span(NamedTuple):
-    """When a segment of a motion begins, meets its goal, and ends [s].
+    """Times at which a segment of a motion begins, meets its goal, and ends [s].
 
     Attributes:
-        begin: When it begins.
-        arrival: When its goal is met; from then on the arm stays there.
-        end: When it ends.
+        begin: Time at which it begins.
+        arrival: Time at which its goal is met and the dwell begins.
+        end: Time at which it ends.
     """
 
     begin: float
@@ -291,11 +290,11 @@ class Span(NamedTuple):
 
 
 def spans_of(motion: Trajectory, segments: Sequence[Segment]) -> list[Span]:
-    """When the segments of a motion begin, meet their goals, and end.
+    """Times at which the segments of a motion begin, meet their goals, and end.
 
     Args:
         motion: The motion.
-        segments: What was asked of them; empty where nothing is known of them.
+        segments: The segments of its problem; empty where they are not known.
     """
     ends = [motion.duration]
     if motion.segment_ends is not None:
@@ -308,11 +307,11 @@ def spans_of(motion: Trajectory, segments: Sequence[Segment]) -> list[Span]:
 
 
 def _arrival(motion: Trajectory, segment: Segment, begin: float, end: float) -> float:
-    """When a motion meets the goal of a segment, and stays until the segment ends [s].
+    """Time at which a motion meets the goal of a segment, before its dwell [s].
 
-    It is at a node from which on the arm rests, for as long as it is to stay at least:
-    on the clock of a controller it stays for whole periods. An arm that rests there
-    before it may arrive arrives at the first node at which it may.
+    It is the first node from which on the arm rests for at least the dwell: on the
+    clock of a controller the rest takes whole periods. An arm that rests there before
+    the earliest arrival arrives at the first node from that time on.
     """
     if segment.dwell == 0.0:
         return end
@@ -334,7 +333,7 @@ def segments_of(
 
     Args:
         motion: The motion.
-        segments: What was asked of them; empty where nothing is known of them.
+        segments: The segments of its problem; empty where they are not known.
     """
     spans = spans_of(motion, segments)
     goals: Sequence[Goal | None] = [segment.goal for segment in segments]

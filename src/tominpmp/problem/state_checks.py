@@ -1,4 +1,4 @@
-"""What can be told of states and goals without planning."""
+"""Checks of states and goals that need no planning."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
-# A start or goal that is this little outside a limit is taken to be on it (positions in
-# rad or m, velocities in rad/s or m/s), as encoders and files round; where there is
-# little room between the limits, this share of it.
+# A start or goal outside a limit by no more than this is put on it (positions in rad or
+# m, velocities in rad/s or m/s), as encoders and files round; for narrow limits this
+# share of the range between them.
 SNAP, SNAP_SHARE = 1e-4, 1e-2
-# Overlaps, and what constraints lack, of rounding [m, or the unit of the constraint].
+# Overlaps and violations up to this are rounding [m, or the unit of the constraint].
 ROUNDING = 1e-6
-# What is said of an angle beyond limits that nobody gives in radians.
+# Angles beyond limits above this get a remark, as they are unlikely to be in radians.
 LARGE_ANGLE, IN_RADIANS = 2.0 * np.pi, "; angles are in radians, not degrees"
 
 
 @dataclass(frozen=True, eq=False)
 class StateChecks:
-    """Checks of starts and goals against what holds at any state.
+    """Checks of starts and goals against limits, obstacles and constraints.
 
     Attributes:
         robot: The robot.
         scene: The obstacles.
         checker: Distances to them, and between links.
         margin: Distance to keep from obstacles [m].
-        constraints: What else holds, ready to be evaluated.
+        constraints: Further constraints, ready to be evaluated.
     """
 
     robot: Robot
@@ -62,7 +62,7 @@ class StateChecks:
         self.kept(q, v, "start", "q_start")
 
     def goal(self, goal: Goal, rests: bool = True) -> tuple[Goal, list[str]]:
-        """Check a goal that belongs to the robot; what to warn of is returned too."""
+        """Check a goal that belongs to the robot; returns it, and warnings."""
         if goal.alternatives[0] is not goal:
             return self._any_goal(goal.alternatives, rests)
         if goal.configuration is not None:
@@ -84,7 +84,7 @@ class StateChecks:
         return goal, messages
 
     def _any_goal(self, goals: tuple[Goal, ...], rests: bool) -> tuple[Goal, list[str]]:
-        """Leave out the goals that cannot be reached, as long as there are others."""
+        """Leave out alternatives that cannot be reached, as long as others can."""
         kept, messages, faults = [], [], []
         for number, goal in enumerate(goals, 1):
             try:
@@ -104,13 +104,13 @@ class StateChecks:
 
         Args:
             q: The configuration, shape (n,).
-            which: Which of the two it is.
+            which: "start" or "goal".
             later: Whether it is a start at a time that is not known yet.
 
         Raises:
-            ProblemError: If it does not: the pair that overlaps most.
+            ProblemError: If it is in collision, with the pair that overlaps most.
         """
-        # When it arrives is not known yet: what moves may be elsewhere by then.
+        # The arrival time is not known yet: moving obstacles may be elsewhere by then.
         time = 0.0 if which == "start" and not later else None
         moves = time is None and self.checker.moving
         if self.checker.hulls_clear(q):
@@ -133,7 +133,7 @@ class StateChecks:
         )
 
     def _advice_on_links(self, q: Array) -> str:
-        """What to do about links that are found to overlap where they may not."""
+        """Advice on links that overlap although they may not touch."""
         meshes = CollisionChecker(
             self.robot, Scene(), self_collision=True, geometry="mesh"
         )
@@ -159,10 +159,10 @@ class StateChecks:
         Args:
             q: Positions, shape (n,).
             v: Velocities, shape (n,); None for rest.
-            which: What it is, in messages.
+            which: Name of the state in messages.
             name: Field that errors name.
-            passing: Whether the arm may be moving there, at what speed is not known:
-                only what depends on the configuration alone is looked at.
+            passing: Whether the arm may pass the state at an unknown speed: then only
+                constraints on the configuration are checked.
         """
         for item in self.constraints:
             if passing and item.order > 0:
@@ -171,7 +171,7 @@ class StateChecks:
             if window is not None and window.begin > 0.0 and which == "start":
                 continue
             if window is not None and np.isfinite(window.end) and which == "goal":
-                continue  # when it is reached is not known yet
+                continue  # the arrival time is not known yet
             if lack := item.lack(q, np.zeros_like(q) if v is None else v, ROUNDING):
                 why = contradiction(item, self.constraints, self.robot, q)
                 raise ProblemError(f"{which}: {lack}{why}", name)
@@ -181,7 +181,7 @@ class StateChecks:
 
         Args:
             q: The configuration, shape (n,).
-            which: Whether it is the "start" or the "goal".
+            which: "start" or "goal".
 
         Raises:
             ProblemError: Naming the joints that move while the mass matrix is singular.
@@ -217,7 +217,7 @@ class StateChecks:
                 )
 
     def _room(self, goal: Goal) -> None:
-        """Check that the frame is not to end within an obstacle, link and all."""
+        """Check that the goal does not put the link of a frame into an obstacle."""
         ball, frame = goal.ball, goal.frame_name
         if ball is None or frame is None or not len(self.scene):
             return
@@ -249,16 +249,16 @@ class StateChecks:
 def onto_limits(
     robot: Robot, quantity: str, values: Array, name: str
 ) -> tuple[Array, list[str]]:
-    """Check values of joints against limits; what is just beyond is put on them.
+    """Check values of joints against limits; values just beyond are put on them.
 
     Args:
         robot: The robot.
         quantity: "position" or "velocity".
-        values: Shape (n,); NaN of joints that have none.
-        name: What they are called in messages.
+        values: Shape (n,); NaN for joints without a value.
+        name: Name of the values in messages.
 
     Returns:
-        The values, and what to warn of.
+        The values, and warnings.
 
     Raises:
         ProblemError: If a value is beyond its limits by more than rounding.
@@ -292,7 +292,7 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
     """Check a caller's numbers, one for each joint.
 
     Raises:
-        ProblemError: If they are none, or not finite.
+        ProblemError: If the value is not a number for each joint, or not finite.
     """
     joints = robot.joint_names
     named = by_joint(value)

@@ -1,7 +1,7 @@
 """Workcells: several robots that share a workspace and one duration T.
 
-The paper's conclusions name them as the next step: the robots are planned for together,
-as one robot with several arms, and do not touch each other on the way.
+The paper's conclusions name workcells as the next step: the robots are planned
+together, as one robot with several arms, and do not touch each other on the way.
 """
 
 from __future__ import annotations
@@ -49,16 +49,17 @@ class Workcell(Record):
         motions = cell.split(solution.trajectory)
 
     Points and placements, of goals too, are in the world, not in the base of a robot;
-    :meth:`base` tells where that is. Payloads are given to the robots beforehand.
+    :meth:`base` gives the placement of a base. Payloads are given to the robots
+    beforehand.
 
     Attributes:
         robots: For each robot, by its name, the robot and the placement base_to_world
-            of its base; may be given as a pinocchio.SE3, as a position, shape (3,) [m],
-            or all of it as a list of (name, robot, base).
+            of its base, as a pinocchio.SE3 or a position, shape (3,) [m]; or a list of
+            (name, robot, base).
         gravity: Gravity in the world, shape (3,) [m/s^2]; None for that of the robots,
             which have to agree.
-        robot: All of them as one, with their names before those of joints, links and
-            frames: "left/tool0".
+        robot: The robots combined into one, with their names before those of joints,
+            links and frames: "left/tool0".
 
     Raises:
         ProblemError: If two robots have one name, their bases overlap, or their
@@ -90,11 +91,11 @@ class Workcell(Record):
         self._keep(robots=robots, gravity=robot.gravity, robot=robot)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle what it was made of; the robots are combined again."""
+        """Pickle the arguments; the robots are combined again."""
         return type(self), (dict(self.robots), self.gravity)
 
     def _values(self) -> tuple[Any, ...]:
-        """What is compared; the rest follows from it."""
+        """Values that are compared; the others follow from them."""
         return (self.robot,)
 
     @property
@@ -114,15 +115,15 @@ class Workcell(Record):
         """Placement base_to_world of a robot.
 
         Raises:
-            ProblemError: If there is no such robot.
+            ProblemError: If no robot has the name.
         """
         return pin.SE3(self._member(name)[1])
 
     def alone(self, name: str) -> Robot:
-        """A robot as it stands there: in the axes of its base gravity may be tilted.
+        """A robot in free space, with gravity in the axes of its base.
 
         Raises:
-            ProblemError: If there is no such robot.
+            ProblemError: If no robot has the name.
         """
         robot, base = self._member(name)
         gravity = base.rotation.T @ np.asarray(self.gravity)
@@ -150,9 +151,9 @@ class Workcell(Record):
         Args:
             start: Joint positions by robot, shape (n of the robot,) [rad or m].
             goal: Goals by robot, see :meth:`goal`; or one for all robots combined.
-            v_start: Joint velocities at the start by robot; those not named are at
+            v_start: Joint velocities at the start by robot; robots not named are at
                 rest.
-            **others: Scene, margin and whatever else a :class:`Problem` has.
+            **others: Scene, margin and further arguments of :class:`Problem`.
 
         Returns:
             The problem. The margin is kept between robots, too.
@@ -175,20 +176,20 @@ class Workcell(Record):
     def _begun(self, name: str, goal: Any, start: Mapping[str, ArrayLike]) -> Any:
         """A goal of a robot; joints that it does not name stay at their start."""
         if name not in self.robots or not isinstance(goal, Goal):
-            return goal  # which is told of elsewhere
+            return goal  # reported where goals are checked
         robot = self.robots[name][0]
         return goal.resolved(robot, joint_vector(robot, start[name], "start"))
 
     def goal(self, goals: Mapping[str, Goal | None]) -> Goal:
-        """Make one goal of those of the robots.
+        """Make one goal of the goals of the robots.
 
         Args:
             goals: A goal for each robot, in the names of its own joints and frames;
                 None for a robot that may end anywhere, at rest.
 
         Returns:
-            A goal for the robots combined: a JointGoal if all are, else AllGoals; or
-            an AnyGoal, if one of them is, with all that can be chosen.
+            A goal for the robots combined: a JointGoal if all goals are JointGoals,
+            else AllGoals; or an AnyGoal, if one of them is, with all combinations.
 
         Raises:
             ProblemError: If a robot is missing or unknown, or the goals do not go
@@ -216,7 +217,7 @@ class Workcell(Record):
         return found[0] if len(found) == 1 else AnyGoal(found)
 
     def _joined(self, goals: Mapping[str, Goal | None]) -> Goal:
-        """One goal of those of the robots, none of which is a set to choose from."""
+        """One goal of the goals of the robots, each without alternatives."""
         for name, goal in goals.items():
             if goal is not None:
                 with told_of(name):
@@ -269,7 +270,7 @@ class Workcell(Record):
             rows = [trajectory.joint_names.index(joint) for joint in own]
             inverse = trajectory.inverse_dynamics
             if inverse is not None:
-                # What one robot does needs no torque of another.
+                # The motion of a robot needs no torque of another robot.
                 inverse = RobotDynamics(self.alone(name)).inverse
             motions[name] = Trajectory(
                 robot.joint_names,

@@ -1,4 +1,4 @@
-"""What holds a motion back: how its duration changes with each limit of its problem."""
+"""Sensitivities of the duration of a motion to the limits of its problem."""
 
 from __future__ import annotations
 

@@ -1,17 +1,17 @@
-r"""How the duration of a motion changes with every limit of its problem.
+r"""Sensitivities of the duration of a motion to every limit of its problem.
 
 The duration is the minimum of a program whose limits :math:`g_i(z, p) \le 0` depend on
 numbers p: speeds, torques, margins, masses. By the envelope theorem
 
 .. math:: \frac{dT}{dp} = \sum_i \lambda_i \frac{\partial g_i}{\partial p}
 
-at the optimum, with the motion z as it is: no plan is made again. The multipliers
+at the optimum, with the motion z fixed: nothing is planned again. The multipliers
 :math:`\lambda_i` are those of the certificate.
 
-A goal that is moved one way is the same as a robot that is moved the other way before
-it. So both, and what gravity and constraints have to do with the base, come from the
-values of a robot whose base stands a little elsewhere, with the motion of its joints as
-it is; contacts give the rest by their normals.
+A displacement of the goal is equivalent to the opposite displacement of the robot. So
+the sensitivities to both, and the effects of the base on gravity and constraints, come
+from the values of a robot with a slightly displaced base, with the motion of its joints
+fixed; contacts contribute by their normals.
 """
 
 from __future__ import annotations
@@ -48,26 +48,27 @@ from tominpmp.verification.stages import with_segments
 
 # Displacements of differences [m, rad], and changes of gravity, as a share of it.
 STEP, GRAVITY_STEP = 1e-6, 1e-4
-# Multipliers below this change nothing [1/m].
+# Multipliers below this are neglected [1/m].
 NOTHING = 1e-9
 
 
 @on_one_thread
 def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities:
-    """Say what holds a motion back: how T changes with each limit of its problem.
+    """Compute the sensitivities of T to each limit of the problem of a motion.
 
     Args:
-        problem: What the motion solves.
-        trajectory: The motion, of whatever origin; the nearer it is to an optimum the
-            more the values mean, see :attr:`Sensitivities.promise`.
+        problem: The problem that the motion solves.
+        trajectory: The motion, of any origin; the nearer it is to an optimum the more
+            accurate are the values, see :attr:`Sensitivities.promise`.
 
     Returns:
-        The sensitivities; of several segments, what each limit is worth on all of them.
+        The sensitivities; for several segments, the sum over the segments for each
+        limit.
 
     Raises:
-        ProblemError: If the motion is one of other joints, has no numbers or no
-            multipliers, or has segments that arrive at given times, or stay where
-            obstacles move.
+        ProblemError: If the motion has other joints, values that are not finite or no
+            multipliers, or if segments have arrival times, or dwells while obstacles
+            move.
     """
     instance(problem, Problem, "problem")
     given = checked_motion(trajectory, problem.robot, problem.q_start, problem.v_start)
@@ -89,7 +90,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
             "motion whose linear program of small changes can be solved",
             "trajectory",
         )
-    # Multipliers are shares of the time without stays, which nothing changes.
+    # Multipliers are shares of the time without dwells, which are constant.
     share, parts = given.duration / T, []
     for segment in _segments(motion, found.multipliers):
         records = tuple(record.scaled(share) for record in segment.records())
@@ -99,7 +100,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
 
 
 def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
-    """A motion of several segments without its stays, and the problem it solves."""
+    """A motion of several segments without its dwells, and the problem it solves."""
     for number, segment in enumerate(problem.segments, 1):
         if segment.arrival is not None:
             raise ProblemError(
@@ -115,9 +116,9 @@ def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
 def _segments(motion: Motion, given: LimitRows) -> Iterator[SegmentRows]:
     """The segments of a motion, with the rows of each and subjects as in its problem.
 
-    The program of the small changes of a motion is one, with the duration of each
-    segment by itself. What each limit is worth is read segment by segment, since robot,
-    load, limits and obstacles are those of the segment.
+    All segments share a program of small changes, with a duration for each segment.
+    Sensitivities are read segment by segment, since robot, load, limits and obstacles
+    are those of the segment.
     """
     for part in motion.segments:
         first, end = part.span
@@ -127,18 +128,18 @@ def _segments(motion: Motion, given: LimitRows) -> Iterator[SegmentRows]:
 
 @dataclass(frozen=True, eq=False)
 class SegmentRows:
-    """Reads what limits are worth from the multipliers of a segment of a motion.
+    """Sensitivities from the multipliers of a segment of a motion.
 
     Attributes:
         motion: The motion, with the task of the segment.
-        rows: The limits that hold on it, with their multipliers.
+        rows: The limits of the segment, with their multipliers.
     """
 
     motion: Motion
     rows: LimitRows
 
     def records(self) -> Iterator[Sensitivity]:
-        """Records of all that holds the motion."""
+        """Records of all limits of the motion."""
         yield from self._limits()
         yield from self._clearances()
         yield from self._constraints()
@@ -186,12 +187,13 @@ class SegmentRows:
 
         Args:
             kind: Kind of the records.
-            value: By joint, shape (n,).
+            value: Values by joint, shape (n,).
             limit: The limits, if they are numbers, shape (n,).
-            units: Their units.
-            joints: Which joints.
-            places: Whether values are by places, and not by shares of limits.
-            subject: What the records are about, the joint in braces.
+            units: Units of the limits.
+            joints: Indices of the joints.
+            places: Whether values are derivatives by positions, not by shares of
+                limits.
+            subject: Subject of the records, with braces for the joint.
         """
         names = self._robot.joint_names
         for joint in joints:
@@ -210,15 +212,15 @@ class SegmentRows:
     def _limits(self) -> Iterator[Sensitivity]:
         """Limits of the joints, kind by kind.
 
-        A multiplier counts by the share of the limit that the motion uses, so that time
-        scaling, which changes what is used, holds for the sums however near the
-        optimum the motion is.
+        A multiplier is weighted by the share of the limit that the motion uses, so that
+        the sums satisfy time scaling, which changes the used shares, also for motions
+        away from the optimum.
         """
         rows, more = self.rows, self._problem.motion_limits
-        # Torques count as they are: between nodes they may pass limits.
+        # Torques may exceed limits between nodes: their used share is not clipped.
         used = np.where(rows.of("effort"), rows.used, 1.0 - rows.room)
         if more is not None and more.continuous:
-            # The first and the last acceleration are zero whatever the limit is.
+            # The first and the last acceleration are zero for any limit.
             changes = self.motion.changes
             ends = np.isin(changes.times(rows.at), changes.t[[0, -1]])
             used = np.where(rows.of("acceleration") & ends, 0.0, used)
@@ -246,7 +248,7 @@ class SegmentRows:
     def _over_speed(
         self, kind: LimitKind, joint: int, bound: Any
     ) -> Iterator[Sensitivity]:
-        """A limit on a torque over its speed, by all numbers of its bound."""
+        """Sensitivities to all numbers of a limit of a torque over its speed."""
         motion, name = self.motion, self._robot.joint_names[joint]
         rows = self.rows.kept(self.rows.of(kind.name) & (self.rows.subject == joint))
         state = motion.states(rows.at.inside)
@@ -257,7 +259,7 @@ class SegmentRows:
             yield Sensitivity(what, name, name, -float(each @ by), "", *limit)
 
     def _clearances(self) -> Iterator[Sensitivity]:
-        """Clearances by obstacle, by other links, and the margin of all of them."""
+        """Clearances by obstacle, by pair of links, and the margin of all pairs."""
         problem, pairs = self._problem, self._problem.checker.pairs
         worth = self._sums("clearance", self.rows.value, len(pairs))
         names: dict[str, float] = {item.name: 0.0 for item in problem.scene}
@@ -275,7 +277,7 @@ class SegmentRows:
         yield Sensitivity("margin", None, "", value, unit, limit, "m")
 
     def _constraints(self) -> Iterator[Sensitivity]:
-        """What the problem asks for along the way."""
+        """Constraints of the problem along the motion."""
         items = self._problem.constraints
         for index, item in enumerate(items):
             worth = float(self._sums(item.name, self.rows.value, len(items))[index])
@@ -291,7 +293,7 @@ class SegmentRows:
 
     @cached_property
     def _torques_by_gravity(self) -> Array:
-        """Share of T by gravity, as far as torques have to do with it [s^2/m], (3,)."""
+        """Share of T by gravity through torques [s^2/m], shape (3,)."""
         return self._torques.by_gravity(self._robot)
 
     def _forces(self) -> Iterator[Sensitivity]:
@@ -314,7 +316,7 @@ class SegmentRows:
             yield from self._of_joints(kind, worth, given, units, joints=joints)
 
     def _constraints_by_gravity(self) -> float:
-        """Share of T by a share of gravity that constraints cost, as loads do."""
+        """Share of T by a share of gravity through constraints, as of held loads."""
         robot = self._robot
         if not np.any(robot.gravity) or not self._asked_of:
             return 0.0
@@ -352,7 +354,7 @@ class SegmentRows:
 
     @cached_property
     def _moved_robots(self) -> list[tuple[Robot, Robot]]:
-        """The robot with its base a little before and after, along six coordinates."""
+        """The robot with its base displaced to both sides, along six coordinates."""
         return [
             (
                 _displaced(self._robot, -STEP * axis),
@@ -363,7 +365,7 @@ class SegmentRows:
 
     @cached_property
     def _base_of_goal(self) -> Array:
-        """Share of T by the base, as far as the goal has to do with it, shape (6,)."""
+        """Share of T by a displacement of the base through the goal, shape (6,)."""
         y, node = self._goal_multipliers, self.motion.span[1]
         if self._problem.goal.configuration is not None or not y.size:
             return np.zeros(6)
@@ -391,7 +393,7 @@ class SegmentRows:
         times = self.motion.changes.times(rows.at)
         q = self.motion.trajectory(times).q
         normal, point = checker.witnesses(q, rows.subject, times)
-        # An obstacle that goes along the normal gives room.
+        # An obstacle that moves along the normal adds clearance.
         twists = np.hstack([normal, np.cross(point, normal)]) * -rows.value[:, None]
         for pair, twist in zip(rows.subject.tolist(), twists, strict=True):
             name = checker.pairs[pair][1]
@@ -402,7 +404,7 @@ class SegmentRows:
     def base(self) -> Array:
         """Share of T by a displacement of the base, shape (6,) [1/m, 1/rad]."""
         out = self._base_of_goal - sum(self._contacts.values(), np.zeros(6))
-        # In the axes of the base it is gravity that turns.
+        # A rotation of the base turns gravity in the axes of the base.
         out[3:] += np.cross(self._torques_by_gravity, self._robot.gravity)
         for index, (before, after) in enumerate(self._moved_robots):
             out[index] += (self._asked(after) - self._asked(before)) / (2.0 * STEP)
@@ -410,7 +412,7 @@ class SegmentRows:
 
     @cached_property
     def _asked_of(self) -> list[tuple[int, LimitRows]]:
-        """Constraints with their rows that hold the motion."""
+        """Constraints with their active rows."""
         every = self.rows.kept(np.abs(self.rows.y) > NOTHING)
         found = []
         for index, item in enumerate(self._problem.constraints):
@@ -431,7 +433,7 @@ class SegmentRows:
 
 
 def _by_share(worth: float, limit: float, unit: str) -> tuple[float, str]:
-    """What a share of a limit is worth, or a unit of it where that makes no sense."""
+    """Sensitivity to a share of a limit, or to a unit of it if it is not positive."""
     return (worth * limit, "") if limit > 0.0 else (worth, f"1/{unit}")
 
 

@@ -1,4 +1,4 @@
-"""Records of how the duration of a motion changes with the limits of its problem."""
+"""Records of the sensitivities of the duration of a motion to its limits."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tominpmp.motion_limits import joint_kinds
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# With time stretched by a factor, a quantity falls by this power of it; so do those of
-# limits of joints, as their kinds say.
+# With time stretched by a factor, a quantity falls by this power of it; the powers of
+# limits of joints are given by their kinds.
 POWERS = {"gravity": 2, "friction": 2, "damping": 1, "speed of effort curve": 1}
-# One per cent of a limit, a millimetre, a milliradian or a gram: what tables count in.
+# Steps of the tables: one per cent of a limit, a millimetre, a milliradian or a gram.
 SHARE, SMALL_UNIT = 0.01, 1e-3
-# What is looked at of those that are kinds of bodies.
+# Quantity of kinds that are bodies.
 SHOWN = {"payload": "mass", "obstacle": "position"}
 # Effects below this share of T are left out of tables and pictures.
 LEAST = 1e-6
@@ -32,23 +32,24 @@ SMALL_NAMES = {"1/m": "1 mm", "1/rad": "1 mrad", "1/kg": "1 g"}
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity(Record):
-    """How the duration changes with one limit, or with one number of the problem.
+    """Sensitivity of the duration to a limit, or to another number of the problem.
 
     Attributes:
         kind: "velocity", "effort", "acceleration", "jerk", "effort rate", "effort over
             speed", "position", "clearance", "margin", "gravity", "payload", "damping",
             "friction", "goal", "obstacle", or the name of a constraint.
-        joint: The joint; None where it is of no joint.
-        subject: What it is about: the joint, obstacle, pair of links, payload, frame.
-        value: d ln T / d ln limit: by so many per cent T changes where the limit grows
-            by one; below zero where more of it makes the motion faster. Where the
-            logarithm of a limit makes no sense, d ln T / d limit.
+        joint: The joint; None for other limits.
+        subject: Its subject: the joint, obstacle, pair of links, payload, frame.
+        value: d ln T / d ln limit: change of T in per cent where the limit grows by
+            1 %; negative where a larger limit makes the motion faster. Where the
+            logarithm of a limit is not defined, d ln T / d limit.
         unit: Unit of the value: empty for shares of shares, else "1/m", "1/rad" or
             "1/kg".
-        limit: The limit as it is [SI]; None where it is no number.
-        limit_unit: Its unit.
+        limit: Value of the limit [SI]; None where it is no number.
+        limit_unit: Unit of the limit.
         vector: d ln T by the coordinates of a place in the world, shape (3,) [1/m], or
-            by those of gravity [s^2/m]; its length is the value of a place. None else.
+            by those of gravity [s^2/m]; its length is the value of a place. None for
+            other limits.
     """
 
     kind: str
@@ -67,7 +68,7 @@ class Sensitivity(Record):
 
     @property
     def step(self) -> float:
-        """What tables count in: one per cent; where there is a unit, a thousandth."""
+        """Step of tables: one per cent; for values with a unit, a thousandth."""
         return SMALL_UNIT if self.unit else SHARE
 
     @property
@@ -77,17 +78,17 @@ class Sensitivity(Record):
 
     @property
     def effect(self) -> float:
-        """Share of T that one such step adds, to first order."""
+        """Share of T that one step of the tables adds, to first order."""
         return self.value * self.step
 
     def scaled(self, share: float) -> Sensitivity:
-        """The same of a motion of which that other one is a share."""
+        """The sensitivity of a longer motion that contains this one as a share."""
         vector = None if self.vector is None else share * self.vector
         return replace(self, value=share * self.value, vector=vector)
 
     @property
     def label(self) -> str:
-        """What it is about, and which limit of it."""
+        """Subject and kind, in words."""
         if self.subject == "" or self.subject in self.kind:
             return self.kind
         return f"{self.subject}: {SHOWN.get(self.kind, self.kind)}"
@@ -95,15 +96,15 @@ class Sensitivity(Record):
 
 @dataclass(frozen=True, eq=False)
 class Sensitivities(Record):
-    """How the duration of a motion changes with everything that may hold it.
+    """Sensitivities of the duration of a motion to all limits of its problem.
 
-    An iterable of records, those with the largest effect first.
+    An iterable of records, in the order of their effects, the largest first.
 
     Attributes:
         T: Duration of the motion [s].
         records: The records.
-        promise: What small changes of the motion itself promise still, as a share of T:
-            the values hold for an optimum, and are the less exact the larger this is.
+        promise: Predicted gain of small changes of the motion, as a share of T: the
+            values hold for an optimum, and are the less exact the larger this is.
         base: d ln T by a displacement of the robot's base: three translations along the
             axes of the world [1/m] and three rotations about them, at its origin
             [1/rad], shape (6,).
@@ -133,14 +134,14 @@ class Sensitivities(Record):
         return self.records[index]
 
     def __repr__(self) -> str:
-        """How many there are, and the largest, on one line."""
+        """Number of records, and the largest, on one line."""
         first = f", first {self.records[0].label}" if self.records else ""
         return f"<Sensitivities of T = {self.T:.6g} s: {len(self)} records{first}>"
 
     def of(
         self, kind: str | None = None, subject: str | None = None
     ) -> tuple[Sensitivity, ...]:
-        """Records of a kind, or about a joint, an obstacle or whatever it is."""
+        """Records of a kind, or of a subject: a joint, an obstacle, ..."""
         return tuple(
             item
             for item in self.records
@@ -148,18 +149,18 @@ class Sensitivities(Record):
         )
 
     def total(self, kind: str) -> float:
-        """Sum of the values of a kind: all its limits changed by one share."""
+        """Sum of the values of a kind: all its limits changed by the same share."""
         return math.fsum(item.value for item in self.of(kind))
 
     @property
     def balance(self) -> float:
-        """What time scaling leaves over, zero for a motion from rest to rest.
+        """Residual of the time scaling identity, zero for a motion from rest to rest.
 
         S_velocity + 2 S_effort + 2 S_acceleration + 3 S_jerk + 3 S_effort-rate + 2
-        S_gravity + S_damping + 2 S_friction = -1 where nothing else depends on time:
+        S_gravity + S_damping + 2 S_friction = -1 where no other number depends on time:
         with every speed limit twice, and every torque limit four times as large (and
-        gravity, too), the same path takes half the time. Obstacles that move, ends that
-        move and constraints of other kinds on the way add to it.
+        gravity, too), the same path takes half the time. Moving obstacles, moving ends
+        and constraints of other kinds add to the residual.
         """
         powers = {kind.name: kind.order for kind in joint_kinds().values()} | POWERS
         return 1.0 + math.fsum(
@@ -173,17 +174,17 @@ class Sensitivities(Record):
         T: float | None = None,
         names: Sequence[str] | None = None,
     ) -> Sensitivities:
-        """Those of several motions, one after the other.
+        """Sensitivities of a cycle of several motions, one after the other.
 
         Args:
-            parts: Of each motion.
-            T: Duration of the whole [s], with what passes between the motions; None for
-                the sum of theirs.
-            names: Names of their goals, one each; None numbers them. The others are
-                taken for the same where they are about the same.
+            parts: Sensitivities of each motion.
+            T: Duration of the cycle [s], with the time between the motions; None for
+                the sum of their durations.
+            names: Names of their goals, one each; None numbers them. Other records are
+                added where they have the same subject.
 
         Raises:
-            ProblemError: If there are none, or the duration is less than theirs.
+            ProblemError: If parts are empty, or the duration is less than their sum.
         """
         items = list(parts)
         goals = [f"goal {k + 1}" for k in range(len(items))] if names is None else names
@@ -209,19 +210,19 @@ class Sensitivities(Record):
 
     @classmethod
     def of_segments(cls, parts: Sequence[Sensitivities]) -> Sensitivities:
-        """Those of the segments of one motion, each as shares of the whole T."""
+        """Sensitivities of a motion from those of its segments, as shares of T."""
         base = np.sum([part.base for part in parts], axis=0)
         records = [record for part in parts for record in part]
         return cls(parts[0].T, _summed(records), parts[0].promise, base)
 
     def table(self, most: int | None = None) -> str:
-        """What holds the motion, as text, one line a record, the largest first.
+        """Table of the sensitivities, one line a record, the largest first.
 
         Args:
-            most: Largest number of lines; None for all that have an effect.
+            most: Largest number of lines; None for all records with an effect.
 
         Raises:
-            ProblemError: If that is no number.
+            ProblemError: If ``most`` is no number.
         """
         if most is not None:
             most = whole(most, "most", expected="a number of lines or None")
@@ -242,7 +243,7 @@ class Sensitivities(Record):
         return "\n".join(lines)
 
     def plot(self, path: str | Path | None = None, *, most: int = 20) -> Figure:
-        """Draw what holds the motion as bars, the largest first.
+        """Draw the sensitivities as bars, the largest first.
 
         Args:
             path: File to write (PNG, PDF or SVG by its ending), if any.
@@ -261,7 +262,7 @@ class Sensitivities(Record):
 
 
 def _summed(records: Iterable[Sensitivity]) -> tuple[Sensitivity, ...]:
-    """Records of the same limits of several motions added."""
+    """Sums of records of the same limits of several motions."""
     sums: dict[tuple[str, str, str], Sensitivity] = {}
     for item in records:
         key = item.kind, item.subject, item.unit
@@ -270,10 +271,10 @@ def _summed(records: Iterable[Sensitivity]) -> tuple[Sensitivity, ...]:
 
 
 def _added(sum_: Sensitivity, item: Sensitivity) -> Sensitivity:
-    """A record with that of another motion added."""
+    """Sum of a record and the same record of another motion."""
     value, vector = item.value, item.vector
     if item.limit != sum_.limit:
-        # Of several limits that are changed by the same share none is the one.
+        # The sum is for limits of different values, changed by the same share.
         sum_ = replace(sum_, limit=None)
     if vector is not None and sum_.vector is not None:
         vector = vector + sum_.vector

@@ -1,9 +1,9 @@
-"""What the torques of a motion are worth, and what changes with the torques it takes.
+"""Sensitivities to torques, and to the numbers that change the torques of a motion.
 
-The multipliers of torques, of their rates and of torques over speed say by which share
-of the duration a torque more at an instant delays the motion. Gravity, loads and
-friction change the torques that the same motion takes: the inverse dynamics is linear
-in each of them, so that their derivatives need no differences.
+The multipliers of torques, of their rates and of torques over speed give the share of
+the duration by which an additional torque at an instant delays the motion. Gravity,
+loads and friction change the torques that the same motion takes: the inverse dynamics
+is linear in each of them, so that their derivatives need no differences.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
 
-# Multipliers below this share of the largest one change nothing.
+# Multipliers below this share of the largest one are neglected.
 NOTHING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueWeights:
-    """What a unit of torque costs at some instants, as shares of the duration.
+    """Cost of a unit of torque at instants, as shares of the duration.
 
     Attributes:
-        q: Positions there, shape (k, n).
+        q: Positions at the instants, shape (k, n).
         v: Velocities, shape (k, n).
         a: Accelerations, shape (k, n).
-        way: Which way the joints go: 1, -1, or 0 at rest, shape (k, n).
+        way: Directions of the joints: 1, -1, or 0 at rest, shape (k, n).
         weight: Share of T by the torque of each joint, shape (k, n).
     """
 
@@ -46,12 +46,12 @@ class TorqueWeights:
 
     @classmethod
     def of(cls, motion: Motion, given: LimitRows) -> TorqueWeights:
-        """Gather what the multipliers of a motion say of torques."""
+        """Gather the multipliers of torques of a motion."""
         rows = given.kept(np.abs(given.y * given.by_torque) > 0.0)
         changes, (interval, share) = motion.changes, rows.at
         worth, mean = rows.y * rows.by_torque, rows.mean
         rate = rows.of(*(k for k, kind in joint_kinds().items() if kind.of == "du"))
-        # Rows, where their torques are, and how these enter.
+        # Rows, the instants of their torques, and the factors of these.
         parts: list[Any] = [(~mean & ~rate, 0, share, 1.0)]
         parts += [(mean, *term) for term in MEAN]
         parts += [
@@ -77,7 +77,7 @@ class TorqueWeights:
         return cls(state.q, state.v, a, way, weight)
 
     def against(self, torque: Array) -> float:
-        """Share of T that torques of shape (k, n) cost."""
+        """Share of T that torques, shape (k, n), cost."""
         return float(np.sum(self.weight * torque))
 
     def by_gravity(self, robot: Robot) -> Array:

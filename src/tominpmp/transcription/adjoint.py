@@ -36,7 +36,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # Torques change by this share of their range per radian of the trust region: the
 # larger, the likelier the obstacle of the paper's example is passed on the faster side.
 CONTROL_FACTOR = 2.0
-# Typical velocities are this times the scale of positions over the duration.
+# Scale of velocities, in units of the scale of positions over the duration.
 SPEED_FACTOR = 5.0
 # A step leaves at least this share of the duration (the paper: T + dT >= 0).
 SHORTEST = 0.1
@@ -49,9 +49,9 @@ class AdjointTranscription(TorqueTranscription):
 
     Attributes:
         substeps: Integration steps an interval.
-        ways: At first dry friction is left out.
-        centre: An iterate and its motion, with which integrations begin; None to begin
-            anew at every step, which takes several times as long.
+        ways: Directions of joints; at first dry friction is left out.
+        centre: An iterate and its motion, the guess of integrations; None solves step
+            by step, which takes several times as long.
     """
 
     kept = frozenset({"u"})
@@ -70,7 +70,7 @@ class AdjointTranscription(TorqueTranscription):
         self.substeps = substeps
         self.centre: tuple[Array, SteppedMotion] | None = None
         self._start = np.concatenate([system.problem.q_start, system.v_start])
-        # The last motion asked for: it is asked for many times.
+        # The last motion, which is requested many times.
         self._last: tuple[Array, SteppedMotion] | None = None
 
     # -- unknowns ----------------------------------------------------------------------
@@ -84,8 +84,8 @@ class AdjointTranscription(TorqueTranscription):
         """Stack torques and lengths into z.
 
         Args:
-            u: Torques of the intervals, shape (N, n) [N m or N]; those beyond their
-                limits are brought to them.
+            u: Torques of the intervals, shape (N, n) [N m or N]; they are clipped to
+                their limits.
             eta: Shape (m,).
         """
         return np.concatenate([torque_shares(self.system, u).ravel(), eta])
@@ -119,7 +119,7 @@ class AdjointTranscription(TorqueTranscription):
         return motion
 
     def near(self, z: Array) -> AdjointTranscription:
-        """The same with the motion of an iterate as centre."""
+        """The transcription with the motion of an iterate as centre."""
         motion = self.motion(z)
         if not motion.finite:
             return self
@@ -128,7 +128,7 @@ class AdjointTranscription(TorqueTranscription):
         return near
 
     def scaled_at(self, z: Array) -> AdjointTranscription:
-        """There are no scales, but a centre."""
+        """The transcription centred at an iterate; it has no scales."""
         return self.near(z)
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
@@ -161,7 +161,7 @@ class AdjointTranscription(TorqueTranscription):
         )
 
     def with_ways(self, duration: float, ways: Ways) -> AdjointTranscription:
-        """The same with other scales of velocities, and ways of joints."""
+        """The transcription with other velocity scales, and directions of joints."""
         return AdjointTranscription(
             self.system, self.shares, duration, substeps=self.substeps, ways=ways
         )
@@ -170,7 +170,7 @@ class AdjointTranscription(TorqueTranscription):
 
     @property
     def goal_scale(self) -> Array:
-        """What goal rows are divided by; velocities, of joints or a frame, are last."""
+        """Scale of the goal rows; velocities, of joints or a frame, are last."""
         scale = np.ones(self.system.goal_bounds[0].size)
         speed = SPEED_FACTOR / self.duration
         if self.system.problem.goal.fixes_velocity:
@@ -239,12 +239,12 @@ class AdjointTranscription(TorqueTranscription):
         return np.hstack([by_share, by_eta])
 
     def attention(self, steps: StepBounds) -> float:
-        """Distances are costly to differentiate; the others wait."""
+        """Clearance below which distances, costly to differentiate, are rows."""
         return NEAR
 
     @property
     def moving_attention(self) -> float:
-        """The same."""
+        """The same clearance for moving obstacles."""
         return NEAR
 
     # -- the rest of the interface -----------------------------------------------------

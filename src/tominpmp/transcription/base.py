@@ -1,10 +1,10 @@
-"""What transcriptions are, and the programs that solvers see.
+"""Interfaces of transcriptions, and of the programs that solvers see.
 
 A transcription is a parameterisation of motions by a vector z: it gives states at
 instants and pulls derivatives by them back to z. With constraints at instants it makes
 a nonlinear program (:mod:`~tominpmp.transcription.program`), whose objective is linear
 in z (the duration) and whose rows lower <= g(z) <= upper are scaled so that a violation
-of 1 means about "by 100 %". The solvers know nothing else of robots.
+of 1 means about "by 100 %". Solvers see a robot only through this program.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Program(Protocol):
 
     @property
     def rows(self) -> Rows:
-        """What the rows are."""
+        """Bounds, kinds and groups of the rows."""
 
     @property
     def cost(self) -> Array:
@@ -86,8 +86,8 @@ class Program(Protocol):
     def evaluate(self, z: Array, room: float = np.inf) -> Array:
         """Row values g(z), shape (m,).
 
-        Those of gradual constraints that are below their bounds by more than ``room``
-        may be larger than they are, but not above that.
+        Values of gradual constraints that are below their bounds by more than ``room``
+        may be returned too large, but never closer to the bounds than ``room``.
         """
 
     def attention(self, steps: StepBounds) -> float:
@@ -97,7 +97,7 @@ class Program(Protocol):
         """Jacobian of the rows that can become active within a box of steps."""
 
     def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
-        """Root of what linearised rows, weighted, lack of curvature; None for none."""
+        """Root of the weighted curvature of the rows; None without curvature."""
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Box of steps: the trust region of a radius [rad] within the bounds of z."""
@@ -119,7 +119,7 @@ class Program(Protocol):
 
 
 class Motion(Protocol):
-    """A motion of a transcription, ready to be asked for its states."""
+    """A motion of a transcription, from which states are evaluated."""
 
     @property
     def h(self) -> Array:
@@ -127,7 +127,7 @@ class Motion(Protocol):
 
     @property
     def finite(self) -> bool:
-        """Whether there is a motion: an integration may fail."""
+        """Whether all states are finite: an integration may fail."""
 
 
 M = TypeVar("M", bound=Motion)
@@ -156,7 +156,7 @@ class Hull(ABC, Generic[M]):
 class Transcription(ABC, Generic[M]):
     """A parameterisation of motions: gives states, pulls derivatives back to unknowns.
 
-    It knows no constraint but the bounds of its own unknowns.
+    Its only constraints are the bounds of its own unknowns.
 
     Attributes:
         system: The functions of the problem.
@@ -164,8 +164,8 @@ class Transcription(ABC, Generic[M]):
         kept: Fields of joint limits that are kept by bounds of unknowns.
         by_component: Whether an elastic variable is for one value at all instants (the
             paper's maximum over time) instead of all values at one instant.
-        inspected: Shares of intervals at which what jumps at the nodes is looked at
-            between its rows, by parts of an interval.
+        inspected: Shares of intervals at which values that jump at the nodes are
+            inspected between their rows, by parts of an interval.
         highest: Highest order of constraints that can be kept: 3 where accelerations
             do not jump.
         segment_ends: Number of intervals up to the end of each segment.
@@ -191,7 +191,7 @@ class Transcription(ABC, Generic[M]):
 
     @cached_property
     def delays(self) -> Array:
-        """What has been waited in all before each interval [s], shape (N,)."""
+        """Sum of the dwells before each interval [s], shape (N,)."""
         out = np.zeros(self.intervals)
         stays = (segment.dwell for segment in self.system.problem.segments)
         for (_, end), dwell in zip(self.segments, stays, strict=False):
@@ -213,9 +213,9 @@ class Transcription(ABC, Generic[M]):
 
     @property
     def goal_scale(self) -> Array | None:
-        """What residuals of the goal are divided by.
+        """Scale of the residuals of the goal.
 
-        None for a configuration, which is a bound or built in.
+        None for a configuration, which is a bound or eliminated.
         """
         given = self.system.final_configuration is not None
         return None if given else self.system.goal_scale
@@ -231,14 +231,14 @@ class Transcription(ABC, Generic[M]):
     def rates(self, motion: M, at: Instants) -> Array:
         """Derivatives by time of the positions that :meth:`states` gives, (m, n).
 
-        These are the velocities where the positions between the nodes are those of a
-        motion, and slopes of whatever joins the nodes where they are not.
+        These are the velocities where the defects of the dynamics are zero, and slopes
+        of the polynomials between nodes elsewhere.
         """
         return self.states(motion, at, 1).v
 
     @abstractmethod
     def pull_back(self, motion: M, at: Instants, partials: Partials) -> sp.csr_matrix:
-        """Derivatives by the unknowns, shape (k, size), from those by the states."""
+        """Derivatives by the unknowns, shape (k, size), from derivatives by states."""
 
     def pull_back_sum(
         self, motion: M, at: Instants, partials: Partials, weights: Array
@@ -248,25 +248,25 @@ class Transcription(ABC, Generic[M]):
 
     @abstractmethod
     def instants(self, order: int, field: str) -> Instants:
-        """Instants at which a constraint of an order is looked at to begin with."""
+        """Instants at which a constraint of an order is a row at first."""
 
     @property
     def torque_sequence(self) -> sp.csr_matrix | None:
-        """What picks a sequence of torques from those that are rows to begin with.
+        """Matrix that picks a sequence of torques from the first rows of torques.
 
         None where torques are unknowns.
         """
         return None
 
     def sequence_times(self, z: Array) -> Array:
-        """Instants of that sequence as shares of T; the middles of the intervals."""
+        """Instants of the torque sequence as shares of T; the middles of intervals."""
         t = np.concatenate([[0.0], np.cumsum(self.motion(z).h)])
         return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
 
     def hull(
         self, limit: JointLimit, within: tuple[int, int] | None = None
     ) -> Hull[M] | None:
-        """Rows that keep a joint limit at all times, if it has any.
+        """Rows that keep a joint limit at all times; None without them.
 
         Args:
             limit: The limit.
@@ -277,7 +277,7 @@ class Transcription(ABC, Generic[M]):
 
     @property
     def equations(self) -> Hull[M] | None:
-        """Rows that make the unknowns a motion at all, if it needs any."""
+        """Rows of the equations of motion, if they are not eliminated."""
         return None
 
     def attention(self, steps: StepBounds) -> float:
@@ -286,7 +286,7 @@ class Transcription(ABC, Generic[M]):
 
     @property
     def moving_attention(self) -> float:
-        """The same for those that depend on time, however small the steps."""
+        """The same for constraints that depend on time, for steps of any size."""
         return np.inf
 
     @property
@@ -311,18 +311,18 @@ class Transcription(ABC, Generic[M]):
         """The motion of an iterate."""
 
     def scaled_at(self, z: Array) -> Transcription[M]:
-        """The same with scales of the controls from a motion."""
+        """The transcription with scales of the controls from a motion."""
         return self
 
     def near(self, z: Array) -> Transcription[M]:
-        """The same, quicker to evaluate near z; motions differ by rounding."""
+        """The transcription, quicker to evaluate near z; motions differ by rounding."""
         return self
 
     def turned(self, z: Array) -> tuple[Transcription[M], Array] | None:
-        """The same with bounds of torques for the way that joints move in an iterate.
+        """The transcription with torque bounds for the directions in an iterate.
 
         Returns:
             The transcription, and the iterate within its bounds; None if joints with
-            dry friction move as was assumed.
+            dry friction move in the assumed directions.
         """
         return None

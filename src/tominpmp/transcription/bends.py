@@ -1,8 +1,9 @@
-"""Where the controls of a motion bend, and which intervals are to be halved for it.
+"""Bends of the controls of a motion, and the intervals to be halved for them.
 
-Constant accelerations leave a part of torques, as these run on while accelerations
-stand. A torque that is at its limit somewhere in an interval comes there at one end of
-it, and is below it for the rest. The shorter the interval, the less it lacks.
+Constant accelerations leave a part of the torque range unused, as torques change while
+accelerations are constant. A torque that saturates in an interval reaches its limit at
+one end, and is below the limit for the rest. The shorter the interval, the smaller the
+missing torque.
 """
 
 from __future__ import annotations
@@ -16,26 +17,27 @@ from tominpmp.transcription.layout import Gridded
 
 # The largest number of intervals.
 MOST_INTERVALS = 300
-# Intervals are halved that have this share of all bends, with their lengths, together.
+# The intervals that are halved hold this share of all bends, weighted by length.
 BENDS = 0.95
-# Shorter intervals, as shares of T, are left as they are.
+# Shorter intervals, as shares of T, are not halved.
 SHORTEST = 1e-3
-# Where a joint is at its speed limit from end to end of an interval, there is nothing
-# to gain for it; if it is one that T hangs on, which is there for this share of T. The
-# others may swing at their limits to help it elsewhere.
+# A finer grid gains nothing on an interval where a ruling joint, on which T depends, is
+# at its speed limit from end to end: a ruling joint is at its limit for this share of
+# T. Other joints may swing at their limits to help it elsewhere.
 AT_LIMIT, RULING = 0.999, 0.4
-# Constant accelerations that leave this much of torques at their limits, in shares of
-# their half ranges in the mean, are held by that rather than by where they jump.
+# Where constant accelerations leave this much of saturated torques unused, in shares of
+# their half ranges in the mean, the missing torque rather than the jumps picks the
+# intervals.
 MUCH_MISSING = 1e-2
 # Torques beyond this share of their limits are at them.
 AT_TORQUE_LIMIT = 0.98
 
 
 def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
-    """Which intervals are to be halved: those with a share of all bends, (N,).
+    """Which intervals are to be halved: intervals that hold a share of all bends, (N,).
 
-    Constant accelerations that are held by torques are divided where these run to their
-    limits: in halves they jump no less, and gain all the same.
+    Constant accelerations limited by torques are divided where the torques saturate:
+    the halves jump no less, but recover missing torque.
     """
     h = of.motion(z).h
     bends = _losses(of, z, h)
@@ -51,7 +53,7 @@ def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
 
 
 def _losses(of: Gridded, z: Array, h: Array) -> Array | None:
-    """What torques at their limits lack, (N,); None if that is not much."""
+    """Missing torque of saturated joints, times length, (N,); None if it is small."""
     if not isinstance(of, InverseTranscription):
         return None
     losses = h * missing_torque(*torques_at_ends(of, z))
@@ -59,12 +61,12 @@ def _losses(of: Gridded, z: Array, h: Array) -> Array | None:
 
 
 def _bends(of: Gridded, z: Array, h: Array) -> Array:
-    """How much controls bend, with lengths, where speeds leave them room, (N,)."""
+    """Bends of the controls, times length, where speeds are not saturated, (N,)."""
     speeds = np.abs(of.trajectory(z).v)
     limits = of.system.problem.robot.limits
     bends = h * bends_of_controls(of, z)
     at_limit = speeds > AT_LIMIT * limits.velocity
-    if at_limit.shape[0] == h.size + 1:  # no stays on the way
+    if at_limit.shape[0] == h.size + 1:  # no dwells on the way
         at_limit = at_limit[1:] & at_limit[:-1]
         ruling = h @ at_limit > RULING * h.sum()
         bends[np.any(at_limit[:, ruling], axis=1)] = 0.0
@@ -72,7 +74,7 @@ def _bends(of: Gridded, z: Array, h: Array) -> Array:
 
 
 def bends_of_controls(of: Gridded, z: Array) -> Array:
-    """How much the controls jump, or their slopes, around each interval, shape (N,)."""
+    """Largest jump of the controls, or of their slopes, around each interval, (N,)."""
     variation = of.scaled_at(z).variation(z)
     jumps = np.abs(variation.matrix @ z + variation.offset)
     N, more = of.intervals, 0
@@ -104,7 +106,7 @@ def torques_at_ends(of: InverseTranscription, z: Array) -> tuple[Array, Array]:
 
 
 def missing_torque(begin: Array, end: Array) -> Array:
-    """Mean share that a torque at its limit lacks on each interval, largest, (N,).
+    """Mean missing share of saturated torques on each interval, largest joint, (N,).
 
     Args:
         begin: Torques where each interval begins, shares, shape (N, n).

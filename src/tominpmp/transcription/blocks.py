@@ -1,4 +1,4 @@
-"""Blocks of rows: what a constraint, or a transcription, adds to a program."""
+"""Blocks of rows that a constraint, or a transcription, adds to a program."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Share of an interval over which rates of accelerations are taken.
 ASIDE = 1e-3
-# Positions that differ by no more than this are the same but for rounding [rad or m].
+# Positions that differ by no more than this are equal up to rounding [rad or m].
 SAME_PLACE = 1e-12
 
 
@@ -67,13 +67,13 @@ class Always:
     def values_as(
         self, of: Transcription[Any], motion: Motion, former: Motion, known: Array
     ) -> Array:
-        """Row values; those of a former motion are of no use."""
+        """Row values; the values of a former motion are not used."""
         return self.values(of, motion)
 
     def jacobian(
         self, of: Transcription[Any], motion: Motion, chosen: IntArray
     ) -> sp.csr_matrix:
-        """Jacobian of some of them."""
+        """Jacobian of some of the rows."""
         whole = self.hull.jacobian(motion)
         return whole if chosen.size == whole.shape[0] else whole[chosen]
 
@@ -83,12 +83,12 @@ class Sampled:
     """A constraint at instants.
 
     Attributes:
-        constraint: The constraint, with what it takes for granted at the instants.
-        fixed: Instants at shares of intervals. Those at which the constraint has kinks
-            in real time come on top of them, if it holds all the time.
+        constraint: The constraint, with its assumptions at the instants.
+        fixed: Instants at shares of intervals. Instants at which the constraint has
+            kinks in real time are added to them, if it holds all the time.
         within: First interval of the segment on which it holds, and the one after its
             last; None for all.
-        suffix: What its name ends with.
+        suffix: Suffix of its name.
         ignored: Values that are no rows at the first of the instants, shape (r, p).
     """
 
@@ -133,7 +133,7 @@ class Sampled:
         return self._bounds[1]
 
     def groups(self, by_component: bool) -> IntArray:
-        """One group; or one for each component, or instant."""
+        """Group of each row: one in all, or one for each component, or instant."""
         rows, count = self.lower.shape
         if by_component and rows > 1:
             return np.tile(np.arange(count), rows)
@@ -143,13 +143,13 @@ class Sampled:
 
     @property
     def kinks(self) -> Array:
-        """Times of the kinks that are instants [s], shape (k,)."""
+        """Times of the kinks at which the constraint is a row [s], shape (k,)."""
         return self.constraint.kinks if self.within is None else np.zeros(0)
 
     def instants(self, of: Transcription[Any], h: Array) -> Instants:
         """The instants on intervals of given lengths [s], shape (N,).
 
-        Those that are due after the end of the motion are at its end.
+        Kinks after the end of the motion are put at its end.
         """
         if not self.kinks.size:
             return self.fixed
@@ -163,22 +163,23 @@ class Sampled:
     def values(
         self, of: Transcription[Any], motion: Motion, room: float = np.inf
     ) -> Array:
-        """Row values; those with more room may be larger than they are."""
+        """Row values; values with a margin above ``room`` may be too large."""
         _, states = self.states(of, motion)
         return self.constraint.evaluate(states, min(of.cutoff, room)).ravel()
 
     def values_as(
         self, of: Transcription[Any], motion: Motion, former: Motion, known: Array
     ) -> Array:
-        """Row values, which are those of a former motion where both are at one place.
+        """Row values, taken from a former motion where both have equal positions.
 
-        What is dear to evaluate hangs on the places alone, unless obstacles move.
+        The constraints that are costly to evaluate depend on positions alone, unless
+        obstacles move.
 
         Args:
             of: The transcription.
             motion: A motion of it.
-            former: Another one.
-            known: Row values of that, shape (r p,).
+            former: The former motion.
+            known: Row values of the former motion, shape (r p,).
         """
         constraint = self.constraint
         if not constraint.gradual or constraint.moving or constraint.order:
@@ -213,15 +214,15 @@ class Sampled:
     def bend(
         self, of: Transcription[Any], motion: Motion, multipliers: Array
     ) -> sp.csr_matrix | None:
-        """Root of the curvature that the values have when they are weighted.
+        """Root of the curvature of the weighted sum of the values.
 
         Args:
             of: The transcription.
             motion: A motion of it.
-            multipliers: Weights of the values; those at upper bounds are positive.
+            multipliers: Weights of the values, positive at upper bounds.
 
         Returns:
-            Matrix R, shape (k, size), whose R^T R is the curvature; None for none.
+            Matrix R, shape (k, size), with curvature R^T R; None without curvature.
         """
         chosen = np.flatnonzero(multipliers > 0.0)
         if not chosen.size:
@@ -262,7 +263,7 @@ class Sampled:
     ) -> Iterator[tuple[Array, Array]]:
         """Partial derivatives by v and a, and the rates of these, shape (m, n).
 
-        The rates are slopes of what joins the nodes, which need be no motion yet.
+        The rates are slopes of the polynomials between nodes, which may have defects.
         """
         if partials.by_v is None and partials.by_a is None:
             return
@@ -278,7 +279,7 @@ class Sampled:
             yield partials.by_a, (after.a - before.a) / apart
 
     def informed(self, of: Transcription[Any], motion: Motion) -> Sampled:
-        """The same with what its constraint takes for granted, from a motion."""
+        """The block with the assumptions of its constraint, from a motion."""
         if self.constraint.informed:
             return self
         return replace(
@@ -292,7 +293,7 @@ Block = Always | Sampled
 def assumed(
     constraint: Constraint, of: Transcription[Any], motion: Motion, at: Instants
 ) -> Constraint:
-    """A constraint with what it takes for granted of a motion at instants."""
+    """A constraint with its assumptions about a motion at instants."""
     if not constraint.assumes:
         return constraint
     beside = of.states(motion, at.middles, 1).v
@@ -302,8 +303,8 @@ def assumed(
 def blocks_of(of: Transcription[Any]) -> list[Block]:
     """Rows of all constraints along the motion of a problem.
 
-    Those of the arm hold on all segments, and so do those that all segments share;
-    others hold on theirs.
+    Position and speed limits of the arm, and constraints that all segments share, hold
+    on all segments; other constraints hold on their own segment.
     """
     parts, found = of.system.segments, []
     for constraint in parts[0].constraints:

@@ -1,4 +1,4 @@
-r"""Splines: B-splines of degree 2, 3 or 5 in one duration, or in those of segments.
+r"""B-splines of degree 2, 3 or 5 in one duration, or in the durations of segments.
 
 Degree 2 has constant accelerations (:mod:`~tominpmp.transcription.inverse`), degree 3
 continuous, piecewise linear ones (the paper's quasi-linear control), degree 5 smooth
@@ -50,13 +50,12 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 DEGREES = {"linear": 3, "spline": 5}
-# Instants of each interval at which other constraints than torques are looked at to
-# begin with.
+# Instants of each interval at which constraints other than torques are rows at first.
 SHARES = (0.5, 1.0)
-# Those at which torques are; at the end of the last one too.
+# Instants at which torques are rows at first; at the end of the last interval too.
 TORQUE_SHARES = (0.0, 0.5)
-# Where they are looked at between these: torques of fast wrists rise and fall by half
-# of their range within a quarter of an interval.
+# Instants at which torques are inspected between these: torques of fast wrists rise and
+# fall by half of their range within a quarter of an interval.
 INSPECTED = (
     (0.0625, 0.125, 0.1875, 0.25, 0.3125, 0.375, 0.4375),
     (0.5625, 0.625, 0.6875, 0.75, 0.8125, 0.875, 0.9375),
@@ -67,19 +66,20 @@ RATE_SHARES = (0.0, 0.05, 0.95, 1.0 - 1e-9)
 # Clearances beyond this, in shares of the reach per rad of trust region, are no rows of
 # the linear program: a step that uses them up all the same is cut short by the merit.
 ATTENTION = 0.07
-# However far it reaches; beyond this clearances are not exact.
+# Upper bound on that, for any trust region; clearances beyond it are not exact.
 MAX_ATTENTION = 0.05
 
 
 class Hung(NamedTuple):
-    """How the coordinates of control points hang on the unknowns.
+    """How the coordinates of control points depend on the unknowns.
 
     Attributes:
-        column: The unknown that moves each, shape (M n,); -1 for none.
-        offset: What they are from the start on for unknowns of zero, shape (M n,).
-        slopes: How they change with the durations, shape (M n, m).
-        alone: Whether no two of them are one unknown.
-        moving: Whether any of them changes with the durations.
+        column: The unknown that moves each coordinate, shape (M n,); -1 where it is
+            fixed.
+        offset: Coordinates relative to the start for unknowns of zero, shape (M n,).
+        slopes: Derivatives of the coordinates by the durations, shape (M n, m).
+        alone: Whether no two coordinates share an unknown.
+        moving: Whether any coordinate changes with the durations.
     """
 
     column: IntArray
@@ -100,9 +100,9 @@ class BSplineTranscription(Transcription[SplineMotion]):
         breaks: Numbers of intervals before nodes at which the derivative below the
             highest may jump: accelerations of degree 3.
         knots_by_durations: Knots by each of the durations, shape (K, m).
-        hung: How control points hang on the unknowns.
-        acceleration_range: What the full torque range of each joint brings about, shape
-            (n,), which controls are measured in; ones before a motion was looked at.
+        hung: How control points depend on the unknowns.
+        acceleration_range: Accelerations by the full torque range of each joint, shape
+            (n,), the unit of the controls; ones before it was scaled at a motion.
     """
 
     inspected: tuple[tuple[float, ...], ...] = INSPECTED
@@ -125,13 +125,13 @@ class BSplineTranscription(Transcription[SplineMotion]):
         self.acceleration_range = np.ones(self._n)
         self.knots_by_durations = clamped(shares, degree, breaks)
         self.hung = self._eliminated()
-        # With one duration they keep their proportions.
+        # With one duration the knots keep their proportions.
         self._knots = KnotVector(shares[:, 0], degree, breaks) if self._m == 1 else None
 
     # -- unknowns ----------------------------------------------------------------------
 
     def _eliminated(self) -> Hung:
-        """Control points, of which those at the ends follow from given states.
+        """Eliminate the control points at the ends, which follow from given states.
 
         At a known velocity v the second point from an end is C_0 + v T dt / p; the
         third follows where the acceleration has to begin at zero, as it must not jump.
@@ -151,7 +151,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         if last and goal is not None:
             offset[M - last :] = goal - self._base
         elif last:
-            # A free final configuration moves the points that hang on it together.
+            # A free final configuration moves the points that depend on it together.
             column[M - last :] = inner
         if last and v_end is not None:
             back = _reach((t[-1] - t)[::-1], p, last)[::-1]
@@ -164,7 +164,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     @cached_property
     def point_unknowns(self) -> int:
-        """All but the durations."""
+        """Number of unknowns without the durations."""
         return int(self.hung.column.max()) + 1
 
     @property
@@ -177,7 +177,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return self._from_base(z) + self._base
 
     def _from_base(self, z: Array) -> Array:
-        """Control points from the start on, shape (M, n)."""
+        """Control points relative to the start, shape (M, n)."""
         hung, moved = self.hung, self.hung.column >= 0
         found = hung.offset + hung.slopes @ z[self.point_unknowns :]
         found[moved] += z[hung.column[moved]]
@@ -186,12 +186,12 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def by_unknowns(
         self, by_points: Array, points: IntArray, by_durations: Array
     ) -> sp.csr_matrix:
-        """Derivatives by the unknowns from those by control points and durations.
+        """Derivatives by the unknowns from those by control points and by durations.
 
         Args:
-            by_points: By coordinates of control points, shape (k, w).
-            points: Which of all coordinates these are, ascending, shape (k, w).
-            by_durations: By the durations alone, shape (k, m).
+            by_points: Derivatives by coordinates of control points, shape (k, w).
+            points: Indices of these coordinates, ascending, shape (k, w).
+            by_durations: Derivatives by the durations alone, shape (k, m).
         """
         hung = self.hung
         if hung.moving:
@@ -212,7 +212,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def unknowns(self, points: Array, eta: Array) -> Array:
         """Unknowns whose control points come nearest to given ones.
 
-        Those that hang together get the mean of what is asked for.
+        Coordinates that share an unknown get the mean of their given values.
 
         Args:
             points: Control points, shape (M, n).
@@ -244,7 +244,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         Args:
             eta: Durations, shape (m,).
             position: Configurations at times [s], shape (k,) to (k, n); they are met at
-                all times if they are those of such a spline.
+                all times if they are a spline on this grid.
         """
         knots = self._knots_for(eta)
         sites = knots.greville
@@ -318,7 +318,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def pull_back(
         self, motion: SplineMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
-        """Derivatives by the unknowns from those by the states."""
+        """Derivatives by the unknowns from derivatives by the states."""
         which, n, width = partials.at, self._n, self.degree + 1
         by_points = np.zeros((which.size, width, n))
         by_durations = np.zeros((which.size, self._m))
@@ -344,7 +344,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return DerivativeHull(self, limit, within)
 
     def attention(self, steps: StepBounds) -> float:
-        """What a step of the points can use up."""
+        """Clearance that a step of the control points can use up."""
         radius = float(np.max(steps.upper[: self.point_unknowns], initial=0.0))
         return min(ATTENTION * radius, MAX_ATTENTION)
 
@@ -355,14 +355,14 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     @property
     def moving_attention(self) -> float:
-        """Obstacles come closer as time goes by."""
+        """Clearance to moving obstacles, which time alone can use up."""
         return MAX_ATTENTION
 
     # -- the rest of the interface -----------------------------------------------------
 
     def scaled_at(self, z: Array) -> BSplineTranscription:
-        """The same with the range of accelerations at a motion."""
-        scaled = copy(self)  # what is known of the grid holds there too
+        """The transcription with the range of accelerations at a motion."""
+        scaled = copy(self)  # cached values of the grid stay valid
         motion, at = self.motion(z), self._torque_instants
         _, q, v, a, _ = self.states(motion, at, 2)
         by = self.system.dynamics.inverse_jacobians(q, v, a)
@@ -378,8 +378,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def variation(self, z: Array) -> Variation:
         """Jumps of the highest derivative, up to jerks, in full torque ranges.
 
-        Those between control points of the jerk count as accelerations, over the
-        interval that such a jump lasts.
+        Jumps between control points of the jerk count as accelerations, over the mean
+        interval.
         """
         motion, order = self.motion(z), min(self.degree, 3)
         scale = self.acceleration_range
@@ -398,25 +398,25 @@ class BSplineTranscription(Transcription[SplineMotion]):
         data /= np.tile(scale, len(between))[:, None]
         by_durations = np.zeros((len(data), self._m))
         if self._m > 1:
-            # Lengths that change by themselves must not seem to change nothing.
+            # Changes of single durations change the jumps, too.
             by_durations = motion.by_durations(jumps, 2).reshape(-1, self._m)
         matrix = self.by_unknowns(data, points, by_durations)
         return Variation(matrix, jumps(motion).ravel() - matrix @ z)
 
     @property
     def torque_sequence(self) -> sp.csr_matrix:
-        """Torques at nodes and between them, as they are rows."""
+        """Torques at nodes and middles, in the order of their rows."""
         return sp.csr_matrix(sp.identity(self._torque_instants.size))
 
     def sequence_times(self, z: Array) -> Array:
-        """Instants of that sequence as shares of T: nodes and middles."""
+        """Instants of the torque sequence as shares of T: nodes and middles."""
         h = self.motion(z).h
         return np.asarray(
             self.torque_sequence @ self._torque_instants.times(h) / h.sum()
         )
 
     def stretch(self, z: Array, factor: float) -> Array:
-        """The same points, traversed slower."""
+        """The same control points, traversed slower."""
         out = z.copy()
         out[self.point_unknowns :] *= factor
         return out
@@ -440,9 +440,9 @@ class BSplineTranscription(Transcription[SplineMotion]):
 class DerivativeHull(Hull[SplineMotion]):
     """Control points of a derivative over its limit.
 
-    On a segment, these are the ones that any of its intervals depends on. Of the points
-    of the curve itself, these are the ones that hang on velocities at the ends: others
-    are unknowns, whose bounds keep the limits.
+    On a segment, the rows are the control points that any of its intervals depends on.
+    Of the points of the curve itself, they are the points that depend on velocities at
+    the ends: other points are unknowns, whose bounds keep the limits.
     """
 
     def __init__(
@@ -484,23 +484,24 @@ class DerivativeHull(Hull[SplineMotion]):
 
 
 def _reach(knots: Array, degree: int, count: int) -> Array:
-    """How far the first control points lie from the end, per unit of velocity.
+    """Distance of the first control points from the end, per unit of velocity.
 
-    By each of the durations, shape (count, 1, m), from knots by these, shape (K, m).
+    Its derivatives by the durations, shape (count, 1, m), from the knots by the
+    durations, shape (K, m).
     """
     spans = (knots[degree + 1 : degree + count] - knots[1:count]) / degree
     return nodes_of(spans)[:, None]
 
 
 def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:
-    """A motion as that of its segments, with the times that it stays at their ends.
+    """A motion with the loads of its segments and the dwells at their ends.
 
     Args:
         of: Its parameterisation.
-        motion: The motion, as if nothing else was carried and it stayed nowhere.
+        motion: The motion, with the load of the first segment and without dwells.
 
     Returns:
-        The motion; as it was where there is one segment only.
+        The motion; unchanged where the problem has no segments.
     """
     segments = of.system.problem.segments
     if not segments:
@@ -514,7 +515,7 @@ def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:
 
 
 def _with_stay(motion: Trajectory, segment: int, dwell: float) -> Trajectory:
-    """A motion that stays where a segment ends [s], at rest."""
+    """A motion with a dwell at the end of a segment [s], at rest."""
     assert motion.segment_ends is not None  # noqa: S101
     ends = np.array(motion.segment_ends)
     node = int(np.searchsorted(motion.t, ends[segment]))
@@ -529,6 +530,6 @@ def _with_stay(motion: Trajectory, segment: int, dwell: float) -> Trajectory:
     elif a is not None:
         a = np.insert(a, node, 0.0, axis=0)
     ends[segment:] += dwell
-    # Sums may round: each end is the node that it is.
+    # Sums may round: each end is set to its node.
     ends = t[np.argmin(np.abs(t[:, None] - ends), axis=0)]
     return replace(motion, t=t, q=q, v=v, u=u, a=a, segment_ends=ends)

@@ -7,9 +7,9 @@ The states at the nodes are lifted out of the paper's linear program:
 Eliminating them gives the paper's program back (see
 :mod:`tominpmp.transcription.adjoint`), and the multipliers of these rows are the
 paper's psi. Limits on positions and velocities become bounds, the trust region is a box
-on the states, where the error of the linearisation lives, and a start may be any path,
-whether the dynamics allow it or not. The step is Radau IIA with the inner stage
-condensed (:mod:`tominpmp.transcription.integrator`).
+on the states, where the error of the linearisation lives, and an initial guess may be
+any path, whether the dynamics allow it or not. The step is Radau IIA with the inner
+stage condensed (:mod:`tominpmp.transcription.integrator`).
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Velocities are of this times the scale of positions over the duration.
+# Scale of velocities, in units of the scale of positions over the duration.
 SPEED_FACTOR = 5.0
 # Value of the defects of an interval whose inner stage cannot be solved for.
 NOT_INTEGRATED = 1e3
-# Clearances above this, per rad of trust region and in shares of the reach, wait.
+# Clearances above this, per rad of trust region and in shares of the reach, are no rows
+# of the linear program.
 ATTENTION = 2.0
 
 
@@ -62,7 +63,7 @@ class CollocationTranscription(TorqueTranscription):
         limits = system.problem.robot.limits
         self._low = np.concatenate([limits.position_lower, -limits.velocity])
         self._high = np.concatenate([limits.position_upper, limits.velocity])
-        # States that are known beforehand; NaN for others.
+        # Given states at the ends; NaN for unknown ones.
         self._given = np.full((self._N + 1, 2 * self._n), np.nan)
         self._given[0] = np.concatenate([system.problem.q_start, system.v_start])
         if system.final_configuration is not None:
@@ -80,7 +81,8 @@ class CollocationTranscription(TorqueTranscription):
     def pack(self, x: Array, u: Array, eta: Array) -> Array:
         """Stack states, torques and lengths into z.
 
-        What is known of the ends replaces what is given; all is brought within limits.
+        States given at the ends replace the arguments; all states and torques are
+        clipped to their limits.
 
         Args:
             x: States (q, v) at the nodes, shape (N + 1, 2n).
@@ -97,8 +99,8 @@ class CollocationTranscription(TorqueTranscription):
     def start(self, q: Array, eta: Array) -> Array:
         """Turn positions at the nodes into unknowns; the dynamics need not hold.
 
-        Velocities are those of parabolas through neighbouring nodes, torques those of
-        the inverse dynamics in the middle of the intervals, within their limits.
+        Velocities are taken from parabolas through neighbouring nodes, torques from the
+        inverse dynamics in the middle of the intervals, within their limits.
 
         Args:
             q: Positions at the nodes, shape (N + 1, n) [rad or m].
@@ -143,17 +145,17 @@ class CollocationTranscription(TorqueTranscription):
     # -- dry friction ------------------------------------------------------------------
 
     def with_ways(self, duration: float, ways: Ways) -> CollocationTranscription:
-        """The same with other scales of velocities, and ways of joints."""
+        """The transcription with other velocity scales, and directions of joints."""
         return CollocationTranscription(self.system, self.shares, duration, ways)
 
     def assumed(self, z: Array) -> Ways | None:
-        """Those of the iterate at first."""
+        """Assumed directions of the joints; at first the directions in the iterate."""
         if self.system.friction is None or self.ways is not None:
             return self.ways
         return first_ways(self.system, self.split(z)[0][:, self._n :])
 
     def scaled_at(self, z: Array) -> CollocationTranscription:
-        """The same with the way that joints with dry friction move in a motion."""
+        """The transcription with the directions of joints with dry friction."""
         ways = self.assumed(z)
         if ways is None or ways is self.ways:
             return self
@@ -182,7 +184,7 @@ class CollocationTranscription(TorqueTranscription):
     def pull_back(
         self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
-        """Derivatives by the unknowns from those by the states."""
+        """Derivatives by the unknowns from derivatives by the states."""
         which, (by_x, by_u) = partials.at, self.by_states(motion, at, partials)
         k, weights = at.interval[which], stage_weights(at.share[which])
         parts = [weights[:, :1] * by_x, weights[:, 2:] * by_x, by_u]
@@ -196,14 +198,14 @@ class CollocationTranscription(TorqueTranscription):
         return self.interval_rows(data, k, by_eta)
 
     def attention(self, steps: StepBounds) -> float:
-        """What a step of the states can use up."""
+        """Clearance that a step of the states can use up."""
         states = steps.upper[: (self._N + 1) * 2 * self._n]
         boxes = states.reshape(self._N + 1, -1)[:, : self._n]
         return ATTENTION * float(np.max(boxes / self.system.step_scale, initial=0.0))
 
     @property
     def moving_attention(self) -> float:
-        """Obstacles come closer as time goes by."""
+        """Clearance to moving obstacles, which time alone can use up."""
         return ATTENTION
 
     def _interval_columns(self) -> IntArray:
@@ -228,7 +230,7 @@ class CollocationTranscription(TorqueTranscription):
         Args:
             entries: Shape (k, 5n + 1).
             interval: The intervals, shape (k,).
-            by_eta: Derivatives by the last unknowns on top of them, shape (k, m).
+            by_eta: Additional derivatives by the last unknowns, shape (k, m).
 
         Returns:
             Shape (k, size).
@@ -242,7 +244,7 @@ class CollocationTranscription(TorqueTranscription):
     # -- the rest of the interface -----------------------------------------------------
 
     def stretch(self, z: Array, factor: float) -> Array:
-        """The same configurations, traversed slower, with the torques for that."""
+        """The same configurations, traversed slower, with the torques that it takes."""
         x, _, _ = self.split(z)
         n, eta = self._n, z[-self._m :] * factor
         q, v = x[:, :n], x[:, n:] / factor
@@ -253,8 +255,8 @@ class CollocationTranscription(TorqueTranscription):
 class Defects(Hull[SteppedMotion]):
     """Defects of the steps, which are zero for a motion, over the scale of states.
 
-    They are one group: all shrink in proportion, which took half the iterations of a
-    group for each interval on the paper's example.
+    The defects are one group: all shrink in proportion, which took half the iterations
+    of a group for each interval on the paper's example.
     """
 
     def __init__(self, of: CollocationTranscription) -> None:
@@ -262,7 +264,7 @@ class Defects(Hull[SteppedMotion]):
         self.lower = self.upper = np.zeros(of.intervals * of.scale.size)
 
     def values(self, motion: SteppedMotion) -> Array:
-        """Defects; of intervals without a stage something large."""
+        """Defects; a large value on intervals whose inner stage was not solved."""
         solved = motion.stage.solved[:, None]
         return np.where(solved, motion.defects / self._of.scale, NOT_INTEGRATED).ravel()
 

@@ -1,7 +1,7 @@
 """Piecewise-constant torques (the paper's equation 16) as unknowns.
 
-They are what dry friction leaves of the torques of the motors: their limits depend on
-which way a joint moves.
+They are the torques of the motors less dry friction: their limits depend on the
+direction in which a joint moves.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ class TorqueTranscription(Transcription[SteppedMotion]):
 
     The last of its unknowns are the torques of N intervals, and the lengths h = H eta
     with a matrix H of shares, of one column (scaling of a given grid) or more. Torques
-    are those that dry friction leaves of the motors'.
+    are those of the motors less dry friction.
 
     Attributes:
         system: The functions of the problem.
         shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
         duration: Duration that scales velocities [s].
-        ways: Which way joints with dry friction move on the intervals; None without
-            friction, or before a motion was looked at.
+        ways: Directions of joints with dry friction on the intervals; None without
+            friction, or before they were taken from a motion.
     """
 
     def __init__(
@@ -52,11 +52,11 @@ class TorqueTranscription(Transcription[SteppedMotion]):
 
     @abstractmethod
     def with_ways(self, duration: float, ways: Ways) -> TorqueTranscription:
-        """The same with other scales of velocities, and ways of joints."""
+        """The transcription with other velocity scales, and directions of joints."""
 
     @property
     def _torques(self) -> slice:
-        """Where the shares of torques are among the unknowns."""
+        """Slice of the unknowns that holds the shares of torques."""
         end = self.size - self._m
         return slice(end - self._N * self._n, end)
 
@@ -93,9 +93,9 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         return lower, upper
 
     def turned(self, z: Array) -> tuple[TorqueTranscription, Array] | None:
-        """With the way that joints move in an iterate, and the iterate within limits.
+        """With the directions of joints in an iterate, and the iterate within limits.
 
-        None if what was assumed will do.
+        None if the assumed directions are consistent with the iterate.
         """
         motion = self.motion(z)
         if self.system.friction is None or not motion.finite:
@@ -109,7 +109,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         return self.with_ways(float(self.cost @ z), found[0]), out
 
     def assumed(self, z: Array) -> Ways | None:
-        """Which way joints are taken to move in an iterate; None if not known."""
+        """Assumed directions of joints in an iterate; None if not known."""
         return self.ways
 
     def instants(self, order: int, field: str) -> Instants:
@@ -125,7 +125,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
 
     def rates(self, motion: SteppedMotion, at: Instants) -> Array:
-        """Slopes of the polynomials: velocities only where the defects are zero."""
+        """Slopes of the polynomials; they are velocities where the defects are zero."""
         return motion.rates(at)[:, : self._n]
 
     def by_states(
@@ -178,7 +178,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
 
 
 def driven_joints(system: ProblemFunctions) -> IntArray:
-    """Indices of the joints whose torque is free; the others have none to choose."""
+    """Indices of the joints with a motor, whose torque is free."""
     limits = system.problem.robot.limits
     return np.flatnonzero(limits.effort_upper > limits.effort_lower)
 
@@ -195,7 +195,7 @@ def torque_shares(system: ProblemFunctions, u: Array) -> Array:
 
 
 def net_torque(system: ProblemFunctions, u: Array, v: Array) -> Array:
-    """What dry friction leaves of the torques of motors, shape (N, n) [N m or N]."""
+    """Torques of the motors less dry friction, shape (N, n) [N m or N]."""
     if system.friction is None:
         return u
     return np.asarray(u - system.problem.robot.friction * directions(v, 0.0 * v))
@@ -204,8 +204,8 @@ def net_torque(system: ProblemFunctions, u: Array, v: Array) -> Array:
 def driving_torque(system: ProblemFunctions, q: Array, v: Array, h: Array) -> Array:
     """Torques that drive a motion, in the middle of its intervals, shape (N, n).
 
-    They are not brought within limits. Positions and velocities are those at the nodes,
-    shape (N + 1, n).
+    The torques are not clipped to limits. Positions and velocities are those at the
+    nodes, shape (N + 1, n).
     """
     step = h[:, None]
     middle = 0.5 * (q[:-1] + q[1:])
@@ -214,7 +214,7 @@ def driving_torque(system: ProblemFunctions, q: Array, v: Array, h: Array) -> Ar
 
 
 def first_ways(system: ProblemFunctions, v: Array) -> Ways:
-    """Which way joints move on intervals, from velocities at the nodes, (N, n)."""
+    """Directions of joints on intervals, from velocities at the nodes, (N, n)."""
     assert system.friction is not None  # noqa: S101
     sign, change = interval_signs(v)
     ways = Ways.of(system.friction, sign)
@@ -224,18 +224,17 @@ def first_ways(system: ProblemFunctions, v: Array) -> Ways:
 def turned_ways(
     system: ProblemFunctions, ways: Ways | None, v: Array, shares: Array
 ) -> tuple[Ways, Array] | None:
-    """Which way joints move on intervals of a motion, if that makes a difference.
+    """Directions of joints on intervals of a motion, if they affect its torques.
 
     Args:
         system: The problem.
-        ways: Which way they were taken to move on N intervals; None if no friction
-            was reckoned with.
+        ways: Assumed directions on N intervals; None if friction was left out.
         v: Velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
         shares: Torques without friction as shares of their limits, shape (N, n).
 
     Returns:
-        Their ways, and the torques brought within their limits; None if the ways that
-        they were taken to move will do.
+        The directions, and the torques clipped to their limits; None if the assumed
+        directions are consistent with the motion.
     """
     if ways is None:
         ways = first_ways(system, v)
@@ -250,7 +249,7 @@ def turned_ways(
     if not wrong.any():
         return None
     new = ways.turned(sign, wrong)
-    # Where a joint turns within an interval its torque has to do for either way.
+    # Where a joint reverses within an interval its torque has to suit both directions.
     both = new.both | (change & (ways.friction > 0.0))
     new = Ways(new.friction, np.where(both, 0.0, new.sign), both, new.turns)
     return new, np.clip(shares, new.lower, new.upper)
@@ -264,11 +263,11 @@ def motor_torques(
     Args:
         system: The problem.
         motion: The motion, joined by cubic polynomials between its nodes.
-        ways: Which way joints with dry friction move on its intervals; None takes it
+        ways: Directions of joints with dry friction on its intervals; None takes them
             from the motion.
 
     Returns:
-        The motion with nodes where joints with friction turn.
+        The motion with nodes where joints with friction reverse.
     """
     friction = system.problem.robot.friction
     if system.friction is None:

@@ -1,12 +1,12 @@
 """B-spline curves, on knots that move with the durations of a motion.
 
 At an instant p + 1 control points matter. Their weights, in the curve and in its
-derivatives, are worked out for all instants at once: SciPy's ``design_matrix`` takes
-ten times as long, which is what iterations would take then.
+derivatives, are computed for all instants at once: SciPy's ``design_matrix`` takes ten
+times as long, and would dominate the iterations.
 
-Where there is one duration the knots keep their proportions, and all that hangs on
-these is worked out once. What other durations change is taken by complex steps (Squire
-and Trapp, 1998), which are exact to rounding.
+Where there is one duration the knots keep their proportions, and all functions of the
+proportions are computed once. Derivatives by further durations are taken by complex
+steps (Squire and Trapp, 1998), which are exact to rounding.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from scipy.interpolate import BSpline
 from tominpmp.arrays import Array, IntArray
 from tominpmp.transcription.instants import Instants
 
-# Imaginary step of a duration: so small that nothing else is changed.
+# Imaginary step of a duration: too small to change real parts.
 COMPLEX_STEP = 1e-30
 
 
 class KnotVector:
-    """Knots of a clamped B-spline between intervals, and what hangs on these alone.
+    """Knots of a clamped B-spline on a grid, and functions of the knots alone.
 
     Args:
         h: Lengths of the intervals, shape (N,).
@@ -60,13 +60,13 @@ class KnotVector:
 
     @property
     def greville(self) -> Array:
-        """Where each control point belongs: means of its inner knots, shape (M,)."""
+        """Greville abscissae of the control points: means of inner knots, (M,)."""
         sums = np.cumsum(np.append(0.0, self.knots[1:-1]))
         means = (sums[self.degree :] - sums[: -self.degree]) / self.degree
         return np.asarray(np.clip(means, self.knots[0], self.knots[-1]))
 
     def bands(self, order: int) -> Array:
-        """Control points of a derivative from those of the curve, remembered.
+        """Matrix from control points of the curve to those of a derivative, cached.
 
         Rows of the matrix from the diagonal on, shape (M - order, order + 1).
         """
@@ -77,9 +77,9 @@ class KnotVector:
         return self._bands[order]
 
     def slopes(self, order: int) -> Array:
-        """What differences of control points one order below are multiplied by.
+        """Factors that turn differences of control points into those of a derivative.
 
-        That makes the control points of a derivative; 0 where a curve jumps.
+        The control points are of one order below; the factor is 0 where a curve jumps.
         """
         k = order - 1
         p, t = self.degree - k, self.knots[k : self.knots.size - k]
@@ -140,12 +140,12 @@ class SplineMotion:
     """A B-spline of an iterate.
 
     Attributes:
-        points: Control points from the base on, shape (M, n): of motions by micrometres
-            the differences of whole ones would be rounded.
-        base: What is added to them, shape (n,).
+        points: Control points relative to the base, shape (M, n): in motions by
+            micrometres the differences of absolute points would be rounded.
+        base: Configuration that is added to the points, shape (n,).
         eta: Durations by which the shares are multiplied, shape (m,).
         shares: Lengths of the intervals by eta, shape (N, m).
-        knots: Its knots, in units of the last duration.
+        knots: Knots of the spline, in units of the last duration.
     """
 
     points: Array
@@ -162,7 +162,7 @@ class SplineMotion:
 
     @property
     def unit(self) -> float:
-        """What the unit of the knots is [s]."""
+        """Unit of the knots: the last duration [s]."""
         return float(self.eta[-1].real)
 
     def derivative(self, order: int) -> Array:
@@ -177,7 +177,7 @@ class SplineMotion:
 
     @cached_property
     def _derivatives(self) -> dict[int, Array]:
-        """Those that were asked for: they are, again and again."""
+        """Cache of control points of derivatives, by order."""
         return {0: self.points + self.base}
 
     def values(
@@ -199,9 +199,9 @@ class SplineMotion:
         """Derivatives of a quantity by the durations alone, shape (..., m).
 
         Args:
-            quantity: Tells the quantity of a curve.
-            order: What power of a common factor of all durations divides it: by Euler's
-                theorem the last derivative follows from the others.
+            quantity: The quantity as a function of the curve.
+            order: Power of a common factor of all durations that divides the quantity:
+                by Euler's theorem the last derivative follows from the others.
         """
         found = [quantity(one).imag / COMPLEX_STEP for one in self._stepped]
         rest = -order * quantity(self)
@@ -223,7 +223,7 @@ class SplineMotion:
 
 
 def nodes_of(h: Array) -> Array:
-    """Where intervals begin and end, shape (N + 1, ...), from their lengths."""
+    """Nodes between intervals, shape (N + 1, ...), from the lengths of intervals."""
     return np.concatenate([np.zeros((1, *h.shape[1:])), np.cumsum(h, axis=0)])
 
 
@@ -232,7 +232,7 @@ def clamped(h: Array, degree: int, breaks: tuple[int, ...] = ()) -> Array:
 
     Args:
         h: Lengths of the intervals, shape (N, ...).
-        degree: Of the spline.
+        degree: Degree of the spline.
         breaks: Numbers of intervals before nodes that are knots twice.
     """
     nodes = nodes_of(h)
@@ -250,17 +250,17 @@ def places(first: IntArray, width: int) -> IntArray:
 def of_each_joint(
     bands: Array, first: IntArray, joints: IntArray, n: int
 ) -> tuple[Array, IntArray]:
-    """What acts on control points, for each of some joints.
+    """Banded rows on control points, repeated for each of some joints.
 
     Args:
-        bands: What acts on control points side by side, shape (m, w).
-        first: The first of these, shape (m,).
+        bands: Weights of neighbouring control points, shape (m, w).
+        first: The first control point of each row, shape (m,).
         joints: The joints, shape (k,).
         n: Number of all joints.
 
     Returns:
-        The same for the first row and all joints, for the second, ..., shape (m k, w),
-        and the coordinates of control points that they act on.
+        The weights for the first row and all joints, for the second, ..., shape
+        (m k, w), and the coordinates of control points that they multiply.
     """
     data = np.repeat(bands, joints.size, axis=0)
     coordinate = n * first[:, None] + joints

@@ -1,7 +1,8 @@
-"""Rows of distances between the nodes, kept where a motion goes on with another grid.
+"""Rows of distances between the nodes, kept when a motion changes its grid.
 
-A motion rests on the rows that joined its program. On another grid it would pass
-through what is between the nodes, look faster than it is, and find them anew.
+A motion depends on the rows that joined its program by exchange. Without these rows, on
+another grid it would pass through obstacles between the nodes, seem faster than is
+admissible, and have to find the rows anew.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from tominpmp.transcription.blocks import Sampled
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
-# Rows closer than this share of the motion are one.
+# Rows closer than this share of the motion count as one.
 APART = 1e-4
 
 
@@ -39,7 +40,7 @@ def times_of_rows(program: NonlinearProgram, z: Array) -> dict[str, Array]:
 def with_rows_at(
     program: NonlinearProgram, z: Array, times: Mapping[str, Array]
 ) -> NonlinearProgram:
-    """The program with rows of distances at times, where it has none.
+    """The program with rows of distances at times, where rows are missing.
 
     Args:
         program: The program.

@@ -1,14 +1,14 @@
-"""Semi-infinite exchange: rows where a motion breaks its limits between the rows.
+"""Semi-infinite exchange: rows where a motion violates its limits between the rows.
 
-Constraints are rows at chosen instants only. After a solve the motion is looked at
+Constraints are rows at chosen instants only. After a solve the motion is inspected
 between them, and the worst instants become rows of the next program (Hettich and
-Kortanek, 1993), until nothing is found. What a constraint takes for granted of the
-motion is put right at the same time.
+Kortanek, 1993), until no violation is found. The assumptions of constraints about the
+motion (directions of dry friction, say) are updated at the same time.
 
-What may jump at the nodes, as torques do, is looked at a few times an interval. Each
-joint breaks its limits at an instant of its own, and a row of every joint at each of
-these would make the programs of thirty joints twice as large: values with room to spare
-are no rows there, until they lack some.
+Quantities that may jump at the nodes, as torques do, are inspected a few times an
+interval. Each joint breaks its limits at an instant of its own, and a row of every
+joint at each of these instants would make the programs of thirty joints twice as large:
+values with a margin are no rows there, until they violate their limits.
 """
 
 from __future__ import annotations
@@ -28,59 +28,61 @@ from tominpmp.transcription.blocks import Block, Sampled, assumed
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
-# What is continuous is looked at this often [s], and this often an interval at least.
+# Continuous values are inspected at this step [s], and at least this often an interval.
 STEP = 2e-3
 SAMPLES = 4
-# Pairs closer than this beyond what is asked for are looked at more closely [m], at
-# these places around an instant, in shares of the step; of other constraints, values.
+# Collision pairs closer than this beyond the required clearance are inspected more
+# closely [m], as are values of other constraints closer than the second number to their
+# bounds: at these places around an instant, in shares of the step.
 CLOSE, CLOSE_VALUE = 1e-3, 1e-2
 CLOSER_LOOK = np.array([-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375])
-# Instants closer than this share of an interval are one; of distances, only if they are
-# closer than this, too [s]: a tip at 20 m/s goes 3 cm in that share.
+# Instants closer than this share of an interval count as one; instants of distances
+# only if they are closer than this time, too [s]: a tip at 20 m/s moves by 3 cm in that
+# share of an interval.
 APART = 0.03
 APART_IN_TIME = 2e-5
-# Where obstacles move, they are looked at so often that they move by no more than this
-# share of the padding, but no oftener than by this factor.
+# The step is refined where obstacles move, until they move by no more than this share
+# of the padding in it, and by this factor at most.
 FINE = 0.25
 FINEST = 128
-# So many instants take the place of one when it is looked at more closely.
+# Number of instants that replace an instant in each refinement.
 SPLIT = 4
-# No more instants than this are looked at, nor this many more closely at a time, and no
-# table of instants by values has more numbers: they take memory, and the verification
-# looks again.
+# Largest numbers of instants inspected, of instants refined at a time, and of entries
+# in a table of instants by values: tables take memory, and the verification inspects
+# the motion again.
 MOST_SAMPLES, MOST_SPLIT, MOST_NUMBERS = 20_000, 4_000, 4_000_000
-# Where nothing is padded, a trace may be missing.
+# Tolerated violation where the padding is zero.
 LEAST = 1e-5
-# Values with more room than this are no rows at an instant that joins for others, in
-# units of their limits.
+# Values with a larger margin than this are no rows at an instant that joins for other
+# values, in units of their limits.
 ROOM = 0.3
-# Where one torque is beyond its limit by more than is let pass, all that are beyond by
-# this share of it become rows: most would be found one after the other.
+# Where one torque exceeds its limit by more than the tolerance, all torques that exceed
+# it by this share of the tolerance become rows: most would be found one after another.
 WITH_IT = 0.5
-# Torque rates are taken between such pairs of instants of each interval.
+# Pairs of instants of each interval between which torque rates are taken.
 RATES_INSPECTED = (
     *(0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525),
     *(0.6, 0.65, 0.73, 0.78, 0.85, 0.9),
 )
-# Velocities are looked at so often an interval.
+# Number of instants an interval at which velocities are inspected for reversals.
 LOOKS = 8
-# How far beside a turn torques are looked at, in shares of the interval.
+# Distance from a reversal at which torques are inspected, in shares of the interval.
 BESIDE = 0.02
 
 
 def revised(
     program: NonlinearProgram, z: Array, overload: float = OVERLOAD
 ) -> tuple[NonlinearProgram, Array] | None:
-    """The program with all that a motion shows to be missing, and the iterate.
+    """The program with missing rows and updated assumptions, and the iterate.
 
     Args:
         program: The program.
         z: Its iterate.
-        overload: Relative excess of torques that is let pass; below zero, room that is
-            let pass.
+        overload: Tolerated relative excess of torques; below zero, a margin that
+            torques must keep.
 
     Returns:
-        The program and the iterate within its bounds; None if nothing is missing.
+        The program and the iterate within its bounds; None if nothing has to change.
     """
     turned = program.transcription.turned(z)
     if turned is not None:
@@ -94,16 +96,16 @@ def revised(
 def exchanged(
     program: NonlinearProgram, z: Array, overload: float = OVERLOAD
 ) -> NonlinearProgram | None:
-    """The program with rows where a motion breaks limits between its rows.
+    """The program with rows where a motion violates limits between its rows.
 
     Args:
         program: The program.
         z: Its iterate.
-        overload: Relative excess of torques that is let pass; below zero, room that is
-            let pass.
+        overload: Tolerated relative excess of torques; below zero, a margin that
+            torques must keep.
 
     Returns:
-        The program; None if nothing is to be changed.
+        The program; None if nothing has to change.
     """
     of = program.transcription
     motion = of.motion(z)
@@ -119,10 +121,10 @@ def exchanged(
 def _exchanged(
     block: Sampled, of: Transcription[Any], motion: Motion, overload: float
 ) -> tuple[Sampled, int]:
-    """A block with what its constraint takes for granted put right, and more instants.
+    """A block with the assumptions of its constraint updated, and more instants.
 
     Returns:
-        The block, and how much was changed.
+        The block, and the number of changes.
     """
     constraint, count = block.constraint, 0
     if constraint.assumes:
@@ -150,7 +152,7 @@ def _violated(
         return jumping(constraint, of, motion, overload, block.within)
     known = block.instants(of, motion.h)
     if block.ignored is not None:
-        # Where not all values are rows a new one may be beside.
+        # A new instant may be near one at which not all values are rows.
         whole = np.ones(known.size, dtype=bool)
         whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
         known = Instants(known.interval[whole], known.share[whole])
@@ -158,7 +160,7 @@ def _violated(
 
 
 class _Continuous:
-    """Looks for the instants at which something continuous is violated."""
+    """Search for the instants at which a continuous constraint is violated."""
 
     def __init__(
         self,
@@ -177,7 +179,7 @@ class _Continuous:
     def violated(self, known: Instants) -> Instants:
         """For each interval and value the worst instant, if it is violated there.
 
-        Those near others are left out.
+        Instants near known ones are left out.
         """
         h, moving = self._motion.h, self._constraint.moving
         regular = _samples(h, self._most).within(*self._within)
@@ -207,15 +209,15 @@ class _Continuous:
         return Instants.of_pairs(found)
 
     def _missing(self, at: Instants, attention: float) -> Array:
-        """What is beyond the bounds and what may be used beyond them, shape (m, p)."""
+        """Excess over the bounds beyond the usable padding, shape (m, p)."""
         excess = excess_at(self._constraint, self._of, self._motion, at, attention)
         return np.asarray(excess - self._usable)
 
     def _closer(self, at: Instants) -> tuple[Instants, Array]:
-        """More instants around those between which bounds may be broken.
+        """Instants, refined where bounds may be violated between them.
 
         Returns:
-            The instants, and what is missing there.
+            The instants, and the violations there.
         """
         close = self._attention(at)
         missing = self._missing(at, close)
@@ -230,9 +232,9 @@ class _Continuous:
         return at.joined(more), np.concatenate([missing, self._missing(more, 0.0)])
 
     def _attention(self, at: Instants) -> float:
-        """How far below their bounds values may pass them between two instants.
+        """Margin below which a value may exceed its bound between two instants.
 
-        Corners pass each other in between: the tip of an arm of 5 m moves by
+        Corners pass each other between instants: the tip of an arm of 5 m moves by
         centimetres.
         """
         if not self._constraint.gradual:
@@ -243,10 +245,10 @@ class _Continuous:
         return max(self._close, float(np.max(way, initial=0.0)))
 
     def _finer(self, at: Instants) -> tuple[Instants, Array]:
-        """Instants between given ones at which something that moves comes too close.
+        """Instants between given ones at which a moving obstacle comes too close.
 
         Returns:
-            The instants, and what is missing there.
+            The instants, and the violations there.
         """
         h = self._motion.h
         width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
@@ -258,8 +260,8 @@ class _Continuous:
         found, lacking = Instants.none(), []
         while True:
             # Between instants a step apart a value rises by this much, seen from the
-            # nearer one: only where that matters is it worth while to look closer. What
-            # does not move is no reason to.
+            # nearer one: only where that may cause a violation is the step refined.
+            # Pairs that do not move never cause a refinement.
             step = 0.5 * width * h[at.interval]
             attention = float(np.max(step)) * rise if parts > 1.0 else 0.0
             missing = self._missing(at, attention)
@@ -283,13 +285,13 @@ class _Continuous:
 
 
 def most_instants(values: int) -> int:
-    """How many instants are looked at in all, with so many values at each."""
+    """Number of instants that are inspected, for a number of values at each."""
     most = MOST_NUMBERS // max(values, 1)
     return int(np.clip(most, MOST_SPLIT // 20, MOST_SAMPLES))
 
 
 def _worst(near: IntArray, missing: Array, parts: int, most: int) -> IntArray:
-    """Those rows at which most is missing, if each of all has too many parts."""
+    """The rows with the largest violations, as many as ``most`` instants allow."""
     count = max(most // parts, 1)
     if near.size <= count:
         return near
@@ -298,7 +300,7 @@ def _worst(near: IntArray, missing: Array, parts: int, most: int) -> IntArray:
 
 
 def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
-    """Instants at which to look at what is continuous; fewer a second if T is long."""
+    """Instants at which to inspect continuous values; fewer a second if T is long."""
     apart = max(STEP, float(h.sum()) / most)
     counts: IntArray = np.maximum(np.ceil(h / apart).astype(np.int64), SAMPLES)
     interval = np.repeat(np.arange(h.size), counts)
@@ -311,7 +313,7 @@ class Missing(NamedTuple):
     """Instants at which rows are missing.
 
     Attributes:
-        at: The instants, none of them twice.
+        at: The instants, each of them once.
         wanted: Which values become rows there, shape (m, p); None for all of them.
     """
 
@@ -322,17 +324,17 @@ class Missing(NamedTuple):
 def with_rows(
     block: Sampled, of: Transcription[Any], motion: Motion, more: Missing
 ) -> tuple[Sampled, int]:
-    """A block with the rows that it lacks.
+    """A block with missing rows added.
 
     Args:
         block: The block.
         of: The transcription.
-        motion: A motion of it, which tells what constraints take for granted.
+        motion: A motion of it, from which constraints take their assumptions.
         more: The rows.
 
     Returns:
-        The block, and at how many instants it was changed: one that has all that is
-        wanted there does not get it twice.
+        The block, and the number of instants at which it was changed: values that are
+        rows already are not added twice.
     """
     new, wanted = more.at, more.wanted
     count, ignored = 0, block.ignored
@@ -362,7 +364,7 @@ def excess_at(
     at: Instants,
     attention: float = np.inf,
 ) -> Array:
-    """What values are beyond their bounds at other instants than the rows', (m, p)."""
+    """Excess of the values over their bounds at instants beside the rows, (m, p)."""
     states = of.states(motion, at, constraint.order)
     constraint = assumed(constraint, of, motion, at)
     values = constraint.evaluate(states, attention)
@@ -382,16 +384,16 @@ def jumping(
     tolerance: float,
     within: tuple[int, int] | None,
 ) -> Missing:
-    """Rows for what may jump at the nodes: torques, and what depends on them.
+    """Rows for values that may jump at the nodes: torques, and functions of them.
 
-    For each part of an interval and value the worst of the instants that are looked at,
-    and those beside which joints with dry friction turn.
+    The instants are the worst of the inspected ones for each part of an interval and
+    value, and instants beside reversals of joints with dry friction.
 
     Args:
         constraint: The constraint.
         of: The transcription.
         motion: A motion of it.
-        tolerance: What is let pass.
+        tolerance: Tolerated excess.
         within: First interval on which it holds, and the one after its last; None for
             all.
     """
@@ -444,13 +446,13 @@ def rising(
 def turning(
     of: Transcription[Any], motion: Motion, joints: BoolArray, within: tuple[int, int]
 ) -> Instants:
-    """Instants before and after each turn, the same for joints that turn together.
+    """Instants before and after each reversal, shared by joints that reverse together.
 
     Args:
         of: The parameterisation.
         motion: The motion.
         joints: Which joints have dry friction, shape (n,).
-        within: First interval that is looked at, and the one after the last.
+        within: First interval that is inspected, and the one after the last.
     """
     first, end = within
     shares = np.linspace(0.0, 1.0, LOOKS + 1)
@@ -459,7 +461,7 @@ def turning(
     before, after = v[:, :-1], v[:, 1:]
     interval, look, joint = np.nonzero(before * after < 0.0)
     v0, v1 = before[interval, look, joint], after[interval, look, joint]
-    # A velocity is all but linear over so short a time.
+    # A velocity is nearly linear between two of these instants.
     share = (look + v0 / (v0 - v1)) / LOOKS
     beside = np.concatenate([share - BESIDE, share + BESIDE])
     found = np.stack([np.tile(first + interval, 2), np.clip(beside, 0.0, 1.0)], axis=1)

@@ -1,9 +1,9 @@
-"""Where the knots of a motion stand: shares of its duration, and ticks of a clock.
+"""Knots of a motion: shares of its duration, and ticks of a clock.
 
 A controller takes a motion as samples at its period and joins them by polynomials:
 cubic ones through positions and velocities, of degree 5 through accelerations too. A
-motion that is a polynomial of such a degree between ticks is joined exactly, so that
-what was planned is what is run. That is so if all knots are ticks.
+motion that is a polynomial of this degree between ticks is joined exactly, so that the
+controller runs the planned motion. It is one if all knots are ticks.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from tominpmp.motion.trajectory import Trajectory
 # the last: found on benchmarks/random_goals.py, where without them a few motions were
 # 0.1 % slower than a time-optimal straight line.
 END_NODES = (0.05, 0.3)
-# Intervals of a time in which little happens, before a motion.
+# Intervals of the wait before a motion.
 DELAY_INTERVALS = 10
-# Intervals of a segment at least, if that many are asked for.
+# Least number of intervals of a segment, unless fewer are asked for.
 LEAST_INTERVALS = 10
-# Durations that are a multiple of the period but for this share of it are one.
+# Durations within this share of the period of a multiple of it count as the multiple.
 ROUNDING = 1e-6
 
 
 def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
     """Shares of the duration that the intervals take.
 
-    Fast joints want to change speed at once when a motion begins and ends; with one
-    acceleration an interval a uniform grid makes such a motion longer by about one
+    Fast joints change speed at once when a motion begins and ends; with one
+    acceleration an interval, a uniform grid makes their motion longer by about one
     interval, 1/(N - 1). The cosine grid has short intervals at both ends: nodes at
     (1 - cos(pi k / M)) / 2, of which the first and the last interval are split again.
 
@@ -41,8 +41,8 @@ def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
         kind: "uniform" or "cosine".
         intervals: Number N of intervals.
         sudden: Whether accelerations may begin and end suddenly. Where they may not,
-            the first and the last interval are left whole: so short ones would ask for
-            jerks that are no use, and make linear programs with limits of them fail.
+            the first and the last interval are left whole: shorter intervals would
+            demand useless jerks, and make linear programs with limits of jerks fail.
 
     Returns:
         Shares that add up to 1, shape (N, 1).
@@ -58,20 +58,20 @@ def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
 
 
 def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Array:
-    """A grid for a motion before which there is a time in which little happens.
+    """A grid for a motion that begins with a wait.
 
-    Intervals are short at both ends, as those of the cosine grid, and not where the two
-    parts meet.
+    Intervals are short at both ends, as on the cosine grid, and not where the two parts
+    meet.
 
     Args:
-        intervals: Number of intervals of the motion that follows.
-        delay: Share of the whole duration that goes before, between 0 and 1.
+        intervals: Number of intervals of the motion that follows the wait.
+        delay: Share of the wait in the whole duration, between 0 and 1.
         sudden: Whether accelerations may begin and end suddenly, see
             :func:`interval_shares`.
 
     Returns:
-        Lengths of the intervals for the unit of time, shape (W + N, 2): those before
-        and those of the motion can become longer and shorter by themselves.
+        Lengths of the intervals for the unit of time, shape (W + N, 2): the wait and
+        the motion have a duration each.
     """
     before = np.linspace(0.0, 1.0, DELAY_INTERVALS + 1)
     if sudden:
@@ -84,7 +84,7 @@ def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Arra
 
 
 def _sine_shares(intervals: int, sudden: bool = True) -> Array:
-    """Shares of intervals that get short at the end only, shape (intervals,)."""
+    """Shares of intervals that become short towards the end only, (intervals,)."""
     extra = len(END_NODES) if sudden else 0
     nodes = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, max(intervals - extra, 2) + 1))
     last = (1.0 - nodes[-2]) * np.array(END_NODES[:extra])
@@ -92,12 +92,13 @@ def _sine_shares(intervals: int, sudden: bool = True) -> Array:
 
 
 def segment_intervals(intervals: int, durations: Array) -> IntArray:
-    """How many intervals each of several segments gets, shape (k,).
+    """Number of intervals of each of several segments, shape (k,).
 
-    They share what one segment would have by their durations, and have a few at least.
+    The segments share the intervals of one segment in proportion to their durations,
+    with a least number each.
 
     Args:
-        intervals: What one segment would have.
+        intervals: Number of intervals that one segment would have.
         durations: Durations of the segments, in any unit, shape (k,).
     """
     shared = np.rint(intervals * durations / durations.sum()).astype(np.int64)
@@ -108,12 +109,12 @@ def segment_intervals(intervals: int, durations: Array) -> IntArray:
 def segmented_shares(
     kind: str, counts: IntArray, durations: Array, smooth: bool, *, sudden: bool = True
 ) -> Array:
-    """A grid for a motion of several segments, each of which may take longer by itself.
+    """A grid for a motion of several segments, each with a duration of its own.
 
-    Intervals are short at both ends of each, where torques are apt to switch; if
-    accelerations are continuous, at both ends of the whole motion only. The shortest
-    ones are at these too: where the position is free, they make the linear programs
-    ill-conditioned.
+    Intervals are short at both ends of each segment, where torques are apt to switch;
+    if accelerations are continuous, at both ends of the whole motion only. The shortest
+    intervals are at the ends of the whole motion too: where the position is free, they
+    make the linear programs ill-conditioned.
 
     Args:
         kind: "uniform" or "cosine".
@@ -144,7 +145,7 @@ def segmented_shares(
 
 
 def _cosine_shares(intervals: int, first: bool, last: bool) -> Array:
-    """Cosine grid whose first and last interval are split again, where asked for."""
+    """Cosine grid whose first and last interval are split again, if they are to be."""
     extra = len(END_NODES)
     inner = _cosine_nodes(max(intervals - extra * (first + last), 2))
     ends = inner[1] * np.array(END_NODES)
@@ -174,7 +175,7 @@ def whole_periods(duration: float, period: float | None) -> float:
 
 
 def at_ticks(times: ArrayLike, period: float) -> Array:
-    """Times that are at ticks but for rounding, to the last bit [s].
+    """Times at ticks up to rounding, put on them to the last bit [s].
 
     Args:
         times: The times [s].
@@ -197,16 +198,16 @@ class Ticks:
 
     @classmethod
     def near(cls, period: float, count: int, nodes: Array, intervals: int = 0) -> Ticks:
-        """Knots near the nodes of a motion that is stretched to so many periods.
+        """Knots near the nodes of a motion that is stretched to ``count`` periods.
 
-        Nodes that come to lie on one tick are one knot. Where that leaves fewer
-        intervals than are wanted, the longest are split, as far as there are ticks.
+        Nodes that come to lie on one tick are one knot. Where that leaves too few
+        intervals, the longest are split, as far as there are ticks.
 
         Args:
             period: The period [s].
             count: Number of periods of the motion.
             nodes: Times of its nodes from 0, shape (M,), in any unit.
-            intervals: Number of intervals that are wanted at least.
+            intervals: Least number of intervals.
         """
         knots = np.unique(np.rint(nodes / nodes[-1] * count).astype(np.int64))
         while knots.size - 1 < min(intervals, count):
@@ -216,7 +217,7 @@ class Ticks:
         return cls(period, knots)
 
     def __str__(self) -> str:
-        """Say how many there are."""
+        """The numbers of intervals and ticks, in words."""
         return f"{self.intervals} intervals on {self.count} ticks of {self.period:g} s"
 
     @property
@@ -245,5 +246,5 @@ class Ticks:
         return np.asarray(np.diff(self.knots) / self.count)[:, None]
 
     def timed(self, motion: Trajectory) -> Trajectory:
-        """A motion on these knots, its nodes on the ticks to the last bit."""
+        """A motion on these knots with its nodes on the ticks to the last bit."""
         return replace(motion, t=self.times)

@@ -56,12 +56,12 @@ class Instants:
 
     @classmethod
     def at_times(cls, times: Array, h: Array, delays: float | Array = 0.0) -> Instants:
-        """Instants at times [s], those after the end at the end.
+        """Instants at times [s]; times after the end are put at the end.
 
         Args:
             times: Shape (m,).
             h: Lengths of the intervals [s], shape (N,).
-            delays: What has been waited in all before each interval [s].
+            delays: Sum of the dwells before each interval [s].
         """
         ends = np.cumsum(h) + delays
         interval = np.minimum(np.searchsorted(ends, times), h.size - 1)
@@ -74,7 +74,7 @@ class Instants:
         return int(self.interval.size)
 
     def within(self, first: int, end: int) -> Instants:
-        """Those in the intervals from one to before another; these if they all are."""
+        """The instants in the intervals from ``first`` to before ``end``."""
         mine = (self.interval >= first) & (self.interval < end)
         if np.all(mine):
             return self
@@ -106,7 +106,7 @@ class Instants:
 
 @lru_cache(maxsize=64)
 def _spread(intervals: int, shares: tuple[float, ...]) -> Instants:
-    """The same instants again and again: what is known of them is found by them."""
+    """Instants that are equal are one object, which caches of values are keyed by."""
     every = np.repeat(np.arange(intervals), len(shares))
     where = np.tile(shares, intervals)
     every.flags.writeable = where.flags.writeable = False

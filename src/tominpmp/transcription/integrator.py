@@ -52,7 +52,7 @@ class Stage(NamedTuple):
 
 
 class DefectJacobians(NamedTuple):
-    """Defects of intervals and their partial derivatives, and those of inner stages.
+    """Defects of intervals, and partial derivatives of defects and inner stages.
 
     Attributes:
         value: x_{k+1} minus the end of the step from x_k, shape (m, 2n).
@@ -60,8 +60,8 @@ class DefectJacobians(NamedTuple):
         by_end: With respect to x_{k+1}, shape (m, 2n, 2n).
         by_control: With respect to u_k, shape (m, 2n, n).
         by_length: With respect to h_k, shape (m, 2n).
-        inner: The inner stage with respect to all of these, one beside the other in the
-            order above, shape (m, 2n, 5n + 1).
+        inner: Derivatives of the inner stage by all of these, side by side in the order
+            above, shape (m, 2n, 5n + 1).
     """
 
     value: Array
@@ -75,8 +75,8 @@ class DefectJacobians(NamedTuple):
 def stage_weights(share: Array) -> Array:
     """Weights of start, inner stage and end in the states within steps, shape (m, 3).
 
-    Those of the polynomial through them, which a collocation is named for, at shares of
-    the steps from 0 to 1, shape (m,).
+    The weights are those of the collocation polynomial, at shares of the steps from 0
+    to 1, shape (m,).
     """
     s, c = share, NODES[0]
     parts = (
@@ -91,7 +91,7 @@ def stage_weights_by_share(share: Array) -> Array:
     """Derivatives of these weights by the share of the step, shape (m, 3).
 
     Args:
-        share: Where in the step, from 0 to 1, shape (m,).
+        share: Share of the step that has passed, from 0 to 1, shape (m,).
     """
     s, c = 2.0 * share, NODES[0]
     parts = (s - c - 1.0) / c, (s - 1.0) / (c * (c - 1.0)), (s - c) / (1.0 - c)
@@ -212,9 +212,9 @@ class Newton:
         self._last = np.full(systems, np.inf)
 
     def settled(self, change: Array, x: Array) -> bool:
-        """Take note of a step of each system; whether the iteration can stop.
+        """Record a step of each system; returns whether the iteration can stop.
 
-        The steps, and where they led, have shape (m, k).
+        The steps, and the points that they led to, have shape (m, k).
         """
         size = np.max(np.abs(change), axis=1) / (1.0 + np.max(np.abs(x), axis=1))
         # Quadratic convergence: the next step is about size^2 / last (times size).
@@ -222,14 +222,14 @@ class Newton:
             following = (size / self._last) ** 2 * size
         following = np.where((size < 1e-3) & (self._last < 1.0), following, np.inf)
         self.solved = np.minimum(size, 10.0 * following) <= ROUNDING
-        # Where rounding in stiff terms keeps the steps from shrinking, it is enough.
+        # Rounding in stiff terms may keep small steps from shrinking: then stop, too.
         self.solved |= (size < 1e-9) & (size >= 0.1 * self._last)
         self._last = size
         return bool(np.all(self.solved)) or not bool(np.all(np.isfinite(size)))
 
 
 class Sensitivities(NamedTuple):
-    """How the end of each step depends on its start, torque and length.
+    """Derivatives of the end of each step by its start, torque and length.
 
     Attributes:
         A: With respect to x_k, shape (M, 2n, 2n).
@@ -244,7 +244,7 @@ class Sensitivities(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SteppedMotion:
-    """States at the ends of steps and torques, which need not be a motion yet.
+    """States at the ends of steps and torques, whose defects need not be zero.
 
     Attributes:
         dynamics: Equations of motion.
@@ -254,7 +254,7 @@ class SteppedMotion:
         substeps: Steps an interval.
         known: Inner stages of the steps, shape (M, 2n); None if they are to be solved
             for.
-        finite: Whether every step could be solved; what follows a failure is NaN.
+        finite: Whether every step could be solved; states after a failure are NaN.
     """
 
     dynamics: Dynamics
@@ -310,7 +310,7 @@ class SteppedMotion:
         return Sensitivities(parts[..., :size], parts[..., size:-1], by_length)
 
     def steps(self, at: Instants) -> tuple[IntArray, Array]:
-        """Steps that instants are in, and where in them, shape (m,) each."""
+        """Steps that contain instants, and shares of these steps, shape (m,) each."""
         place = at.share * self.substeps
         inside = np.clip(np.ceil(place) - 1, 0, self.substeps - 1).astype(np.int64)
         return at.interval * self.substeps + inside, place - inside
@@ -371,7 +371,7 @@ def rollout(
 
 
 def _one_by_one(dynamics: Dynamics, x_start: Array, u: Array, h: Array) -> Array:
-    """Stages of successive steps, shape (M, 2, 2n); NaN after one that fails."""
+    """Stages of successive steps, shape (M, 2, 2n); NaN from a failed step on."""
     stages = np.full((h.size, 2, x_start.size), np.nan)
     x = x_start
     for k in range(h.size):
@@ -428,7 +428,8 @@ def _solve_steps(
 def _follow(parts: Array) -> Array:
     """Changes of all stages, each step starting where the one before it ends, (M, 2s).
 
-    From those with a fixed start and their derivatives by it, shape (M, 2s, 1 + s).
+    Computed from changes with a fixed start and their derivatives by the start, shape
+    (M, 2s, 1 + s).
     """
     size = parts.shape[2] - 1
     own, by_start = parts[..., 0].copy(), parts[..., 1:]
@@ -462,8 +463,8 @@ def sweep_adjoint(
         sensitivities: A, B and c of the steps.
         nodes: End of a step that a functional depends on, shape (s,).
         seeds: Its gradient with respect to the state there, shape (s, 2n).
-        functionals: Which functional each of these belongs to, shape (s,); None for one
-            each.
+        functionals: The functional that each seed belongs to, shape (s,); None for one
+            functional a seed.
 
     Returns:
         Derivatives with respect to torques, shape (m, M, n), and lengths, shape (m, M).
@@ -484,7 +485,7 @@ def sweep_adjoint(
     for j in range(count - 1, -1, -1):
         here = every[nodes == j + 1]
         np.add.at(costate, row[functionals[here]], seeds[here])
-        # Rows that depend on what lies behind step j.
+        # Rows that depend on states after step j.
         rows = costate[: live[j + 1]]
         by_control[: live[j + 1], j] = rows @ B[j]
         by_length[: live[j + 1], j] = rows @ c[j]

@@ -58,9 +58,9 @@ class InverseTranscription(BSplineTranscription):
         """Unknowns of a spline.
 
         Args:
-            points: Middle points of the intervals, shape (N, n); what is known of the
-                ends replaces what is given.
-            q_end: Final configuration, shape (n,); the same holds for it.
+            points: Middle points of the intervals, shape (N, n); points that the end
+                states determine are replaced by them.
+            q_end: Final configuration, shape (n,); replaced if the goal determines it.
             eta: Durations, shape (m,).
         """
         start = self.system.problem.q_start
@@ -71,8 +71,8 @@ class InverseTranscription(BSplineTranscription):
     ) -> Array:
         """Iterate for a guess: parabolas through its nodes and middles.
 
-        Where these are far from short intervals, their own points would ask for torques
-        beyond all bounds there.
+        The control points of a guess whose samples are far apart would demand torques
+        beyond all bounds on short intervals.
 
         Args:
             position: Configurations at times, shape (k,) to (k, n).
@@ -98,7 +98,7 @@ class InverseTranscription(BSplineTranscription):
 
     @property
     def torque_sequence(self) -> sp.csr_matrix:
-        """Mean torques of the intervals, from those at both ends of them."""
+        """Mean torques of the intervals, from the torques at both of their ends."""
         N = self.intervals
         return sp.csr_matrix(sp.diags([0.5, 0.5], [0, N], shape=(N, 2 * N)))
 
@@ -112,7 +112,7 @@ class InverseTranscription(BSplineTranscription):
 
 
 class Speeds(Hull[SplineMotion]):
-    """Speeds at the nodes where they are not given; between these they are linear.
+    """Speeds at the nodes where they are not given; they are linear between the nodes.
 
     |v_k| <= v_max times h_{k-1} + h_k is linear in points and lengths.
     """
@@ -121,7 +121,7 @@ class Speeds(Hull[SplineMotion]):
         self._of, self._limit, N = of, limit, of.intervals
         free_end = of.system.final_velocity is None
         self._nodes = np.arange(1, N + 1 if free_end else N)
-        # How far each point is from the next one in time, twice, by the durations.
+        # Twice the time between neighbouring control points, by the durations.
         knots = of.knots_by_durations
         self._apart = (knots[3:-1] - knots[1:-3])[self._nodes]
         self._unit = 2.0 * of.duration / N
@@ -129,7 +129,7 @@ class Speeds(Hull[SplineMotion]):
         self.lower, self.upper = np.full(size, -np.inf), np.zeros(size)
 
     def values(self, motion: SplineMotion) -> Array:
-        """Speeds beyond their limits, either way."""
+        """Excess of the speeds over their limits, in both directions."""
         limit, apart = self._limit, (self._apart @ motion.eta)[:, None]
         steps = np.diff(motion.points, axis=0)[self._nodes]
         ratio = 2.0 * steps[:, limit.joints] / limit.upper

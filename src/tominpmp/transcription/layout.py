@@ -1,9 +1,9 @@
-"""Layouts: how a motion was parameterised, to take it up again on a finer grid.
+"""Layouts: the parameterisation of a motion, from which a finer grid can continue.
 
-Splines of a grid are splines of any grid that has its nodes and more: splitting
-intervals leaves a motion as it is, to the last bits, and gives it room to become faster
-where its accelerations bend. A layout is a few arrays, so that it can be kept with a
-motion, or sent from one process to another, where a program could not.
+A spline on a grid is a spline on any grid that contains its nodes: splitting intervals
+leaves a motion unchanged, to the last bits, and lets it become faster where its
+accelerations bend. A layout is a few arrays, so that it can be kept with a motion, or
+sent from one process to another, which a program cannot.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ LIFTED, QUADRATIC = 0, 2
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The grid of a motion and what runs on it.
+    """The grid of a motion and the degree of its parameterisation.
 
     Attributes:
-        degree: Of the splines of its positions; 2 for constant accelerations, and 0 for
-            states and constant torques.
+        degree: Degree of the splines of its positions; 2 for constant accelerations,
+            and 0 for states and constant torques.
         shares: Lengths of the intervals by the last unknowns, shape (N, m).
-        eta: These unknowns, shape (m,).
+        eta: The last unknowns, the durations, shape (m,).
         segment_ends: Number of intervals up to the end of each segment.
     """
 
@@ -47,7 +47,7 @@ class Layout:
 
     @classmethod
     def of(cls, transcription: object, z: Array) -> Layout | None:
-        """Layout of an iterate; None where torques are all that is parameterised."""
+        """Layout of an iterate; None where only torques are parameterised."""
         if not isinstance(transcription, Gridded):
             return None
         degree = LIFTED
@@ -61,13 +61,13 @@ class Layout:
     def of_motion(
         cls, motion: Trajectory, segments: Sequence[Segment] = ()
     ) -> Layout | None:
-        """Layout of a motion whose torques follow from it.
+        """Layout of a motion whose torques follow from the inverse dynamics.
 
-        None for others: their nodes are not those of intervals.
+        None for other motions: their nodes are not the nodes of a grid.
 
         Args:
             motion: The motion.
-            segments: What was asked of its segments; empty for one.
+            segments: The segments of its problem; empty for one.
         """
         if motion.inverse_dynamics is None:
             return None
@@ -94,7 +94,7 @@ class Layout:
     def taken_up(
         self, system: ProblemFunctions, motion: Trajectory
     ) -> tuple[Gridded, Array]:
-        """The parameterisation, and a motion that was made with it as its iterate.
+        """The parameterisation, and a motion found with it as its iterate.
 
         Args:
             system: The functions of the problem that the motion solves.
@@ -103,7 +103,7 @@ class Layout:
         of, eta = self.transcription(system), self.eta
         t = nodes_of(self.shares @ eta)
         if isinstance(of, BSplineTranscription):
-            # A motion that stays somewhere does so after the interval that ends there.
+            # A dwell follows the interval that ends at its node.
             delays, plain = of.delays, replace(motion, inverse_dynamics=None)
 
             def position(times: Array) -> Array:
@@ -133,7 +133,7 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
     parts: IntArray = 1 + split.astype(np.int64)
     layout = Layout.of(of, z)
     assert layout is not None  # noqa: S101
-    # Whatever could stretch by itself still can.
+    # Parts of the motion that had durations of their own keep them.
     shares = np.repeat(layout.shares / parts[:, None], parts, axis=0)
     ends = tuple(np.cumsum(parts)[np.array(layout.segment_ends) - 1].tolist())
     finer = replace(layout, shares=shares, segment_ends=ends).transcription(of.system)

@@ -1,4 +1,4 @@
-"""What a transcription sees of a problem: functions, bounds and scales."""
+"""A problem as transcriptions see it: functions, bounds and scales."""
 
 from __future__ import annotations
 
@@ -27,37 +27,38 @@ from tominpmp.problem import Problem
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import effort_range
 
-# Most that is asked for beyond the margin [m], and its share of what there is at the
-# ends of the motion.
+# Largest padding beyond the margin [m], and its largest share of the clearance beyond
+# the margin at the ends of the motion.
 PADDING = 2e-3
 PADDING_SHARE = 0.5
-# The same where an obstacle moves [m]: it is often waited for, and the wait is longer
-# by what the obstacle needs for this.
+# Largest padding where an obstacle moves [m]: the arm often waits for the obstacle, and
+# the padding makes the wait longer.
 MOVING_PADDING = 4e-4
 
 
 class Watched:
-    """Rows for distances, made when they are first asked for.
+    """Clearance rows, made when they are first used.
 
-    An arm alone is planned without them at first, and mostly that will do; making them
-    may take as long as a plan, and seconds where meshes were never cut into pieces.
+    An arm without obstacles is planned without clearance rows at first, and mostly does
+    not need them; making them may take as long as a plan, and seconds where meshes are
+    not yet cut into convex pieces.
 
     Args:
         problem: The problem.
         reach: Length of the arm, which scales lengths [m].
-        share: Of the usual clearance beyond the margin.
+        share: Share of the usual padding beyond the margin.
     """
 
     def __init__(self, problem: Problem, reach: float, share: float = 1.0) -> None:
         self._problem, self._reach, self._share = problem, reach, share
 
     def padded(self, share: float) -> Watched:
-        """The same with a share of its clearance beyond the margin."""
+        """The clearance rows with a share of their padding beyond the margin."""
         return Watched(self._problem, self._reach, share * self._share)
 
     @cached_property
     def room(self) -> Array:
-        """Clearance to ask for beyond the margin, by pair [m]."""
+        """Padding beyond the margin, by collision pair [m]."""
         return self._share * _padding(self._problem)
 
     @cached_property
@@ -72,14 +73,14 @@ class Watched:
 
 
 def _padding(problem: Problem) -> Array:
-    """Clearance beyond the margin to ask for, by pair [m]."""
+    """Padding beyond the margin, by collision pair [m]."""
     checker, ends = problem.checker, [problem.q_start]
     if problem.goal.configuration is not None:
         ends.append(problem.goal.configuration)
-    # No more room than this matters.
+    # Distances beyond this do not change the padding.
     cutoff = problem.margins + PADDING / PADDING_SHARE
     room = checker.distances(np.stack(ends), cutoff) - problem.margins
-    # What moves is not known to be there when the motion ends.
+    # The arrival time is not known, nor is the place of moving obstacles then.
     room[1:, checker.moving_pairs] = np.inf
     room = np.min(room, axis=0)
     most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
@@ -92,15 +93,15 @@ class ProblemFunctions:
 
     Attributes:
         problem: The problem.
-        dynamics: Equations of motion without dry friction, whose torques are what it
-            leaves of those of the motors.
+        dynamics: Equations of motion without dry friction; their torques are those of
+            the motors less dry friction.
         kinematics: Placement of frames.
         reach: Length of the arm, which scales lengths [m].
-        watched: What makes the rows for distances; None for none.
-        ways: Which way each joint moves all the time, 1, -1 or 0 for at rest, where
-            that is taken for granted: torques are those that dry friction leaves, and
-            their limits are shifted by it; None else, shape (n,).
-        parts: The functions of each segment; empty where there is one only.
+        watched: The clearance rows; None without clearance rows.
+        ways: Assumed direction of each joint during the whole motion, 1, -1 or 0 for at
+            rest, shape (n,): torques are those of the motors less dry friction, and
+            their limits are shifted by it. None without the assumption.
+        parts: The functions of each segment; empty for one segment.
     """
 
     problem: Problem
@@ -145,15 +146,15 @@ class ProblemFunctions:
 
     @property
     def padding(self) -> Array:
-        """Clearance that the rows ask for beyond the margin, as shares of the reach.
+        """Padding of the clearance rows beyond the margin, as shares of the reach.
 
-        So that the motion keeps the margin between the rows; by pair.
+        The padding makes the motion keep the margin between the rows; by pair.
         """
         return np.zeros(0) if self.watched is None else self.watched.room / self.reach
 
     @property
     def alone(self) -> bool:
-        """Whether an arm has nothing in its way but itself."""
+        """Whether the problem is a single arm in free space."""
         return all(
             not len(phase.scene) and len(phase.robot.parts) <= 1
             for phase in self.problem.phases
@@ -161,7 +162,7 @@ class ProblemFunctions:
 
     @property
     def segments(self) -> tuple[ProblemFunctions, ...]:
-        """The functions of each segment; itself where there is one only."""
+        """The functions of each segment; these functions for one segment."""
         return self.parts or (self,)
 
     @property
@@ -172,10 +173,10 @@ class ProblemFunctions:
 
     @property
     def first_tried(self) -> ProblemFunctions:
-        """The functions to begin with: those of an arm alone let its links touch.
+        """The functions to begin with: a single arm is planned without self-collision.
 
-        They hardly ever do, and the verification tells where they do. Rows for them
-        would take more time than all the rest.
+        Its links hardly ever touch, and the verification detects where they do. Rows
+        for them would take more time than the rest of the plan.
         """
         if not self.alone:
             return self
@@ -184,11 +185,11 @@ class ProblemFunctions:
     def _each(
         self, change: Callable[[ProblemFunctions], ProblemFunctions]
     ) -> ProblemFunctions:
-        """The same with a change made to the whole and to each segment."""
+        """The functions with a change made to the whole and to each segment."""
         return replace(change(self), parts=tuple(map(change, self.parts)))
 
     def padded(self, share: float) -> ProblemFunctions:
-        """The same problem with a share of its clearance beyond the margin."""
+        """The same problem with a share of its padding beyond the margin."""
         known: dict[int, Watched] = {}
 
         def padded(system: ProblemFunctions) -> ProblemFunctions:
@@ -216,10 +217,10 @@ class ProblemFunctions:
         return self._each(loosened)
 
     def resting(self, time: float | None = None) -> ProblemFunctions:
-        """The same problem without the obstacles that move.
+        """The same problem without moving obstacles.
 
         Args:
-            time: When they are taken to stand still [s]; None leaves them out.
+            time: Time at which the obstacles are frozen [s]; None leaves them out.
         """
         scene = self.problem.scene
         if not scene.moving:
@@ -235,7 +236,7 @@ class ProblemFunctions:
 
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
-        """All that holds along a motion."""
+        """All constraints along a motion."""
         motors: list[Constraint] = []
         others: list[Constraint] = []
         for item in joint_limits(self.problem):
@@ -268,7 +269,7 @@ class ProblemFunctions:
 
     @property
     def motion_limits(self) -> MotionLimits:
-        """Limits beyond those of the robot; without any where none are given."""
+        """Limits beyond those of the robot; an empty record where none are given."""
         return self.problem.motion_limits or MotionLimits()
 
     @property
@@ -288,10 +289,9 @@ class ProblemFunctions:
 
     @cached_property
     def goal_scale(self) -> Array:
-        """What the goal residual is divided by, shape (k,).
+        """Scale of the goal residual, shape (k,).
 
-        Lengths count as they are, or for arms shorter than a metre as shares of their
-        reach.
+        Lengths have the scale 1, or the reach for arms shorter than a metre.
         """
         scale = np.ones(self.goal_bounds[0].size)
         place = self.problem.goal.place(self.kinematics, self.problem.q_start)
@@ -324,7 +324,7 @@ class ProblemFunctions:
 
     @property
     def resistance(self) -> Array:
-        """Dry friction of ways that are taken for granted, shape (n,) [N m or N]."""
+        """Dry friction in the assumed directions, shape (n,) [N m or N]."""
         ways = np.zeros(self.n) if self.ways is None else self.ways
         return np.asarray(self.problem.robot.friction * ways)
 

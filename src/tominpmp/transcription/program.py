@@ -2,8 +2,8 @@
 
 In the paper's words the rows are g(u, T) = 0 for the goal (equation 8) and
 h(u, T) = max b(x(tau), tau, T) <= 0 for constraints (equation 9), the maximum being
-that over instants. Programs are values: nothing in them changes, and whatever they tell
-of an iterate depends on the iterate alone.
+taken over instants. Programs are immutable, and all functions of an iterate depend on
+the iterate alone.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tominpmp.transcription.rows import Rows
 
 # Value of the rows of a motion that could not be integrated to its end.
 NOT_INTEGRATED = 1e3
-# Instants attain the maximum of a constraint if they come this close to it.
+# An instant whose value is this close to the maximum of a constraint attains it.
 ATTAINED = 1e-4
 
 # Velocity limits over this time are a measure of accelerations [1/s].
@@ -51,11 +51,11 @@ class NonlinearProgram:
         transcription: The parameterisation.
         blocks: The rows.
         selection: Which rows of path constraints become rows of a linear program:
-            "near" those that a step can bring to their bounds, "exact" those that
-            attain the maximum over time (the paper's S), "violated" those beyond.
-        least_duration: Duration that a motion must not fall below [s], where its own is
-            the last unknown. Once it is there the iteration has nothing left to gain
-            but quiet controls, and any iterate that keeps the constraints will do.
+            "near" rows that a step can bring to their bounds, "exact" rows that attain
+            the maximum over time (the paper's S), "violated" rows beyond their bounds.
+        least_duration: Lower bound on the duration [s], where the duration is the last
+            unknown. Once the bound is active the iteration can only smooth the
+            controls, and any iterate that keeps the constraints is a solution.
     """
 
     transcription: Transcription[Any]
@@ -77,18 +77,18 @@ class NonlinearProgram:
         scale = transcription.goal_scale
         if scale is not None:
             goal = GoalReached(system.problem.goal, system.kinematics, scale)
-            # First as in the paper, where nothing but the torques is unknown: of two
-            # steps that are as good, linear programs then find the better one.
+            # First as in the paper, where the torques are the only unknowns: of two
+            # steps of equal cost, linear programs then find the better one.
             first = 0 if transcription.by_component else len(blocks)
             last = Sampled(goal, Instants.end(transcription.intervals))
             blocks.insert(first, last)
         return cls(transcription, tuple(blocks), selection)
 
     def at(self, z: Array) -> NonlinearProgram:
-        """The program with what it takes for granted of motions, from one of them.
+        """The program with its assumptions about the motion, from an iterate.
 
-        These are scales of the controls, and the way that joints with dry friction
-        move, where that is not known yet.
+        The assumptions are scales of the controls, and the directions of joints with
+        dry friction, where they are not known yet.
         """
         motion = self.transcription.motion(z)
         if not motion.finite:
@@ -105,7 +105,7 @@ class NonlinearProgram:
         of = self.transcription.near(z)
         return self if of is self.transcription else replace(self, transcription=of)
 
-    # -- what solvers see --------------------------------------------------------------
+    # -- interface of the solvers ------------------------------------------------------
 
     @property
     def system(self) -> ProblemFunctions:
@@ -124,7 +124,7 @@ class NonlinearProgram:
 
     @cached_property
     def rows(self) -> Rows:
-        """What the rows are."""
+        """Bounds, kinds and groups of the rows."""
         by_component = self.transcription.by_component
         return Rows.stack(
             [
@@ -140,9 +140,9 @@ class NonlinearProgram:
         )
 
     def timed(self, z: Array) -> Array:
-        """An iterate with the least duration, where it has that but for a trace.
+        """An iterate with exactly the least duration, where it has that up to a trace.
 
-        Rows are evaluated there, so that constraints hold in the time that there is.
+        Rows are evaluated there, so that constraints hold for the least duration.
         """
         T = self.least_duration
         if T == 0.0 or abs(z[-1] - T) > TRACE * T:
@@ -150,7 +150,7 @@ class NonlinearProgram:
         return np.append(z[:-1], T)
 
     def evaluate(self, z: Array, room: float = np.inf) -> Array:
-        """Row values; those that have more room are not exact, see the protocol."""
+        """Row values; rows with a margin above ``room`` are not exact, see Program."""
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return np.full(self.rows.size, NOT_INTEGRATED)
@@ -158,9 +158,9 @@ class NonlinearProgram:
         return np.concatenate([block.values(of, motion, room) for block in self.blocks])
 
     def attention(self, steps: StepBounds) -> float:
-        """How far below their bounds gradual constraints matter to steps of a box.
+        """Margin below which gradual constraints matter to steps of a box.
 
-        Where obstacles move, as far as anything is ever known.
+        Infinite where obstacles move.
         """
         moving = any(
             isinstance(block, Sampled) and block.constraint.moving
@@ -173,7 +173,7 @@ class NonlinearProgram:
         of = self.transcription
         motion = of.motion(self.timed(z))
         if not motion.finite:
-            # Nothing can be said of it; without rows, the program makes it shorter.
+            # The motion has no states; without rows, the program makes it shorter.
             none = np.zeros(0, dtype=np.int64)
             return Linearization(none, sp.csr_matrix((0, self.size)))
         chosen = self.selected(values, steps)
@@ -184,15 +184,15 @@ class NonlinearProgram:
         return Linearization(chosen, sp.vstack(parts, format="csr"))
 
     def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
-        """Root of the curvature of the rows that constraints know of.
+        """Root of the curvature of the rows whose constraints provide it.
 
         Args:
             z: Iterate.
-            multipliers: Of the rows, shape (m,).
+            multipliers: Multipliers of the rows, shape (m,).
 
         Returns:
-            Matrix R, shape (k, size): |R d|^2 / 2 is what the linearised rows lack for
-            a step d, weighted. None for none.
+            Matrix R, shape (k, size): |R d|^2 / 2 is the weighted second-order term
+            that the linearised rows lack for a step d. None if no row has a curvature.
         """
         bending = [
             (block, multipliers[first : first + block.lower.size])
@@ -311,11 +311,11 @@ class NonlinearProgram:
 
 
 def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
-    """Rows where segments end: their goals, but for the last, and times of arrival."""
+    """Rows at the ends of segments: goals of all but the last, and arrival times."""
     goals: list[Block] = []
     arrivals: list[Block] = []
     parts, segments = of.system.segments, of.system.problem.segments
-    # A motion without segments has no end but its own.
+    # A motion without segments has no rows at ends of segments.
     each = zip(segments, of.segments, strict=False)
     for number, (segment, within) in enumerate(each):
         at, suffix = Instants.end(within[1]), f" of segment {number + 1}"

@@ -13,7 +13,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 
 @dataclass(frozen=True)
 class Rows:
-    """What the rows of a program are.
+    """Bounds, kinds and groups of the rows of a program.
 
     Attributes:
         lower: Lower bounds, shape (m,).
@@ -59,7 +59,7 @@ class Rows:
 
     @cached_property
     def _starts(self) -> IntArray | None:
-        """Where each group begins; None if its rows are not side by side."""
+        """First row of each group; None if the rows of a group are not contiguous."""
         rise = np.diff(self.group, prepend=-1)
         if not self.size or np.any((rise != 0) & (rise != 1)):
             return None
@@ -74,11 +74,11 @@ class Rows:
         return out
 
     def carried(self, former: Rows, values: Array) -> Array:
-        """Values of former rows for these, zero for those that have joined them.
+        """Values of former rows for these rows, zero for rows that have joined.
 
         Args:
-            former: Rows of nearly the same program: new ones of a kind come last.
-            values: One for each of them.
+            former: Rows of nearly the same program: new rows of a kind come last.
+            values: A value for each former row.
         """
         out = np.zeros(self.size)
         for index, kind in enumerate(self.kinds):
