@@ -146,7 +146,7 @@ class Options(Record):
         seed: Seed of everything random.
         max_planning_time: Time limit [s], kept to 10 % and 0.2 s, from the call of the
             planner on; the best motion so far is returned, and verified in that time.
-            None takes the limit of the effort: 2 s for "quick", 10 s for "standard",
+            By default it is that of the effort: 2 s for "quick", 10 s for "standard",
             60 s for "thorough"; infinity is no limit.
         max_iterations: Largest number of iterations a start.
         tolerance: Relative progress below which the iteration stops: when the last
