@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 # Groups of the golden set that show what a mechanism is for.
 GROUPS = ("goals", "goals x 4", "clutter", "obstacles", "moving", "segments", "rules")
 PLANNER, SOLVERS = "tominpmp.planner", "tominpmp.solvers"
+FUNCTIONS = "tominpmp.transcription.problem_functions.ProblemFunctions"
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def _without(*names: str) -> Variant:
 
 
 NEITHER = _without("finer grid", "certificate")
-COARSE = Variant(parts={f"{PLANNER}.multistart.suits": _false})
+COARSE = Variant(parts={f"{PLANNER}.multistart.coarse_grids_apply": _false})
 QUICK = Variant({"effort": "quick"})
 ONCE = Variant({"effort": "quick", "refine": None}) | COARSE
 CONSTANT = Variant({"control": "constant"})
@@ -90,9 +91,7 @@ VARIANTS: dict[str, Variant] = {
     "no total variation": Variant({"smoothing": 0.0}),
     "rows of links at once": Variant(
         parts={
-            "tominpmp.transcription.problem_functions.ProblemFunctions.first_tried": (
-                property(lambda self: self)
-            )
+            f"{FUNCTIONS}.without_self_collision": property(lambda self: self),
         }
     ),
     "no curvature": Variant(
@@ -111,7 +110,9 @@ VARIANTS: dict[str, Variant] = {
     "no exchange on the way": Variant(
         parts={f"{SOLVERS}.exchange.RowExchange.due": _false}
     ),
-    "no torque starts": Variant(parts={f"{PLANNER}.search.shots": _nothing}),
+    "no torque starts": Variant(
+        parts={f"{PLANNER}.search.random_torque_starts": _nothing}
+    ),
     "quick": QUICK,
     "quick, no finer grid and no certificate": QUICK | NEITHER,
     "one descent": ONCE | NEITHER,

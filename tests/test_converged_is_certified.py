@@ -10,10 +10,10 @@ import pytest
 import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import optimality
-from tominpmp.planner.attempt import Attempt
 from tominpmp.planner.automatic_options import resolve_options
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.optimality import certified, clearly
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers import exchange
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
@@ -48,7 +48,7 @@ def slower(solution, factor=1.05):
     v, a = motion.v / factor, motion.a / factor**2
     u = inverse(motion.q, v, np.vstack([a, a[-1:]]))
     motion = replace(motion, t=factor * motion.t, v=v, a=a, u=u)
-    return Attempt(
+    return Candidate(
         "slow",
         tm.Status.CONVERGED,
         True,
@@ -63,7 +63,7 @@ def slower(solution, factor=1.05):
 def judged(solution, attempt, **changes):
     """What the last stage makes of an attempt."""
     options = replace(resolve_options(solution.problem, OPTIONS), **changes)
-    progress = Progress(options)
+    progress = PlanState(options)
     with progress.deadline.in_force():
         return list(certified(solution.problem, options, progress, [attempt]))
 
@@ -117,7 +117,7 @@ def test_a_test_that_is_cut_short_proves_nothing(free, monkeypatch, cause, statu
     def run(settling, attempt):
         raise cause
 
-    monkeypatch.setattr(optimality.Settling, "run", run)
+    monkeypatch.setattr(optimality.CertifiedDescent, "run", run)
     (found,) = judged(free, slower(free))
     assert found.status is status
 
@@ -238,7 +238,7 @@ def test_rounds_that_run_out_are_no_convergence(around, monkeypatch):
     """They were: the motion had settled on rows that were not all that it needed."""
     monkeypatch.setattr(exchange, "EXTENSIONS", 1)
     options = resolve_options(around.problem, OPTIONS)
-    of, z = Layout.of_motion(around.trajectory).taken_up(
+    of, z = Layout.of_motion(around.trajectory).represented(
         ProblemFunctions.of(around.problem), around.trajectory
     )
     looks = exchange.RowExchange(level=0.0, revise=lambda program, z: (program, z))

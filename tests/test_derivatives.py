@@ -27,7 +27,7 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import rollout, sweep_adjoint
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram, Sampled
+from tominpmp.transcription.program import NonlinearProgram, SampledRows
 
 Array = np.ndarray
 
@@ -205,7 +205,7 @@ def with_more(program: NonlinearProgram) -> NonlinearProgram:
     more = Instants(np.array([0, 2, last]), np.array([0.3, 0.7, 0.2]))
     blocks = tuple(
         replace(block, fixed=block.fixed.joined(more))
-        if isinstance(block, Sampled) and block.name not in ("goal", "torque rate")
+        if isinstance(block, SampledRows) and block.name not in ("goal", "torque rate")
         else block
         for block in program.blocks
     )
@@ -320,7 +320,7 @@ def asked(program: NonlinearProgram, z: Array) -> dict[str, Array]:
         "gradient": program.gradient(z, weights),
         "steps": np.stack([steps.lower, steps.upper]),
         "variation": np.append(variation.offset, variation.total(z)),
-        "stretched": program.stretch(z, 1.3),
+        "stretched": program.time_scale(z, 1.3),
         "motion": np.hstack([motion.q, motion.v, motion.u]).ravel(),
     }
 

@@ -14,7 +14,7 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import finer_grid
 from tominpmp.planner.finer_grid import (
-    USUAL,
+    STANDARD_BUDGET,
     Enough,
     to_be_split,
 )
@@ -137,7 +137,7 @@ def every_third(of):
 def same_motion(of, z, system):
     """Take up and split an iterate; its motion is the same."""
     motion = of.trajectory(z)
-    again, start = Layout.of(of, z).taken_up(system, motion)
+    again, start = Layout.of(of, z).represented(system, motion)
     np.testing.assert_allclose(start, z, atol=1e-9)
     finer, split = split_intervals(again, start, every_third(of))
     assert finer.intervals == of.intervals + every_third(of).sum()
@@ -157,7 +157,7 @@ def test_rides_at_a_speed_limit_are_left_as_they_are():
     solution = tm.plan(problem, refine=None)
     system = ProblemFunctions.of(problem)
     layout = Layout.of_motion(solution.trajectory)
-    of, z = layout.taken_up(system, solution.trajectory)
+    of, z = layout.represented(system, solution.trajectory)
     split, speed = to_be_split(of, z), solution.trajectory.v[:, 0]
     rides = (speed[1:] > 0.4999) & (speed[:-1] > 0.4999)
     assert rides.any()
@@ -188,7 +188,7 @@ def test_a_plan_that_is_cut_short_brings_no_more_than_a_longer_one(monkeypatch):
     def cut_short(problem, options, progress, best, work):
         progress.cut_short = Status.TIME_LIMIT
         before.append(progress.best)
-        return SimpleNamespace(duration=(1.0 - 0.5 * USUAL.gain) * before[0])
+        return SimpleNamespace(duration=(1.0 - 0.5 * STANDARD_BUDGET.gain) * before[0])
 
     before = []
     monkeypatch.setattr(finer_grid, "improvement_of", cut_short)
@@ -215,7 +215,7 @@ def test_intervals_are_halved_where_constant_accelerations_leave_torque():
     solution = planned("constant", None, None)
     motion, problem = solution.trajectory, solution.problem
     system = ProblemFunctions.of(problem)
-    of, z = Layout.of_motion(motion).taken_up(system, motion)
+    of, z = Layout.of_motion(motion).represented(system, motion)
     split, h = to_be_split(of, z), np.diff(motion.t)
     # Torques where intervals begin and end, by the dynamics of the robot alone.
     ends = (slice(0, -1), slice(1, None))
@@ -257,7 +257,7 @@ def is_enough(program, **told):
     loop = Loop(program, MinimumTime.of(tm.Options()), first)
     values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
     loop.history = [IterationRecord(**values | told)]
-    return Enough(USUAL, 1.0, lambda: False)(loop)
+    return Enough(STANDARD_BUDGET, 1.0, lambda: False)(loop)
 
 
 @pytest.mark.parametrize("curable", [True, False])
@@ -297,7 +297,7 @@ def test_a_finer_grid_has_the_rows_of_distances_that_the_motion_rests_on():
     box = tm.Box("box", size=(0.3, 0.3, 1.0), position=(-2.0, -2.0, 0.0))
     problem = planar(scene=tm.Scene([box]))
     motion = tm.plan(problem, control="constant", refine=None, starts=1).trajectory
-    of, z = Layout.of_motion(motion).taken_up(ProblemFunctions.of(problem), motion)
+    of, z = Layout.of_motion(motion).represented(ProblemFunctions.of(problem), motion)
     plain = NonlinearProgram.of(of).at(z)
     (index,) = (k for k, b in enumerate(plain.blocks) if b.name == "clearance")
     between = Instants(np.array([3, 20]), np.array([0.3, 0.85]))

@@ -15,7 +15,7 @@ from tominpmp.planner import search, thorough
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import torques_rule
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # One descent from the straight line ended in optima that were slower by 2.5 to 30 %.
@@ -62,7 +62,7 @@ def search_of(problem):
     system = ProblemFunctions.of(problem)
     guess = straight_guess(system, problem.goal.configuration)
     torques = torques_rule(system, guess)
-    return CoarseSearch(system, options, Progress(options), torques=torques), guess
+    return CoarseSearch(system, options, PlanState(options), torques=torques), guess
 
 
 def test_a_start_that_leads_to_a_known_motion_is_let_go_early():
@@ -185,8 +185,8 @@ def test_among_obstacles_a_sampled_path_comes_before_the_straight_line():
         (False, 1, [line, other], [line, other]),
         (False, 1, [line], [line]),
     ):
-        remembered = search.Remembered(iter(guesses))
-        system = SimpleNamespace(alone=alone)
+        remembered = search.CachedGuesses(iter(guesses))
+        system = SimpleNamespace(in_free_space=alone)
         made = search.Search(system, None, None, remembered, wanted, swings=False)
         assert list(made._from_paths()) == order
 

@@ -44,8 +44,8 @@ BEGIN = """
 
     def tell(record, after=lambda: os.read(signals, 1)):
         if record.violation <= 1e-6 and not told:
-            from tominpmp.planner import progress
-            progress.SAVING = 300.0  # a slow machine has time for the replay, too
+            from tominpmp.planner import plan_state
+            plan_state.SAVING = 300.0  # a slow machine has time for the replay, too
             told.append(record)
             print(json.dumps(children()), flush=True)
             after()  # a signal has come, and was handled

@@ -104,8 +104,8 @@ COMMAND = """
         usual(self, record)
         count[0] += record.violation <= 1e-6 or count[0] > 0
         if where == "planning" and count[0] == 3:
-            from tominpmp.planner import progress
-            progress.SAVING = 300.0  # a slow machine has time for the replay, too
+            from tominpmp.planner import plan_state
+            plan_state.SAVING = 300.0  # a slow machine has time for the replay, too
             os.kill(os.getpid(), number)
 
     def loading(*arguments):

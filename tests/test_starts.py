@@ -34,9 +34,9 @@ class Table:
         self.tried = []
         monkeypatch.setattr(starts, "guesses_of", self.guesses)
         monkeypatch.setattr(starts, "descended", self.solve)
-        monkeypatch.setattr(starts, "shots", self.shots)
+        monkeypatch.setattr(starts, "random_torque_starts", self.random_torque_starts)
         # Nothing is judged on coarse grids before.
-        monkeypatch.setattr(starts, "suits", lambda system, options: False)
+        monkeypatch.setattr(starts, "coarse_grids_apply", lambda system, options: False)
 
     def guesses(self, system, count, *rest):
         for number in range(count):
@@ -48,7 +48,7 @@ class Table:
         self.tried.append(guess.name)
         return Made(float(self.outcomes[int(guess.name)]))
 
-    def shots(self, system, options, progress):
+    def random_torque_starts(self, system, options, progress):
         assert options.starts is None
         self.tried.append("shot")
         progress.best = min(progress.best, self.shot)
@@ -70,9 +70,9 @@ def tries(monkeypatch, seed, finds, number, scene):
     """Names of the attempts that are made, and the least duration."""
     table = Table(monkeypatch, seed, finds)
     options = tm.Options(starts=number)
-    progress = starts.Progress(options)
+    progress = starts.PlanState(options)
     system = ProblemFunctions.of(reach(scene=scene))
-    made = starts.make_attempts(system, None, options, progress)
+    made = starts.make_candidates(system, None, options, progress)
     durations = [attempt.duration for attempt in made if attempt is not None]
     return table.tried, min(durations)
 

@@ -16,7 +16,7 @@ from tominpmp import stopping
 from tominpmp.linear_programs import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.planner import descent, finer_grid
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.solvers.quiet_torques import QuietTorques
 from tominpmp.solvers.trust_region_step import TrustRegionStep
 from tominpmp.stopping import Deadline, Stop
@@ -117,7 +117,7 @@ def test_interrupted_before_there_is_anything(monkeypatch):
 @pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("stage", ["verify", "lower_bound"])
 def test_interrupted_in_a_later_stage(monkeypatch, stage):
-    place = {"verify": "planner.attempt", "lower_bound": "planner.progress"}[stage]
+    place = {"verify": "planner.candidate", "lower_bound": "planner.plan_state"}[stage]
     module = f"tominpmp.{place}.{stage}"
     calls = []
     usual = tm.verify if stage == "verify" else tm.lower_bound
@@ -206,7 +206,7 @@ def test_time_used_up_within_the_first_solve(clock, spent, time_to_replay):
 
 
 def test_motions_there_was_no_time_to_replay_are_not_said_to_be_refuted(monkeypatch):
-    usual, replayed = Attempt.verified, []
+    usual, replayed = Candidate.verified, []
 
     def first_refuted(self, *arguments, **named):
         replayed.append(self.trajectory.duration)
@@ -216,7 +216,7 @@ def test_motions_there_was_no_time_to_replay_are_not_said_to_be_refuted(monkeypa
         refuted = replace(attempt.verification, ok=False)
         return replace(attempt, verification=refuted)
 
-    monkeypatch.setattr(Attempt, "verified", first_refuted)
+    monkeypatch.setattr(Candidate, "verified", first_refuted)
     options = tm.Options(
         effort="quick", callback=lambda record: record.violation < 1e-6
     )

@@ -2,8 +2,8 @@
 
 A plan has one :class:`Deadline`. While it is in force, :func:`check` ends whatever goes
 on by raising :class:`Stop`, in every loop that may take long; what was found until then
-is with the :class:`~tominpmp.planner.progress.Progress`, which knows what to do then.
-Native code that cannot ask is given :func:`seconds_left` as its time limit.
+is with the :class:`~tominpmp.planner.plan_state.PlanState`, which knows what to do
+then. Native code that cannot ask is given :func:`seconds_left` as its time limit.
 
 Ctrl-C is such a request while a deadline is in force, so that nothing is torn apart in
 the middle; a second one, or one that is not heeded soon, raises KeyboardInterrupt.

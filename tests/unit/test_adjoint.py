@@ -183,7 +183,7 @@ def test_stretching_makes_the_same_motion_slower(rng):
     z = nlp.transcription.pack(
         np.clip(u, hold.limits.effort_lower, hold.limits.effort_upper), [0.5]
     )
-    fast, slow = nlp.trajectory(z), nlp.trajectory(nlp.stretch(z, 1.5))
+    fast, slow = nlp.trajectory(z), nlp.trajectory(nlp.time_scale(z, 1.5))
     assert slow.duration == pytest.approx(1.5 * fast.duration)
     assert np.abs(fast.q[-1] - START).max() > 0.05
     np.testing.assert_allclose(slow.q, fast.q, atol=5e-3)

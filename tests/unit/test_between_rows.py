@@ -9,7 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.arrays import Array
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.status import Status
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.inverse import InverseTranscription
@@ -69,14 +69,14 @@ def test_replays_find_nothing_that_the_rows_have_missed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Instants near others were left out, where a tip goes 3 cm on from one to one."""
-    replayed: list[Attempt] = []
+    replayed: list[Candidate] = []
 
-    def verified(self: Attempt, *args: Any, **options: Any) -> Attempt:
+    def verified(self: Candidate, *args: Any, **options: Any) -> Candidate:
         replayed.append(found := judge(self, *args, **options))
         return found
 
-    judge = Attempt.verified
-    monkeypatch.setattr(Attempt, "verified", verified)
+    judge = Candidate.verified
+    monkeypatch.setattr(Candidate, "verified", verified)
     arm = tm.load_robot("planar3r")
     arm = arm.with_changes(velocity=4.0 * arm.limits.velocity)
     box = tm.Box("box", size=[0.2192, 0.3548, 0.3104], position=[-4.1142, -1.59, 0.0])

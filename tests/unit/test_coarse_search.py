@@ -12,7 +12,7 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import initial_guesses, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import PATIENCE, CoarseSearch
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -27,7 +27,7 @@ def coarse():
     problem = tm.Problem(robot, START, tm.JointGoal(END), scene=tm.Scene([post]))
     options = resolve_options(problem, tm.Options())
     system = ProblemFunctions.of(problem)
-    search = CoarseSearch(system, options, Progress(options), torques=False)
+    search = CoarseSearch(system, options, PlanState(options), torques=False)
     guess = straight_guess(system, problem.goal.configuration)
     assert search.rough(guess) is not None
     return search, guess
@@ -89,7 +89,7 @@ def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, START, tm.PositionGoal("tip", (1.5, 3.0, 0.0)))
     options = resolve_options(problem, tm.Options())
-    system, progress = ProblemFunctions.of(problem), Progress(options)
+    system, progress = ProblemFunctions.of(problem), PlanState(options)
     search = CoarseSearch(system, options, progress, torques=True)
     lines = list(initial_guesses(system, 2, np.random.default_rng(0)))
     best = search.rough(lines[0])
@@ -127,7 +127,7 @@ def test_torques_carry_no_weight_on_fine_grids_where_they_rule():
         (True, {"smoothing": 0.01}, 0.01),
     ):
         options = resolve_options(problem, tm.Options(**changes))
-        search = CoarseSearch(system, options, Progress(options), torques=torques)
+        search = CoarseSearch(system, options, PlanState(options), torques=torques)
         assert search.fine.smoothing == smoothing
         assert search.coarse.smoothing == options.smoothing
 

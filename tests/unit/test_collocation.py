@@ -162,11 +162,11 @@ def test_stretching_keeps_the_path():
     nlp = build(JOINT)
     line = START + np.linspace(0, 1, INTERVALS + 1)[:, None] * (JOINT.goal.q - START)
     z = nlp.transcription.start(line, np.array([2.0]))
-    fast, slow = nlp.trajectory(z), nlp.trajectory(nlp.stretch(z, 3.0))
+    fast, slow = nlp.trajectory(z), nlp.trajectory(nlp.time_scale(z, 3.0))
     np.testing.assert_allclose(slow.q, fast.q)
     np.testing.assert_allclose(slow.v, fast.v / 3.0)
     np.testing.assert_allclose(slow.t, 3.0 * fast.t)
-    assert slow.duration == pytest.approx(nlp.cost @ nlp.stretch(z, 3.0))
+    assert slow.duration == pytest.approx(nlp.cost @ nlp.time_scale(z, 3.0))
     np.testing.assert_array_equal(fast.u[-1], fast.u[-2])
 
 

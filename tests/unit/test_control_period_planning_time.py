@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline
 
 import tominpmp as tm
 from tominpmp.initial_guess.warm_start import warm_start
-from tominpmp.planner import attempt as attempts
+from tominpmp.planner import candidate as attempts
 from tominpmp.planner import control_period as clock
 from tominpmp.planner import control_period_segments
 from tominpmp.planner.control_period import ClockCallback
@@ -59,7 +59,7 @@ def not_right(verification):
 
 
 def clocked_program(problem, trajectory, period):
-    system = ProblemFunctions.of(problem).first_tried
+    system = ProblemFunctions.of(problem).without_self_collision
     count = ticks_of(trajectory.duration, period) + 1
     ticks = Ticks.near(period, count, trajectory.t, trajectory.t.size - 1)
     return warm_start(system, trajectory).clocked_program(system, ticks)

@@ -8,10 +8,10 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import Guess, initial_guesses
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.first_program import first_program
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -41,7 +41,7 @@ def test_timed_guesses_are_nearly_motions(intervals):
     options = tm.Options(method="inverse", intervals=intervals, control="constant")
     program, z = first_program(system, options, guess)
     assert program.rows.largest_violation(program.evaluate(z)) < 1.0
-    slow = program.evaluate(program.stretch(z, 2.0))
+    slow = program.evaluate(program.time_scale(z, 2.0))
     assert program.rows.largest_violation(slow) == 0.0
 
 
@@ -78,11 +78,11 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
-    search = CoarseSearch(system, options, Progress(options), torques=True)
+    search = CoarseSearch(system, options, PlanState(options), torques=True)
     rough = search.rough(guess)
 
     def stopped(*_, **__):
         raise Stop(requested=False)
 
-    monkeypatch.setattr(Attempt, "verified", stopped)
+    monkeypatch.setattr(Candidate, "verified", stopped)
     assert not search._replayed(rough, tm.Status.TIME_LIMIT).found

@@ -19,7 +19,7 @@ from tominpmp.initial_guess.inverse_kinematics import (
     solve_inverse_kinematics,
 )
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.planner.descent import EVER_SLOWER, hopeless
+from tominpmp.planner.descent import EVER_SLOWER, stop_if_hopeless
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -111,7 +111,7 @@ def test_guesses_that_end_in_collision_say_so() -> None:
 
 
 def test_iterations_that_only_become_slower_are_ended() -> None:
-    judge = hopeless(1.0)
+    judge = stop_if_hopeless(1.0)
     assert judge(record(0.9 * EVER_SLOWER, 0.1)) is None
     assert judge(record(2.0 * EVER_SLOWER, 1e-5)) is None
     assert judge(record(2.0 * EVER_SLOWER, 0.1)) is Status.STALLED

@@ -154,7 +154,7 @@ def test_variation_is_the_jumps_of_acceleration():
 
 def test_stretching_keeps_the_path():
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(7))
-    slow, fast = nlp.trajectory(nlp.stretch(z, 2.0)), nlp.trajectory(z)
+    slow, fast = nlp.trajectory(nlp.time_scale(z, 2.0)), nlp.trajectory(z)
     np.testing.assert_allclose(slow.q, fast.q)
     np.testing.assert_allclose(slow.t, 2 * fast.t)
     np.testing.assert_allclose(slow.a, fast.a / 4)

@@ -10,7 +10,7 @@ from tests.sample_arms import make_arm, rod
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.options import Options
 from tominpmp.planner.first_program import first_program
-from tominpmp.transcription.blocks import Sampled
+from tominpmp.transcription.blocks import SampledRows
 from tominpmp.transcription.exchange import ROOM, excess_at, exchanged, jumping
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -24,15 +24,15 @@ def hasty(request: pytest.FixtureRequest):
     """A program, and a motion of it that is much too fast for one joint of two."""
     arm = make_arm(rod(4.0, 0.6), rod(2.0, 0.5), effort=EFFORT)
     problem = tm.Problem(arm, [0.0, 0.0], tm.JointGoal([0.9, 0.4]))
-    system = ProblemFunctions.of(problem).first_tried
+    system = ProblemFunctions.of(problem).without_self_collision
     options = Options(method="inverse", intervals=6, control=request.param)
     guess = straight_guess(system, problem.goal.configuration)
     program, z = first_program(system, options, guess)
-    z = program.stretch(z, 0.4)
+    z = program.time_scale(z, 0.4)
     return program.at(z), z
 
 
-def torques(program) -> Sampled:
+def torques(program) -> SampledRows:
     return next(block for block in program.blocks if block.name == "torque")
 
 
@@ -64,7 +64,7 @@ def test_they_get_rows_once_they_have_none_left(hasty) -> None:
     more = exchanged(program, z)
     assert more is not None
     known = torques(more).fixed.size
-    faster = more.stretch(z, 0.03)
+    faster = more.time_scale(z, 0.03)
     again = exchanged(more.at(faster), faster)
     assert again is not None
     block = torques(again)
@@ -80,12 +80,12 @@ def whipping(control: str, pace: float, swing: float = 0.2):
         rod(4.0, 0.6), rod(2.0, 0.5), rod(1.0, 0.4), effort=(200.0, 80.0, 20.0)
     )
     problem = tm.Problem(arm, [0.0, 0.0, 0.0], tm.JointGoal([0.9, 0.4, -1.2]))
-    system = ProblemFunctions.of(problem).first_tried
+    system = ProblemFunctions.of(problem).without_self_collision
     options = Options(method="inverse", intervals=12, control=control)
     guess = straight_guess(system, problem.goal.configuration)
     program, z = first_program(system, options, guess)
     points = z[:-1] + swing * np.sin(0.9 * np.arange(z.size - 1))
-    z = program.stretch(np.append(points, z[-1]), pace)
+    z = program.time_scale(np.append(points, z[-1]), pace)
     return program.at(z), z
 
 

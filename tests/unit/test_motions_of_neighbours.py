@@ -13,8 +13,8 @@ import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.cell.batch.neighbours import Rounds
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.planner import attempt
-from tominpmp.planner.descent import PATIENCE, hopeless
+from tominpmp.planner import candidate
+from tominpmp.planner.descent import PATIENCE, stop_if_hopeless
 from tominpmp.planner.former_motion import FAR
 from tominpmp.status import Status
 
@@ -62,14 +62,14 @@ def test_a_motion_that_ends_elsewhere_is_not_replayed(
     place = np.array([0.2, 1.4, 0.0])
     former = tm.plan(problem(arm, tm.PositionGoal("tip", place)), **QUICK)
     ends: list[Array] = []
-    replay = attempt.verify
+    replay = candidate.verify
 
     def seen(task: tm.Problem, motion: tm.Trajectory, *rest: Any, **more: Any) -> Any:
         q = motion.q[-1]
         ends.append(RobotKinematics(task.robot).placement(q, "tip").translation)
         return replay(task, motion, *rest, **more)
 
-    monkeypatch.setattr(attempt, "verify", seen)
+    monkeypatch.setattr(candidate, "verify", seen)
     # Farther on: slower than the former motion, which would be kept if it arrived.
     farther = place - np.array([0.3, 0.1, 0.0])
     found = tm.plan(
@@ -108,7 +108,7 @@ def test_starts_that_come_to_no_motion_are_given_up(
     violations: list[float], over: bool
 ) -> None:
     records = [SimpleNamespace(violation=value, duration=1.0) for value in violations]
-    judge = hopeless(1.0, FAR)
+    judge = stop_if_hopeless(1.0, FAR)
     statuses = [judge(record) for record in records]  # type: ignore[arg-type]
     assert statuses[-1] is (Status.STALLED if over else None)
     assert not any(statuses[:-1])

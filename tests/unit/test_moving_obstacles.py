@@ -19,7 +19,7 @@ from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram, Sampled
+from tominpmp.transcription.program import NonlinearProgram, SampledRows
 
 START = np.array([0.5, 1.0, -1.0])
 END = np.array([1.0, 0.6, -0.8])
@@ -226,7 +226,7 @@ def with_clearances(program: NonlinearProgram, more: Instants) -> NonlinearProgr
     """The program with rows of clearances at more instants."""
     blocks = tuple(
         replace(block, fixed=block.fixed.joined(more))
-        if isinstance(block, Sampled) and block.name == "clearance"
+        if isinstance(block, SampledRows) and block.name == "clearance"
         else block
         for block in program.blocks
     )

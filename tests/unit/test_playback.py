@@ -246,10 +246,10 @@ def test_meshes_are_scaled_and_placed(tmp_path: Path) -> None:
     assert volume(body.surface) == pytest.approx(1.0)
 
 
-def write_colored(folder: Path, stretch: float) -> str:
+def write_colored(folder: Path, time_scale: float) -> str:
     """A tetrahedron in red and blue, stretched against what another file says."""
     (folder / "arm.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
-    corners = [(0, 0, 0), (stretch, 0, 0), (0, 1, 0), (0, 0, 1)]
+    corners = [(0, 0, 0), (time_scale, 0, 0), (0, 1, 0), (0, 0, 1)]
     lines = ["mtllib arm.mtl", *(f"v {x} {y} {z}" for x, y, z in corners)]
     lines += ["usemtl red", "f 1 3 2", "f 1 2 4", "usemtl blue", "f 1 4 3", "f 2 3 4"]
     (folder / "arm.obj").write_text("\n".join(lines) + "\n")

@@ -8,7 +8,7 @@ import pytest
 from robot_samples import INERTIAL, joint, link, load, robot
 
 import tominpmp as tm
-from tominpmp.planner import attempt as attempts
+from tominpmp.planner import candidate as attempts
 from tominpmp.verification import verify
 
 BALL = "<collision><geometry><sphere radius='0.05'/></geometry></collision>"

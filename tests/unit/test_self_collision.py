@@ -13,7 +13,7 @@ from sample_arms import DOWNWARD, describe
 
 import tominpmp as tm
 from tominpmp.collision import CollisionChecker
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.multistart import torques_may_lead
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -71,14 +71,14 @@ def test_links_that_touch_on_a_coarse_grid_are_parted_at_once(
 ) -> None:
     problem = colliding_on_the_way()
     replays: list[bool] = []
-    usual = Attempt.verified
+    usual = Candidate.verified
 
-    def verified(self: Attempt, *arguments: Any, **changes: Any) -> Attempt:
+    def verified(self: Candidate, *arguments: Any, **changes: Any) -> Candidate:
         attempt = usual(self, *arguments, **changes)
         replays.append(attempt.touches)
         return attempt
 
-    monkeypatch.setattr(Attempt, "verified", verified)
+    monkeypatch.setattr(Candidate, "verified", verified)
     solution = tm.plan(problem, effort="quick", refine=None, intervals=24)
     assert solution.success, solution.message
     assert replays

@@ -32,7 +32,7 @@ def slowed(obstacle, **more):
     checker.distances = lambda *given: asked.append(given) or usual(*given)
     slow, found = program.slower(z, 1.3, values)
     del checker.distances
-    np.testing.assert_array_equal(slow, program.stretch(z, 1.3))
+    np.testing.assert_array_equal(slow, program.time_scale(z, 1.3))
     np.testing.assert_allclose(found, program.evaluate(slow), atol=1e-9)
     assert np.max(np.abs(found - values)) > 1e-3  # torques are smaller
     return bool(asked)

@@ -65,13 +65,13 @@ class Program:
     def variation(self, z):
         raise AssertionError("smoothing is off")
 
-    def stretch(self, z, factor):
+    def time_scale(self, z, factor):
         out = z.copy()
         out[-1] *= factor
         return out
 
     def slower(self, z, factor, values):
-        z = self.stretch(z, factor)
+        z = self.time_scale(z, factor)
         return z, self.evaluate(z)
 
 

@@ -19,9 +19,9 @@ import tominpmp as tm
 from tominpmp.initial_guess import parallel
 from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.initial_guess.parallel import ready, run_parallel
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.multistart import _SourceOfMany, solve_alone
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -121,7 +121,7 @@ def test_a_plan_in_two_processes_ends_in_time(
     limit, starts = 600.0, 200
     usual, handed = _SourceOfMany.solve, []
 
-    def solve(source: _SourceOfMany, number: int, guess: Guess) -> Attempt | None:
+    def solve(source: _SourceOfMany, number: int, guess: Guess) -> Candidate | None:
         attempt = usual(source, number, guess)
         clock.advance(0.0 if handed else 1.05 * limit)
         handed.append(number)
@@ -149,13 +149,13 @@ def test_a_process_without_time_ends_at_once() -> None:
         assert len(attempt.history) <= 1
 
 
-def ended_by_request() -> Attempt:
+def ended_by_request() -> Candidate:
     """What a process hands over that was asked to stop."""
     goal = tm.JointGoal((0.6, 1.7, -1.7))
     problem = tm.Problem(tm.load_robot("planar3r"), (0.5, 1.7, -1.7), goal)
     motion = tm.plan(problem, effort="quick", refine=None).trajectory
     asked = tm.Status.INTERRUPTED
-    return Attempt("a start", asked, True, motion, motion, violations={}, history=())
+    return Candidate("a start", asked, True, motion, motion, violations={}, history=())
 
 
 @pytest.mark.parametrize("asked", [False, True])
@@ -163,7 +163,7 @@ def test_processes_that_were_asked_at_the_end_of_the_time_were_not_interrupted(
     asked: bool,
 ) -> None:
     options = tm.Options(processes=2)
-    progress = Progress(options)
+    progress = PlanState(options)
     system = ProblemFunctions.of(reach())
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
     source = _SourceOfMany(system, options, progress, iter(()))

@@ -9,7 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod
-from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.transcription.bspline import INSPECTED, TORQUE_SHARES
 from tominpmp.transcription.exchange import BESIDE, turning
 from tominpmp.transcription.layout import Layout
@@ -33,7 +33,7 @@ def test_torques_keep_their_limits_beside_turns(there_and_back: tm.Solution) -> 
     motion = there_and_back.trajectory(times)
     assert np.any(np.diff(np.sign(motion.v[1:-1]), axis=0) != 0.0)
     share = np.abs(motion.u) / np.array(EFFORT)
-    assert share.max() < 1.0 + 1.5 * OVERLOAD
+    assert share.max() < 1.0 + 1.5 * EFFORT_TOLERANCE
 
 
 def test_turns_have_an_instant_before_and_one_after(
@@ -42,7 +42,7 @@ def test_turns_have_an_instant_before_and_one_after(
     motion = there_and_back.trajectory
     layout = Layout.of_motion(motion)
     assert layout is not None
-    of, z = layout.taken_up(ProblemFunctions.of(there_and_back.problem), motion)
+    of, z = layout.represented(ProblemFunctions.of(there_and_back.problem), motion)
     every = np.ones(2, dtype=bool)
     at = turning(of, of.motion(z), every, (0, of.intervals))
     assert at.size >= 2

@@ -137,7 +137,7 @@ class CollisionChecker(PairDistances):
         return make, (self.robot, self.scene)
 
     @property
-    def lone(self) -> bool:
+    def single_arm(self) -> bool:
         """Whether all pairs are of links of a single robot, as convex pieces."""
         alone = not len(self.scene) and len(self.robot.parts) <= 1
         pieces = self.geometry == "convex" and self.cut is None
@@ -166,7 +166,7 @@ class CollisionChecker(PairDistances):
             q: Configuration, shape (n,) [rad or m].
             margin: Distance to exceed [m].
         """
-        return self.lone and self.with_cut(frozenset()).is_free(q, margin)
+        return self.single_arm and self.with_cut(frozenset()).is_free(q, margin)
 
     @cached_property
     def obstacle_pairs(self) -> int:

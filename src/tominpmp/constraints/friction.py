@@ -22,7 +22,7 @@ from tominpmp.dynamics import STANDSTILL
 # Loads this close to their limits may depend on the sign.
 NEAR = 1e-2
 # Tolerated relative excess of torques between the rows.
-OVERLOAD = 2e-3
+EFFORT_TOLERANCE = 2e-3
 # After this number of changes of a sign, its row holds for both directions.
 TURNS = 2
 
@@ -70,16 +70,16 @@ class Ways:
         """Upper bounds of torques without friction, as shares, shape (m, n)."""
         return self.bound - self.load
 
-    def wrong(self, sign: Array, share: Array, overload: float) -> BoolArray:
+    def wrong(self, sign: Array, share: Array, effort_tolerance: float) -> BoolArray:
         """Whether other signs affect a torque limit, shape (m, n).
 
         Args:
             sign: Signs of the motion, shape (m, n).
             share: Torques without friction as shares of their limits, shape (m, n).
-            overload: Tolerated relative excess of torques.
+            effort_tolerance: Tolerated relative excess of torques.
         """
         apart = (sign != self.sign) & ~self.both & (self.friction > 0.0)
-        beyond = np.abs(share + self.friction * sign) > 1.0 + overload
+        beyond = np.abs(share + self.friction * sign) > 1.0 + effort_tolerance
         bound = np.abs(share + self.load) > 1.0 - NEAR
         return np.asarray(apart & (beyond | bound))
 

@@ -23,7 +23,7 @@ CLOSE = 0.05
 POSITION, VELOCITY, TORQUE, CLEARANCE = range(4)
 
 
-class Watched(NamedTuple):
+class LazyClearanceRows(NamedTuple):
     """Limits that are looked at, at the ends of steps.
 
     Attributes:
@@ -39,7 +39,7 @@ class Watched(NamedTuple):
     sign: IntArray
 
     @classmethod
-    def none(cls) -> Watched:
+    def none(cls) -> LazyClearanceRows:
         """Nothing to look at."""
         empty = np.zeros(0, dtype=np.int64)
         return cls(empty, empty, empty, empty)
@@ -85,7 +85,7 @@ class ArcProgram:
         self.system, self.arcs, self.steps = system, arcs, steps
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)
-        self.watched = Watched.none()
+        self.watched = LazyClearanceRows.none()
         self.evaluations = 0
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
@@ -109,7 +109,7 @@ class ArcProgram:
         """Take the stages of a motion near by as a guess, shape (M, 3, 2n)."""
         self._guess = stages
 
-    def watch(self, watched: Watched) -> None:
+    def watch(self, watched: LazyClearanceRows) -> None:
         """Look at other limits."""
         self.watched = watched
         self._last = None
@@ -266,14 +266,16 @@ class ArcProgram:
             kinds.append(CLEARANCE)
         return kinds
 
-    def look(self, motion: IntegratedArcs, near: float | None = None) -> Watched:
+    def look(
+        self, motion: IntegratedArcs, near: float | None = None
+    ) -> LazyClearanceRows:
         """Limits that a motion comes near to, or passes.
 
         Args:
             motion: The motion.
             near: How near, in shares; None takes the usual.
         """
-        parts = [Watched.none()]
+        parts = [LazyClearanceRows.none()]
         for kind in self._kinds():
             distance = (CLOSE if kind == CLEARANCE else NEAR) if near is None else near
             for sign, room in zip((1, -1), self._values(motion, kind), strict=True):
@@ -287,8 +289,12 @@ class ArcProgram:
                 if kind == VELOCITY and self.system.final_velocity is not None:
                     step, index = step[~last], index[~last]
                 full = np.full(step.size, 1)
-                parts.append(Watched(kind * full, step + 1, index, sign * full))
-        return Watched(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+                parts.append(
+                    LazyClearanceRows(kind * full, step + 1, index, sign * full)
+                )
+        return LazyClearanceRows(
+            *(np.concatenate(part) for part in zip(*parts, strict=True))
+        )
 
     def _kept(self) -> BoolArray:
         """Ends of steps at which a joint is held, or begins to be, shape (M, n)."""

@@ -25,8 +25,8 @@ from tominpmp.exact.transcription import ArcTranscription
 from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import EVALUATIONS, Budget
@@ -79,7 +79,7 @@ class Search:
     """
 
     system: ProblemFunctions
-    progress: Progress
+    progress: PlanState
     budget: Budget
     limit: float
     found: list[OptimisedArcs] = field(default_factory=list)
@@ -116,8 +116,8 @@ class Search:
 
 
 def exact_switches(
-    system: ProblemFunctions, options: Options, attempt: Attempt, progress: Progress
-) -> Attempt:
+    system: ProblemFunctions, options: Options, attempt: Candidate, progress: PlanState
+) -> Candidate:
     """Place the switches of a motion exactly.
 
     Args:
@@ -151,7 +151,7 @@ def exact_switches(
         iterate = _iterate(arcs, y)
         records = tuple(progress.records)
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
-        exact = Attempt.of(attempt.name, arcs, attempt.initial, result)
+        exact = Candidate.of(attempt.name, arcs, attempt.initial, result)
         exact = exact.verified(system.problem, options)
         if exact.found:
             return exact

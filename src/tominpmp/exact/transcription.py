@@ -118,7 +118,7 @@ class ArcTranscription:
         """None is known."""
         return None
 
-    def stretch(self, z: Array, factor: float) -> Array:
+    def time_scale(self, z: Array, factor: float) -> Array:
         """The same torques on longer arcs."""
         out = z.copy()
         out[: self.program.arcs.count] *= factor
@@ -126,7 +126,7 @@ class ArcTranscription:
 
     def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
         """The same torques on longer arcs, which take another path."""
-        z = self.stretch(z, factor)
+        z = self.time_scale(z, factor)
         return z, self.evaluate(z)
 
     def trajectory(self, z: Array) -> Trajectory:

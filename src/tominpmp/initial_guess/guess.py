@@ -297,7 +297,7 @@ def _guesses(
     )
     straight, ends = [one[0] for one in both], [one[1] for one in both]
     rest = resting_guess(system, duration or straight[0].duration)
-    if system.alone:
+    if system.in_free_space:
         yield from straight[:FEW_LINES]
         # The paper's initial guess, which does not even reach the goal: the linear
         # programs choose the final configuration.
@@ -310,13 +310,13 @@ def _guesses(
         clear = is_free_line(system, *line)
         # Where the arm itself is the only obstacle, it needs no sampled path unless it
         # collides with itself on the straight line.
-        if sampling_available() and not (system.alone and clear):
+        if sampling_available() and not (system.in_free_space and clear):
             known = [line] if clear else []
             enough = (1.0 + NEAR) * straight[0].duration
             yield from sampled_guesses(
                 system, ends, rng, known=known, deadline=deadline, enough=enough
             )
-    if not system.alone:
+    if not system.in_free_space:
         yield from straight[1:]
     limits = problem.robot.limits
     low = np.maximum(limits.position_lower, problem.q_start - np.pi)

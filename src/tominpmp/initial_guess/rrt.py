@@ -65,7 +65,7 @@ def check_of(system: ProblemFunctions) -> Callable[[Array], bool]:
             return lambda _: True
         return partial(clearance.checker.is_free, margin=clearance.margin)
 
-    if not checker.lone:
+    if not checker.single_arm:
         return of_pieces()
     # Convex pieces are not needed where the links are clear as one hull each.
     return lambda q: checker.hulls_clear(q, PADDING) or of_pieces()(q)

@@ -12,22 +12,22 @@ from tominpmp.initial_guess.segments import SegmentedGuess, former_segments
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 Start = WarmStart | SegmentedGuess
-Attempts = Callable[[ProblemFunctions, Start | None], Iterator[Attempt | None]]
+Candidates = Callable[[ProblemFunctions, Start | None], Iterator[Candidate | None]]
 
 
-def attempts_of_alternatives(
+def candidates_of_alternatives(
     problem: Problem,
-    make: Attempts,
-    progress: Progress,
+    make: Candidates,
+    progress: PlanState,
     former: Trajectory | Samples | None = None,
-) -> Iterator[Attempt]:
+) -> Iterator[Candidate]:
     """Solve for each goal of a set, a start each before the second one for any.
 
     The goals that might be reached soonest come first. As long as there is no motion,
@@ -37,12 +37,12 @@ def attempts_of_alternatives(
 
     Args:
         problem: A problem with a set of goals, or with one.
-        make: Makes the attempts for a problem with one goal, given a former motion.
+        make: Makes the candidates for a problem with one goal, given a former motion.
         progress: Time limit, and the duration of the best motion so far.
         former: A former motion; it goes to the goal that it ends nearest to.
 
     Yields:
-        The attempts.
+        The candidates.
 
     Raises:
         ProblemError: If none of the goals can be reached at all.
@@ -51,7 +51,9 @@ def attempts_of_alternatives(
     if len(parts) == 1:
         system = ProblemFunctions.of(parts[0])
         start = None if former is None else _start(system, former)
-        yield from (attempt for attempt in make(system, start) if attempt is not None)
+        yield from (
+            candidate for candidate in make(system, start) if candidate is not None
+        )
         return
     bounds = [lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
@@ -59,7 +61,7 @@ def attempts_of_alternatives(
     if former is not None:
         entered = _entered(problem, former)
         order = [entered, *(i for i in order if i != entered)]
-    runs: dict[int, Iterator[Attempt | None]] = {}
+    runs: dict[int, Iterator[Candidate | None]] = {}
     wrong: list[str] = []
     while order:
         again: list[int] = []
@@ -74,7 +76,7 @@ def attempts_of_alternatives(
                     start = _start(system, former)
                 runs[i] = make(system, start)
             try:
-                attempt = next(runs[i])
+                candidate = next(runs[i])
             except StopIteration:
                 continue
             except Stop as stop:
@@ -85,8 +87,8 @@ def attempts_of_alternatives(
                 wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
                 continue
             again.append(i)
-            if attempt is not None:
-                yield attempt
+            if candidate is not None:
+                yield candidate
         order = again
     if len(wrong) == len(parts):
         raise ProblemError("; ".join(wrong), "goal")

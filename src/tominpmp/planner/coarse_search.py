@@ -20,16 +20,16 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import MANY_INTERVALS, descend, descended
-from tominpmp.planner.progress import Kept, Progress
-from tominpmp.planner.rescue import guarded, slowed_down
+from tominpmp.planner.plan_state import Kept, PlanState
+from tominpmp.planner.rescue import keep_best_on_interrupt, slowed_down
 from tominpmp.solvers.objective import TIME_SCALINGS
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
@@ -44,7 +44,7 @@ TOLERANCE, ITERATIONS = 2e-3, 30
 # Excess of torques between the rows of coarse grids that is let pass, where the asked
 # grid is refined by what is left; 3e-2 would be too much to slow down. Exact switching
 # begins with what the coarse grid leads to.
-COARSE_OVERLOAD = 1e-2
+COARSE_EFFORT_TOLERANCE = 1e-2
 # Trust region for finishing a coarse motion, as a share of the usual one.
 RADIUS = 0.5
 # Intervals to finish one with, at most, where torques rule and the grid may follow the
@@ -74,7 +74,7 @@ SAMPLES = 12
 SAME = 0.05
 
 
-def suits(system: ProblemFunctions, options: Options) -> bool:
+def coarse_grids_apply(system: ProblemFunctions, options: Options) -> bool:
     """Whether coarse grids are for a problem, and for these options."""
     return (
         options.method == "inverse"
@@ -97,17 +97,17 @@ def _is_among(shape: Array, others: Iterable[Array]) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Rough:
+class CoarseMotion:
     """A motion on a coarse grid.
 
     Attributes:
-        attempt: What led to it.
+        candidate: What led to it.
         guess: What that began with.
         shape: Its shape.
         kept: Its program and iterate.
     """
 
-    attempt: Attempt
+    candidate: Candidate
     guess: Guess
     shape: Array
     kept: Kept
@@ -115,8 +115,8 @@ class Rough:
     @property
     def duration(self) -> float:
         """T on the coarse grid [s]; infinite if it is far from a motion."""
-        near = self.attempt.violation <= NEARLY
-        return self.attempt.trajectory.duration if near else np.inf
+        near = self.candidate.violation <= NEARLY
+        return self.candidate.trajectory.duration if near else np.inf
 
 
 class CoarseSearch:
@@ -145,7 +145,7 @@ class CoarseSearch:
         self,
         system: ProblemFunctions,
         options: Options,
-        progress: Progress,
+        progress: PlanState,
         *,
         torques: bool,
     ) -> None:
@@ -163,14 +163,14 @@ class CoarseSearch:
         self.fine = replace(options, trust_region=RADIUS * options.trust_region)
         if torques:
             self.fine = replace(self.fine, smoothing=options.smoothing or 0.0)
-        if torques and system.alone:
+        if torques and system.in_free_space:
             self.coarse = replace(self.coarse, grid="uniform")
             if options.refine == "auto":
                 most = min(TORQUE_INTERVALS, TORQUE_VARIABLES // system.n)
                 finer = max(options.intervals, min(2 * options.intervals, most))
                 self.fine = replace(self.fine, intervals=finer)
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
-        self.known: list[Rough] = []
+        self.known: list[CoarseMotion] = []
         self.ends: list[Array] = []
         self.stopped = False
         self._tried: list[Guess] = []
@@ -179,25 +179,36 @@ class CoarseSearch:
 
     # -- on the coarse grid ------------------------------------------------------------
 
-    def rough(self, guess: Guess) -> Rough | None:
+    def rough(self, guess: Guess) -> CoarseMotion | None:
         """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
         if any(guess is one for one in self._tried):
             return None
         self._tried.append(guess)
-        progress, system = self.progress, self.system.first_tried
+        progress, system = self.progress, self.system.without_self_collision
         progress.deadline.check()
         progress.begin()
-        overload = COARSE_OVERLOAD if self.options.refine == "auto" else OVERLOAD
+        effort_tolerance = (
+            COARSE_EFFORT_TOLERANCE
+            if self.options.refine == "auto"
+            else EFFORT_TOLERANCE
+        )
         solve = partial(
-            descend, system, self.coarse, guess, progress, overload=overload
+            descend,
+            system,
+            self.coarse,
+            guess,
+            progress,
+            effort_tolerance=effort_tolerance,
         )
         with progress.judged(self._let_go):
-            attempt = guarded(system.problem, self.options, progress, guess.name, solve)
-        if attempt is None:
+            candidate = keep_best_on_interrupt(
+                system.problem, self.options, progress, guess.name, solve
+            )
+        if candidate is None:
             return None
-        shape = _shape_of(system, attempt.trajectory)
-        rough = Rough(attempt, guess, shape, progress.kept[-1])
-        self.stopped = attempt.status in STOPPED
+        shape = _shape_of(system, candidate.trajectory)
+        rough = CoarseMotion(candidate, guess, shape, progress.kept[-1])
+        self.stopped = candidate.status in STOPPED
         if not self.stopped and (rough.duration == np.inf or self._knows(shape)):
             return None
         self.known.append(rough)
@@ -232,7 +243,7 @@ class CoarseSearch:
         Iterations gain less and less: this one, several times more.
         """
         records = self.progress.records
-        if self.system.final_configuration is not None or not self.system.alone:
+        if self.system.final_configuration is not None or not self.system.in_free_space:
             return False
         best = min((one.duration for one in self.known), default=np.inf)
         if best == np.inf or len(records) < 2:
@@ -243,9 +254,9 @@ class CoarseSearch:
 
     # -- on the grid that is asked for -------------------------------------------------
 
-    def finished(self, rough: Rough) -> Attempt | None:
+    def finished(self, rough: CoarseMotion) -> Candidate | None:
         """Go on from a coarse motion on the grid that is asked for."""
-        system, progress, former = self.system, self.progress, rough.attempt
+        system, progress, former = self.system, self.progress, rough.candidate
         progress.begin()
         guess = warm_start(system, former.trajectory)
         guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
@@ -256,19 +267,21 @@ class CoarseSearch:
 
         solve = partial(descended, system, self.fine, guess, progress)
         with progress.judged(astray):
-            attempt = guarded(system.problem, self.fine, progress, former.name, solve)
-        if attempt is None or (progress.let_go and self.ends):
+            candidate = keep_best_on_interrupt(
+                system.problem, self.fine, progress, former.name, solve
+            )
+        if candidate is None or (progress.dropped and self.ends):
             return None
-        attempt = attempt.after(former)
-        self.stopped = attempt.status in STOPPED
-        if attempt.found:
-            self._gains.append(rough.duration / attempt.duration - 1.0)
-            self.ends.append(_shape_of(system, attempt.trajectory))
+        candidate = candidate.after(former)
+        self.stopped = candidate.status in STOPPED
+        if candidate.found:
+            self._gains.append(rough.duration / candidate.duration - 1.0)
+            self.ends.append(_shape_of(system, candidate.trajectory))
         elif self.stopped and progress.best == np.inf:
-            attempt = self._replayed(rough, attempt.status)
-        progress.best = min(progress.best, attempt.duration)
-        logger.info("coarse %.6g s, fine %.6g s", rough.duration, attempt.duration)
-        return attempt
+            candidate = self._replayed(rough, candidate.status)
+        progress.best = min(progress.best, candidate.duration)
+        logger.info("coarse %.6g s, fine %.6g s", rough.duration, candidate.duration)
+        return candidate
 
     def _comes_back(self, record: IterationRecord) -> bool:
         """Whether one comes to a motion which was finished before, or near it.
@@ -276,40 +289,40 @@ class CoarseSearch:
         Among obstacles it may still get away from there, and past them.
         """
         faster = record.duration < (1.0 - PROMISE) * self.progress.best
-        if faster or record.violation > NEARLY or not self.system.alone:
+        if faster or record.violation > NEARLY or not self.system.in_free_space:
             return False
         return bool(self.ends) and _is_among(self._shape, self.ends)
 
-    def saved(self) -> Iterator[Attempt]:
+    def saved(self) -> Iterator[Candidate]:
         """What there is when it is time to stop: the best coarse motion, replayed."""
         if self.known and self.progress.best == np.inf:
             best = min(self.known, key=lambda one: one.duration)
             ended = self.progress.cut_short or Status.TIME_LIMIT
             yield self._replayed(best, ended)
 
-    def _replayed(self, rough: Rough, status: Status) -> Attempt:
+    def _replayed(self, rough: CoarseMotion, status: Status) -> Candidate:
         """A coarse motion, as slow as it has to be, replayed in a little time."""
-        attempt = replace(rough.attempt, status=status)
+        candidate = replace(rough.candidate, status=status)
         with self.progress.saving():
             try:
-                slow = None if attempt.found else slowed_down(rough.kept)
+                slow = None if candidate.found else slowed_down(rough.kept)
                 if slow is None:
-                    return attempt
-                attempt = replace(attempt, layout=None, feasible=True)
+                    return candidate
+                candidate = replace(candidate, layout=None, feasible=True)
                 for factor in TIME_SCALINGS:
-                    z = slow.program.stretch(slow.iterate.z, factor)
-                    tried = replace(attempt, trajectory=slow.program.trajectory(z))
-                    attempt = tried.verified(self.system.problem, self.options)
-                    if attempt.found:
-                        return attempt
+                    z = slow.program.time_scale(slow.iterate.z, factor)
+                    tried = replace(candidate, trajectory=slow.program.trajectory(z))
+                    candidate = tried.verified(self.system.problem, self.options)
+                    if candidate.found:
+                        return candidate
             except (Stop, KeyboardInterrupt) as stop:
                 self.progress.stopped(stop)
-                attempt = replace(attempt, verification=None)
-        return attempt
+                candidate = replace(candidate, verification=None)
+        return candidate
 
     # -- what is compared --------------------------------------------------------------
 
-    def descents(self, guesses: Iterable[Guess], wanted: int) -> Iterator[Attempt]:
+    def descents(self, guesses: Iterable[Guess], wanted: int) -> Iterator[Candidate]:
         """The first motions of a plan.
 
         Args:
@@ -325,15 +338,15 @@ class CoarseSearch:
             self.rough(guess)
             if self.stopped:
                 break
-        tried: list[Rough] = []
+        tried: list[CoarseMotion] = []
         while not self.stopped:
             left = [rough for rough in self.known if rough not in tried]
             for rough in sorted(left, key=lambda one: one.duration):
                 tried.append(rough)
-                attempt = self.finished(rough)
-                if attempt is not None:
-                    yield attempt
-                if self.stopped or (attempt is not None and attempt.found):
+                candidate = self.finished(rough)
+                if candidate is not None:
+                    yield candidate
+                if self.stopped or (candidate is not None and candidate.found):
                     return
             further = next(source, None)
             if further is None:
@@ -349,14 +362,14 @@ class CoarseSearch:
         if self._gains:
             self.loss = min(self.loss, max(0.0, *self._gains))
 
-    def probes(self, guesses: Iterable[Guess], patience: int) -> Iterator[Attempt]:
+    def probes(self, guesses: Iterable[Guess], patience: int) -> Iterator[Candidate]:
         """Try further guesses, and finish those that promise a faster motion.
 
         Args:
             guesses: The guesses.
             patience: After so many of them in a row that promise nothing it is enough.
         """
-        found: list[Rough] = []
+        found: list[CoarseMotion] = []
         in_vain, best = 0, np.inf
         for guess in guesses:
             rough = self.rough(guess)
@@ -373,13 +386,13 @@ class CoarseSearch:
         for rough in sorted(found, key=lambda one: one.duration):
             if not self._promises(rough):
                 return
-            attempt = self.finished(rough)
-            if attempt is not None:
-                yield attempt
+            candidate = self.finished(rough)
+            if candidate is not None:
+                yield candidate
             if self.stopped:
                 return
 
-    def _promises(self, rough: Rough) -> bool:
+    def _promises(self, rough: CoarseMotion) -> bool:
         """Whether a motion may be faster than the best one, once it is finished."""
         promised = rough.duration / (1.0 + self.loss)
         return promised < (1.0 - PROMISE) * self.progress.best

@@ -1,4 +1,4 @@
-"""Conclusion of a plan: what its attempts have led to, as a solution."""
+"""Conclusion of a plan: what its candidates have led to, as a solution."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.solution import Solution
@@ -40,28 +40,28 @@ BRIEF_TIME = 0.01
 def conclude(
     problem: Problem,
     options: Options,
-    progress: Progress,
-    attempts: Sequence[Attempt],
+    progress: PlanState,
+    candidates: Sequence[Candidate],
     status: Status | None,
 ) -> Solution:
-    """Turn the best attempt into a solution.
+    """Turn the best candidate into a solution.
 
     Args:
         problem: The problem.
         options: Options of the plan.
         progress: Time that was spent.
-        attempts: All attempts.
+        candidates: All candidates.
         status: How the last one ended, or all of planning.
     """
     history = tuple(
         replace(record, start=number)
-        for number, attempt in enumerate(attempts)
-        for record in attempt.history
+        for number, candidate in enumerate(candidates)
+        for record in candidate.history
     )
-    if not attempts:
+    if not candidates:
         return without_motion(problem, options, progress, status or Status.INFEASIBLE)
     # Of those that are as good the last one, which knows best what it is.
-    order = list(reversed(attempts))
+    order = list(reversed(candidates))
     best = min(order, key=lambda a: (a.duration, not a.feasible, a.violation))
     ended = best.status
     if status in STOPPED:
@@ -75,7 +75,7 @@ def conclude(
         problem=problem,
         options=options,
         status=ended,
-        message=_message(problem, options, ended, best, attempts, bound)
+        message=_message(problem, options, ended, best, candidates, bound)
         + _advice(options, ended, best)
         + _more_time(problem, options, ended, best),
         feasible=best.found,
@@ -92,11 +92,11 @@ def conclude(
 def without_motion(
     problem: Problem,
     options: Options,
-    progress: Progress,
+    progress: PlanState,
     status: Status,
     message: str = "",
 ) -> Solution:
-    """What a plan ends with that has no attempt to tell of.
+    """What a plan ends with that has no candidate to tell of.
 
     Args:
         problem: The problem.
@@ -116,7 +116,7 @@ def without_motion(
     )
 
 
-def with_remarks(solution: Solution, progress: Progress) -> Solution:
+def with_remarks(solution: Solution, progress: PlanState) -> Solution:
     """A solution with what a user should know of its motion in its message.
 
     That it was planned without limits of accelerations, and which links touch though
@@ -132,14 +132,14 @@ def with_remarks(solution: Solution, progress: Progress) -> Solution:
     return replace(solution, message=" ".join([solution.message, *new]))
 
 
-def _bound(problem: Problem, progress: Progress) -> LowerBound | None:
+def _bound(problem: Problem, progress: PlanState) -> LowerBound | None:
     """A lower bound on the duration, if there is time for it."""
     with contextlib.suppress(Stop):
         return progress.lower_bound(problem)
     return None
 
 
-def _advice(options: Options, status: Status, best: Attempt) -> str:
+def _advice(options: Options, status: Status, best: Candidate) -> str:
     """What else to try where a method has found nothing; empty where there is a motion.
 
     Methods whose torques are constant over the intervals need short ones, where an arm
@@ -157,7 +157,7 @@ def _advice(options: Options, status: Status, best: Attempt) -> str:
 
 
 def _more_time(
-    problem: Problem, options: Options, status: Status, best: Attempt
+    problem: Problem, options: Options, status: Status, best: Candidate
 ) -> str:
     """What would help where the planning time was used up; else empty."""
     if status is not Status.TIME_LIMIT:
@@ -209,8 +209,8 @@ def _message(
     problem: Problem,
     options: Options,
     status: Status,
-    best: Attempt,
-    attempts: Sequence[Attempt],
+    best: Candidate,
+    candidates: Sequence[Candidate],
     bound: LowerBound | None,
 ) -> str:
     if best.found:
@@ -233,6 +233,6 @@ def _message(
             sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
         return sentence
     try:
-        return explain(problem, attempts, status)
+        return explain(problem, candidates, status)
     except Stop:
         return status.value

@@ -22,7 +22,7 @@ from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.control_period_outcome import (
     Clocked,
     failed,
@@ -32,7 +32,7 @@ from tominpmp.planner.control_period_outcome import (
 from tominpmp.planner.control_period_segments import Course, Knots
 from tominpmp.planner.descent import SMOOTHING_SHARE, near_to_it
 from tominpmp.planner.first_program import rested
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import FAR, RowExchange
@@ -81,13 +81,13 @@ def searching(options: Options) -> Options:
 
 
 def on_clock(
-    solution: Solution, attempts: Sequence[Attempt], progress: Progress
+    solution: Solution, candidates: Sequence[Candidate], progress: PlanState
 ) -> Solution:
     """Bring the motion of a solution to the clock of its options.
 
     Args:
         solution: What planning without the clock has led to.
-        attempts: All that it has tried: where the fastest motion cannot be brought to
+        candidates: All that it has tried: where the fastest motion cannot be brought to
             the clock, another one may.
         progress: Time that was spent.
 
@@ -104,14 +104,16 @@ def on_clock(
     assert solution.trajectory is not None  # noqa: S101
     check_period(period, solution.trajectory.duration)
     callback = ClockCallback.of(options, solution.status, progress)
-    found = sorted((a for a in attempts if a.found), key=lambda a: a.duration)
+    found = sorted((a for a in candidates if a.found), key=lambda a: a.duration)
     outcome = Clocked(Status.INFEASIBLE)
     history, remark = list(solution.history), ""
     try:
-        for attempt in found:
-            outcome = _bring(solution.problem, options, attempt.trajectory, callback)
-            remark = attempt.remark
-            history += _numbered(outcome.history, attempts.index(attempt), attempt)
+        for candidate in found:
+            outcome = _bring(solution.problem, options, candidate.trajectory, callback)
+            remark = candidate.remark
+            history += _numbered(
+                outcome.history, candidates.index(candidate), candidate
+            )
             if outcome.trajectory is not None or outcome.status in STOPPED:
                 break
     except (Stop, KeyboardInterrupt) as stop:
@@ -130,9 +132,9 @@ def on_clock(
 
 
 def _numbered(
-    records: Sequence[IterationRecord], start: int, former: Attempt
+    records: Sequence[IterationRecord], start: int, former: Candidate
 ) -> list[IterationRecord]:
-    """Records of this stage as those of the attempt that it goes on from."""
+    """Records of this stage as those of the candidate that it goes on from."""
     first = len(former.history)
     return [
         replace(record, start=start, iteration=first + number)
@@ -167,13 +169,13 @@ class ClockCallback:
     """
 
     options: Options
-    progress: Progress
+    progress: PlanState
     deadline: Deadline
     goal: float = 0.0
     last: float = np.inf
 
     @classmethod
-    def of(cls, options: Options, status: Status, progress: Progress) -> ClockCallback:
+    def of(cls, options: Options, status: Status, progress: PlanState) -> ClockCallback:
         """That of a stage that follows a search which has ended with a status."""
         deadline, now = Deadline(), time.perf_counter()
         deadline.end = now - progress.seconds + options.time_limit
@@ -198,9 +200,9 @@ class ClockCallback:
         missing, last = record.duration - self.goal, self.last
         self.last = record.duration
         settled = abs(last - record.duration) < MOVING * missing
-        hopeless = settled or record.predicted < HOPE * missing
-        hopeless = hopeless and record.violation <= FAR
-        return Status.STALLED if not there and hopeless else None
+        stop_if_hopeless = settled or record.predicted < HOPE * missing
+        stop_if_hopeless = stop_if_hopeless and record.violation <= FAR
+        return Status.STALLED if not there and stop_if_hopeless else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +281,7 @@ def _bring(
     assert period is not None  # noqa: S101
     course = Course.of(problem, motion, period)
     complete, progress = course.system, callback.progress
-    system = complete if progress.links_touched else complete.first_tried
+    system = complete if progress.links_touched else complete.without_self_collision
     periods = course.periods
     now = Try(periods, course.intervals, course.guess(motion), sum(periods))
     last = Clocked(Status.INFEASIBLE)

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.segments import (
@@ -20,9 +20,9 @@ from tominpmp.initial_guess.segments import (
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import Begun, first_program
-from tominpmp.planner.progress import Judge, Progress
+from tominpmp.planner.plan_state import Judge, PlanState
 from tominpmp.solvers.exchange import RowExchange, with_missing_rows
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import solve
@@ -59,10 +59,10 @@ EVER_SLOWER, FAR = 10.0, 1e-3
 
 # Makes a motion, replayed, from the functions of the problem, the number of doublings
 # of its grid, and what was made before.
-Make = Callable[[ProblemFunctions, int, Attempt | None], Attempt]
+Make = Callable[[ProblemFunctions, int, Candidate | None], Candidate]
 
 
-def hopeless(duration: float, near: float = FAR) -> Judge:
+def stop_if_hopeless(duration: float, near: float = FAR) -> Judge:
     """Ends an iteration that comes no nearer to a motion, or ever slower.
 
     Args:
@@ -106,21 +106,21 @@ def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
 
 
 def descended(
-    system: ProblemFunctions, options: Options, guess: Guess, progress: Progress
-) -> Attempt:
+    system: ProblemFunctions, options: Options, guess: Guess, progress: PlanState
+) -> Candidate:
     """Improve a guess, and repair the motion until its replay holds."""
     options = with_control(system, options, guess)
 
     def make(
-        tried: ProblemFunctions, doublings: int, former: Attempt | None
-    ) -> Attempt:
+        tried: ProblemFunctions, doublings: int, former: Candidate | None
+    ) -> Candidate:
         begin, own, judge = guess, options, None
         if former is not None:
             begin = guess_of(tried, former)
-            judge = hopeless(former.trajectory.duration, np.inf)
+            judge = stop_if_hopeless(former.trajectory.duration, np.inf)
         elif guess.blocked:
             # The goal seems to be out of reach: no more is waited for than has to be.
-            judge = hopeless(guess.duration)
+            judge = stop_if_hopeless(guess.duration)
         if doublings:
             # Nor will the first motion do on the finer grid: it was too rough.
             intervals = 2**doublings * options.intervals
@@ -149,7 +149,9 @@ def near_to_it(options: Options, radius: float, iterations: int) -> Options:
     )
 
 
-def quieting(system: ProblemFunctions, options: Options, duration: float) -> float:
+def total_variation_weight(
+    system: ProblemFunctions, options: Options, duration: float
+) -> float:
     """Weight of the total variation on a grid finer than the search's [s].
 
     With nothing in the way proximal steps keep controls quiet enough. Among obstacles
@@ -157,12 +159,12 @@ def quieting(system: ProblemFunctions, options: Options, duration: float) -> flo
     """
     if options.smoothing is not None:
         return options.smoothing
-    return 0.0 if system.alone else SMOOTHING_SHARE * duration
+    return 0.0 if system.in_free_space else SMOOTHING_SHARE * duration
 
 
 def repaired(
-    system: ProblemFunctions, progress: Progress, make: Make, repairs: int = REPAIRS
-) -> Attempt:
+    system: ProblemFunctions, progress: PlanState, make: Make, repairs: int = REPAIRS
+) -> Candidate:
     """Make a motion, and again with what its replay shows to be missing.
 
     Where links of an arm alone touch, that is rows for them, without which it is tried
@@ -174,42 +176,42 @@ def repaired(
         make: Makes the motion.
         repairs: How often the grid is doubled at most.
     """
-    tried = system if progress.links_touched else system.first_tried
-    attempt, doublings = make(tried, 0, None), 0
-    while attempt.refuted and attempt.status not in STOPPED:
-        if progress.let_go:
+    tried = system if progress.links_touched else system.without_self_collision
+    candidate, doublings = make(tried, 0, None), 0
+    while candidate.refuted and candidate.status not in STOPPED:
+        if progress.dropped:
             break  # its judge wants no more of it
-        if attempt.trajectory.duration > LONGEST:
+        if candidate.trajectory.duration > LONGEST:
             break  # no repair makes it short enough to be replayed
-        if attempt.touches and tried is not system:
+        if candidate.touches and tried is not system:
             tried, progress.links_touched = system, True
-        elif doublings == repairs or (attempt.touches and system.clearance is None):
+        elif doublings == repairs or (candidate.touches and system.clearance is None):
             break
         else:
             doublings += 1
-        again = make(tried, doublings, attempt)
+        again = make(tried, doublings, candidate)
         if doublings and not again.feasible:
             break
-        attempt = again.after(attempt)
-    return attempt
+        candidate = again.after(candidate)
+    return candidate
 
 
-def guess_of(system: ProblemFunctions, attempt: Attempt) -> Guess:
-    """The motion of an attempt as a guess."""
-    motion = attempt.trajectory
+def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
+    """The motion of a candidate as a guess."""
+    motion = candidate.trajectory
     if system.parts:
-        return solved_guess(attempt.name, motion, system.problem.segments)
-    return replace(warm_start(system, motion), name=attempt.name)
+        return solved_guess(candidate.name, motion, system.problem.segments)
+    return replace(warm_start(system, motion), name=candidate.name)
 
 
 def descend(
     system: ProblemFunctions,
     options: Options,
     guess: Guess,
-    progress: Progress,
+    progress: PlanState,
     *,
-    overload: float = OVERLOAD,
-) -> Attempt:
+    effort_tolerance: float = EFFORT_TOLERANCE,
+) -> Candidate:
     """Improve a guess with the transcription that the options ask for.
 
     Args:
@@ -217,7 +219,7 @@ def descend(
         options: Options of the plan.
         guess: The guess.
         progress: Sees and keeps the motions.
-        overload: Excess of torques between the rows that is let pass.
+        effort_tolerance: Excess of torques between the rows that is let pass.
     """
     tv_weight = options.smoothing
     if tv_weight is None:
@@ -225,7 +227,7 @@ def descend(
     exchange = RowExchange(
         # What the last violations cost is less than a finer grid brings.
         light=LIGHT if options.refine == "auto" else 0.0,
-        revise=partial(with_missing_rows, overload=overload),
+        revise=partial(with_missing_rows, effort_tolerance=effort_tolerance),
     )
     accuracy = FREE_ACCURACY if system.final_configuration is None else None
     lp = make_solver(options.lp_solver)
@@ -252,7 +254,7 @@ def descend(
         if options.control in DEGREES:
             program, start = _smooth_start(system, options, guess, solved)
     result = solved(program, start, options, exchange)
-    return Attempt.of(guess.name, result.program, initial, result)
+    return Candidate.of(guess.name, result.program, initial, result)
 
 
 def _smooth_start(

@@ -78,7 +78,7 @@ def _best(solution: Solution, former: Trajectory) -> Solution | str:
     if found is None and options.method != "collocation":
         # Where another spline is too far from what the problem allows, the motion is
         # bettered as it is.
-        found = _cheaper(solution, former, _taken_up)
+        found = _cheaper(solution, former, _represented)
     return NO_CHEAPER if found is None else found
 
 
@@ -158,12 +158,14 @@ def _converted(system: ProblemFunctions, options: Options, former: Trajectory) -
     return segmented_program(system, options, guess, breaks=True)
 
 
-def _taken_up(system: ProblemFunctions, options: Options, former: Trajectory) -> Begun:
+def _represented(
+    system: ProblemFunctions, options: Options, former: Trajectory
+) -> Begun:
     """Program of the fastest motion itself, on a finer grid."""
     layout = Layout.of_motion(former, system.problem.segments)
     if layout is None:
         return _converted(system, options, former)
-    of, z = layout.taken_up(system, former)
+    of, z = layout.represented(system, former)
     while of.intervals < options.intervals:
         longest = np.argsort(-of.motion(z).h, kind="stable")
         split = np.zeros(of.intervals, dtype=bool)
@@ -178,7 +180,7 @@ def _as_slow_as_is_best(
     """The same path, as slow as is best for it; as it is if limits do not allow it."""
 
     def slower(power: float) -> Array:
-        return nlp.stretch(z, float(np.exp(power)))
+        return nlp.time_scale(z, float(np.exp(power)))
 
     found = minimize_scalar(
         lambda power: objective.value(nlp, slower(power), z),

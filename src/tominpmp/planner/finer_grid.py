@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt, fastest
-from tominpmp.planner.descent import near_to_it, quieting, repaired
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.candidate import Candidate, fastest
+from tominpmp.planner.descent import near_to_it, repaired, total_variation_weight
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.rescue import KEPT, improvement_of
 from tominpmp.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
@@ -51,7 +51,7 @@ RADIUS = 0.3
 
 
 @dataclass(frozen=True)
-class Thrift:
+class RefinementBudget:
     """What finer grids must bring, and may take.
 
     Attributes:
@@ -74,29 +74,29 @@ class Thrift:
     bends: float
 
 
-USUAL = Thrift(3e-3, 1.5e-3, 1e-3, 5, 1.5, BENDS)
+STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 1e-3, 5, 1.5, BENDS)
 # Where time matters less than T.
-LAVISH = Thrift(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
+GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
 
 
 def on_finer_grid(
     problem: Problem,
     options: Options,
-    progress: Progress,
-    attempts: Sequence[Attempt],
-) -> Iterator[Attempt]:
+    progress: PlanState,
+    candidates: Sequence[Candidate],
+) -> Iterator[Candidate]:
     """Go on with the best motion on a grid of its own, if that pays.
 
     Args:
         problem: The problem.
         options: Options of the plan.
         progress: Time limit and callback.
-        attempts: What was found.
+        candidates: What was found.
 
     Yields:
         The motion on a finer grid, if it is faster.
     """
-    best = fastest(attempts)
+    best = fastest(candidates)
     if best is None or best.status in STOPPED:
         return
     if best.layout is None:
@@ -105,18 +105,18 @@ def on_finer_grid(
             remark = f"It was not refined: that is not done for {way}."
             yield replace(best, history=(), remark=f"{best.remark} {remark}".strip())
         return
-    thrift = USUAL if options.refine == "auto" else LAVISH
-    made = sum(r.programs for attempt in attempts for r in attempt.history)
-    programs = max(thrift.work * made, LEAST_PROGRAMS)
+    budget = STANDARD_BUDGET if options.refine == "auto" else GENEROUS_BUDGET
+    made = sum(r.programs for candidate in candidates for r in candidate.history)
+    programs = max(budget.work * made, LEAST_PROGRAMS)
 
-    def make(tried: ProblemFunctions, _: int, __: Attempt | None) -> Attempt:
+    def make(tried: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
         def spent() -> bool:
             return sum(record.programs for record in progress.records) >= programs
 
-        enough = Enough(thrift, best.duration, spent)
+        enough = Enough(budget, best.duration, spent)
         return _refined(tried, options, best, progress, enough) or best
 
-    def work(system: ProblemFunctions) -> Attempt:
+    def work(system: ProblemFunctions) -> Candidate:
         # Links that rows have kept apart would touch without them.
         progress.links_touched = best.apart
         return repaired(system, progress, make, repairs=0)
@@ -124,7 +124,7 @@ def on_finer_grid(
     faster = improvement_of(problem, options, progress, best, work)
     # One that is cut short brings as much as one that is not, or nothing: a plan with
     # more time would have let go of less.
-    if faster is not None and faster.duration < (1.0 - thrift.gain) * best.duration:
+    if faster is not None and faster.duration < (1.0 - budget.gain) * best.duration:
         yield faster
     elif progress.cut_short is not None:
         yield replace(best, history=(), status=progress.cut_short)
@@ -137,23 +137,23 @@ def on_finer_grid(
 def _refined(
     system: ProblemFunctions,
     options: Options,
-    attempt: Attempt,
-    progress: Progress,
+    candidate: Candidate,
+    progress: PlanState,
     enough: Enough,
-) -> Attempt | None:
+) -> Candidate | None:
     """A motion on finer grids, replayed; None if that brings next to nothing."""
-    assert attempt.layout is not None  # noqa: S101
-    of, z = attempt.layout.taken_up(system, attempt.trajectory)
+    assert candidate.layout is not None  # noqa: S101
+    of, z = candidate.layout.represented(system, candidate.trajectory)
     best: SlpResult | None = None
-    thrift, rows, reached = enough.thrift, attempt.rows, attempt.duration
-    for _ in range(thrift.rounds):
-        split = to_be_split(of, z, thrift.bends)
+    budget, rows, reached = enough.budget, candidate.rows, candidate.duration
+    for _ in range(budget.rounds):
+        split = to_be_split(of, z, budget.bends)
         if not np.any(split):
             break
         of, z = split_intervals(of, z, split)
         # A few programs on the new grid, with the rows of distances that there were.
         few = near_to_it(options, RADIUS, MOST_ITERATIONS)
-        tv_weight = quieting(system, options, float(of.cost @ z))
+        tv_weight = total_variation_weight(system, options, float(of.cost @ z))
         step, stop = trust_regions(few)
         result = solve(
             with_rows_at(NonlinearProgram.of(of).at(z), z, rows),
@@ -170,19 +170,19 @@ def _refined(
         if found is None or found.duration >= reached:
             break
         best, reached = result, found.duration
-        if first < FALLS * thrift.worth or enough.spent():
+        if first < FALLS * budget.worth or enough.spent():
             break
         program = result.program
         assert isinstance(program, NonlinearProgram)  # noqa: S101
         assert isinstance(program.transcription, Gridded)  # noqa: S101
         of, z = program.transcription, found.z
         rows = times_of_rows(program, z)
-    if best is None or reached > (1.0 - thrift.gain) * attempt.duration:
+    if best is None or reached > (1.0 - budget.gain) * candidate.duration:
         return None
     history = tuple(progress.records)
-    result = replace(best, status=attempt.status, history=history)
-    finer = Attempt.of(attempt.name, result.program, attempt.initial, result)
-    finer = replace(finer, remark=attempt.remark)
+    result = replace(best, status=candidate.status, history=history)
+    finer = Candidate.of(candidate.name, result.program, candidate.initial, result)
+    finer = replace(finer, remark=candidate.remark)
     return finer.verified(system.problem, options)
 
 
@@ -191,12 +191,12 @@ class Enough:
     """Rule that ends the iterations of a round when no more is promised.
 
     Attributes:
-        thrift: What finer grids must bring, and may take.
+        budget: What finer grids must bring, and may take.
         duration: T of the motion that has to be beaten [s].
         spent: Tells whether the programs of all rounds are used up.
     """
 
-    thrift: Thrift
+    budget: RefinementBudget
     duration: float
     spent: Callable[[], bool]
 
@@ -207,11 +207,11 @@ class Enough:
     def __call__(self, loop: Loop) -> Status | None:
         """CONVERGED once it is enough."""
         record = loop.history[-1]
-        vain = self.first(loop.history) < self.thrift.worth
+        vain = self.first(loop.history) < self.budget.worth
         if vain and len(loop.history) == 1:
             return Status.CONVERGED
         left = (record.predicted - max(record.actual, 0.0)) / self.duration
-        enough = vain or left < self.thrift.enough or self.spent()
+        enough = vain or left < self.budget.enough or self.spent()
         enough = enough or len(loop.history) >= ITERATIONS
         if not enough or record.violation > CURABLE:
             return None

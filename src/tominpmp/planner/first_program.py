@@ -136,13 +136,13 @@ def segmented_program(
         transcription = spline = BSplineTranscription(
             system, shares, DEGREES[options.control], ends, breaks=where
         )
-        stretch = 1.0 if guess.solved else SMOOTH_STRETCH
+        time_scale = 1.0 if guess.solved else SMOOTH_STRETCH
     else:
         transcription = spline = InverseTranscription(
             system, shares, guess.duration, ends
         )
-        stretch = GUESS_STRETCH if guess.timed else 1.0
-    eta = np.full(len(ends), stretch * guess.duration)
+        time_scale = GUESS_STRETCH if guess.timed else 1.0
+    eta = np.full(len(ends), time_scale * guess.duration)
     start = spline.start(guess.position, guess.duration, eta)
     return NonlinearProgram.of(transcription).at(start), start
 

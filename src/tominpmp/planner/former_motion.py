@@ -1,4 +1,4 @@
-"""Former motions: attempts that begin with one."""
+"""Former motions: candidates that begin with one."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.descent import descended, hopeless
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.descent import descended, stop_if_hopeless
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import solve_by_shooting
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -31,8 +31,8 @@ def solve_from_warm_start(
     system: ProblemFunctions,
     options: Options,
     former: WarmStart | SegmentedGuess,
-    progress: Progress,
-) -> Attempt:
+    progress: PlanState,
+) -> Candidate:
     """Improve a former motion.
 
     That of one segment stays as it was if nothing faster is found.
@@ -43,18 +43,20 @@ def solve_from_warm_start(
     if options.method in ("adjoint", "penalty"):
         shares = interval_shares(options.grid, options.intervals)
         first = former.torque_program(system, shares)
-        attempt = solve_by_shooting(system, near, progress, first)
+        candidate = solve_by_shooting(system, near, progress, first)
     else:
-        with progress.judged(hopeless(former.duration, FAR)):
-            attempt = descended(system, near, former, progress)
-    if attempt.duration < former.duration:
-        return attempt
+        with progress.judged(stop_if_hopeless(former.duration, FAR)):
+            candidate = descended(system, near, former, progress)
+    if candidate.duration < former.duration:
+        return candidate
     kept = former.remainder(system)
     if kept is None or not _arrives(system, kept, options):
-        return attempt
-    same = replace(attempt, feasible=True, trajectory=kept, violations={}, layout=None)
+        return candidate
+    same = replace(
+        candidate, feasible=True, trajectory=kept, violations={}, layout=None
+    )
     same = same.verified(system.problem, options)
-    return same if same.duration < attempt.duration else attempt
+    return same if same.duration < candidate.duration else candidate
 
 
 def _arrives(system: ProblemFunctions, motion: Trajectory, options: Options) -> bool:
@@ -65,13 +67,13 @@ def _arrives(system: ProblemFunctions, motion: Trajectory, options: Options) -> 
     return bool(np.max(np.abs(lack), initial=0.0) <= options.goal_tolerance)
 
 
-def outdone(system: ProblemFunctions, options: Options, progress: Progress) -> bool:
+def outdone(system: ProblemFunctions, options: Options, progress: PlanState) -> bool:
     """Whether a former motion has led to one that a search may well beat.
 
     Past an obstacle, or to another configuration, it may lead the long way round.
     First guesses take their paths as fast as can be, and better motions cut corners.
     """
-    fixed = system.alone and system.final_configuration is not None
+    fixed = system.in_free_space and system.final_configuration is not None
     if fixed or system.parts or system.problem.scene.moving:
         return False
     rng = np.random.default_rng(options.seed)

@@ -110,7 +110,7 @@ def made(
         return seconds_left() < REPLAYS * replay
 
     complete = ProblemFunctions.of(problem.alternative_of(former))
-    system = complete.first_tried
+    system = complete.without_self_collision
     found = None
     for refinement in range(1 + REPAIRS):
         motion, status = make(system, intervals, over)

@@ -1,7 +1,7 @@
 """Multistart: how many guesses are tried, in which order, and when it is enough.
 
 The order does not depend on how many are asked for, nor on the number of processes:
-more starts make the same attempts as fewer would, and then others; several processes
+more starts make the same candidates as fewer would, and then others; several processes
 try guesses ahead, and what the turn does not come to is let go.
 """
 
@@ -28,14 +28,14 @@ from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.coarse_search import suits
-from tominpmp.planner.descent import descended, hopeless
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.coarse_search import coarse_grids_apply
+from tominpmp.planner.descent import descended, stop_if_hopeless
 from tominpmp.planner.former_motion import outdone, solve_from_warm_start
-from tominpmp.planner.progress import Progress
-from tominpmp.planner.rescue import guarded
-from tominpmp.planner.search import Remembered, Search, further_paths
-from tominpmp.planner.torque_starts import SHOOTING, shots
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.rescue import keep_best_on_interrupt
+from tominpmp.planner.search import CachedGuesses, Search, further_paths
+from tominpmp.planner.torque_starts import TORQUE_START_OPTIONS, random_torque_starts
 from tominpmp.planner.unreachable import unreachable
 from tominpmp.status import Status
 from tominpmp.stopping import Stop
@@ -93,7 +93,7 @@ class Count(NamedTuple):
         usual = 1
         if options.objective == "time":
             if system.final_configuration is None:
-                many = system.alone and system.n > FEW_MOTORS
+                many = system.in_free_space and system.n > FEW_MOTORS
                 usual = LONE_FRAME_STARTS if many else FRAME_STARTS
             usual = max(usual, MOVING_STARTS) if moving else usual
             if system.parts:
@@ -116,16 +116,16 @@ class Count(NamedTuple):
         return max(self.wanted, self.rescues)
 
 
-def make_attempts(
+def make_candidates(
     system: ProblemFunctions,
     former: WarmStart | SegmentedGuess | None,
     options: Options,
-    progress: Progress,
-) -> Iterator[Attempt | None]:
+    progress: PlanState,
+) -> Iterator[Candidate | None]:
     """Solve from one initial guess after the other, a former motion being the first.
 
     Yields:
-        Attempts; None for those that lead to nothing, or promise nothing.
+        Candidates; None for those that lead to nothing, or promise nothing.
 
     Raises:
         ProblemError: If no guess can be made: the goal is out of reach.
@@ -133,29 +133,31 @@ def make_attempts(
     if former is not None:
         progress.begin()
         solve = partial(solve_from_warm_start, system, options, former, progress)
-        attempt = guarded(system.problem, options, progress, former.name, solve)
-        yield _noted(progress, attempt)
-        found = attempt is not None and attempt.found
+        candidate = keep_best_on_interrupt(
+            system.problem, options, progress, former.name, solve
+        )
+        yield _noted(progress, candidate)
+        found = candidate is not None and candidate.found
         enough = (options.starts or 1) == 1
         if found and enough and not outdone(system, options, progress):
             return
     if options.method in ("adjoint", "penalty"):
-        yield from shots(system, options, progress)
+        yield from random_torque_starts(system, options, progress)
         return
     yield from _from_guesses(system, options, progress)
 
 
 def _from_guesses(
-    system: ProblemFunctions, options: Options, progress: Progress
-) -> Iterator[Attempt | None]:
+    system: ProblemFunctions, options: Options, progress: PlanState
+) -> Iterator[Candidate | None]:
     rng = np.random.default_rng(options.seed)
     count = Count.of(system, options)
     make = guesses_of
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
-    searched = suits(system, options)
+    searched = coarse_grids_apply(system, options)
     most = count.most
-    if searched and not system.alone:
+    if searched and not system.in_free_space:
         most = max(most, count.usual + further_paths(system))
     made = make(system, most, rng, options.initial_duration, progress.ends)
     first = next(made, None)
@@ -167,7 +169,7 @@ def _from_guesses(
         count = count._replace(rescues=count.usual)
         guesses = itertools.islice(guesses, count.most)
     if searched:
-        remembered = Remembered(guesses)
+        remembered = CachedGuesses(guesses)
         search = Search(
             system, options, progress, remembered, count.usual, swings=count.swings
         )
@@ -184,10 +186,10 @@ def _from_guesses(
 def _in_full(
     system: ProblemFunctions,
     options: Options,
-    progress: Progress,
+    progress: PlanState,
     guesses: Iterator[Guess],
     count: Count,
-) -> Iterator[Attempt | None]:
+) -> Iterator[Candidate | None]:
     """Improve guesses on the grid that is asked for."""
     source: _Source = _Source(system, options, progress, guesses)
     left = progress.left
@@ -198,7 +200,9 @@ def _in_full(
         if number >= count.rescues and swings and progress.best == np.inf:
             # Fewer starts than are asked for would try them now.
             swings = False
-            yield from shots(system, replace(options, **SHOOTING), progress)
+            yield from random_torque_starts(
+                system, replace(options, **TORQUE_START_OPTIONS), progress
+            )
         enough = progress.best < np.inf or number >= count.rescues
         if number >= count.wanted and enough:
             break
@@ -212,23 +216,25 @@ def _in_full(
         # The last one may take as long as it likes.
         judge = None
         if number + 1 < count.rescues and isinstance(guess, SegmentedGuess):
-            judge = hopeless(guess.duration)
+            judge = stop_if_hopeless(guess.duration)
         try:
             with progress.judged(judge):
-                attempt = source.solve(number, guess)
+                candidate = source.solve(number, guess)
         except Stop:
             # The others may have found something by then.
-            yield from (_noted(progress, attempt) for attempt in source.left())
+            yield from (_noted(progress, candidate) for candidate in source.left())
             raise
-        yield _noted(progress, attempt)
+        yield _noted(progress, candidate)
     if swings and progress.best == np.inf:
-        yield from shots(system, replace(options, **SHOOTING), progress)
+        yield from random_torque_starts(
+            system, replace(options, **TORQUE_START_OPTIONS), progress
+        )
 
 
-def _noted(progress: Progress, attempt: Attempt | None) -> Attempt | None:
-    if attempt is not None:
-        progress.best = min(progress.best, attempt.duration)
-    return attempt
+def _noted(progress: PlanState, candidate: Candidate | None) -> Candidate | None:
+    if candidate is not None:
+        progress.best = min(progress.best, candidate.duration)
+    return candidate
 
 
 def torques_may_lead(system: ProblemFunctions) -> bool:
@@ -238,7 +244,7 @@ def torques_may_lead(system: ProblemFunctions) -> bool:
     a small arm may have to swing.
     """
     smooth = system.problem.motion_limits is not None
-    return system.alone and system.n <= FEW_MOTORS and not smooth
+    return system.in_free_space and system.n <= FEW_MOTORS and not smooth
 
 
 class _Source:
@@ -248,7 +254,7 @@ class _Source:
         self,
         system: ProblemFunctions,
         options: Options,
-        progress: Progress,
+        progress: PlanState,
         guesses: Iterator[Guess],
     ) -> None:
         self.system, self.options, self.progress = system, options, progress
@@ -258,15 +264,17 @@ class _Source:
         """The next guess; None if there are no more."""
         return next(self.guesses, None)
 
-    def solve(self, number: int, guess: Guess) -> Attempt | None:
+    def solve(self, number: int, guess: Guess) -> Candidate | None:
         """What a guess leads to."""
         self.progress.begin()
         solve = partial(descended, self.system, self.options, guess, self.progress)
         problem = self.system.problem
-        return guarded(problem, self.options, self.progress, guess.name, solve)
+        return keep_best_on_interrupt(
+            problem, self.options, self.progress, guess.name, solve
+        )
 
-    def left(self) -> list[Attempt]:
-        """Attempts that were made and not asked for, the fastest first."""
+    def left(self) -> list[Candidate]:
+        """Candidates that were made and not asked for, the fastest first."""
         return []
 
 
@@ -277,7 +285,7 @@ class _SourceOfMany(_Source):
         self,
         system: ProblemFunctions,
         options: Options,
-        progress: Progress,
+        progress: PlanState,
         guesses: Iterator[Guess],
     ) -> None:
         super().__init__(system, options, progress, guesses)
@@ -313,42 +321,42 @@ class _SourceOfMany(_Source):
         numbered = [(start + k, guess) for k, guess in enumerate(batch)]
         self.run = run_parallel(task, numbered, self.processes, left)
 
-    def solve(self, number: int, guess: Guess) -> Attempt | None:
+    def solve(self, number: int, guess: Guess) -> Candidate | None:
         """What a guess leads to, when its turn has come."""
         while number not in self.results:
             following = next(self.run, None)
             if following is None:
                 raise Stop(requested=False)  # it was late, and is not waited for
             self.results[self.first + following[0]] = following[1]
-        attempt, failures = self.results.pop(number)
+        candidate, failures = self.results.pop(number)
         self.progress.failures.extend(failures)
-        if attempt is not None:
-            self.progress.replay(attempt.history)
-            if attempt.verification is not None:
-                self.progress.replayed(attempt.verification.seconds)
-        return self._as_here(attempt)
+        if candidate is not None:
+            self.progress.replay(candidate.history)
+            if candidate.verification is not None:
+                self.progress.replayed(candidate.verification.seconds)
+        return self._as_here(candidate)
 
-    def left(self) -> list[Attempt]:
-        """Attempts that were made and not asked for, the fastest first."""
+    def left(self) -> list[Candidate]:
+        """Candidates that were made and not asked for, the fastest first."""
         for number, result in self.run:
             self.results[self.first + number] = result
-        made = [self._as_here(attempt) for attempt, _ in self.results.values()]
-        found = [attempt for attempt in made if attempt is not None]
-        return sorted(found, key=lambda attempt: attempt.duration)
+        made = [self._as_here(candidate) for candidate, _ in self.results.values()]
+        found = [candidate for candidate in made if candidate is not None]
+        return sorted(found, key=lambda candidate: candidate.duration)
 
-    def _as_here(self, attempt: Attempt | None) -> Attempt | None:
-        """An attempt of a process with the reason why it ended.
+    def _as_here(self, candidate: Candidate | None) -> Candidate | None:
+        """A candidate of a process with the reason why it ended.
 
         A process is asked to stop at the end of the time, too: nobody interrupted the
         planning then.
         """
-        asked = attempt is not None and attempt.status is Status.INTERRUPTED
-        if attempt is None or not asked or self.progress.deadline.interrupted:
-            return attempt
-        return replace(attempt, status=Status.TIME_LIMIT)
+        asked = candidate is not None and candidate.status is Status.INTERRUPTED
+        if candidate is None or not asked or self.progress.deadline.interrupted:
+            return candidate
+        return replace(candidate, status=Status.TIME_LIMIT)
 
 
-_Result = tuple[Attempt | None, list[Exception]]
+_Result = tuple[Candidate | None, list[Exception]]
 
 
 def solve_alone(
@@ -366,14 +374,16 @@ def solve_alone(
         numbered: Number of the start, and the guess.
 
     Returns:
-        The attempt, if it led to anything, and what went wrong.
+        The candidate, if it led to anything, and what went wrong.
     """
     number, guess = numbered
     left = max(ends - time.time(), 1e-3)
     options = replace(options, max_planning_time=left)
-    progress = Progress(options, first=number, asked=asked_to_stop)
+    progress = PlanState(options, first=number, asked=asked_to_stop)
     progress.begin()
     solve = partial(descended, system, options, guess, progress)
     with progress.deadline.in_force():
-        attempt = guarded(system.problem, options, progress, guess.name, solve)
-    return attempt, progress.failures
+        candidate = keep_best_on_interrupt(
+            system.problem, options, progress, guess.name, solve
+        )
+    return candidate, progress.failures

@@ -22,10 +22,10 @@ from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt, fastest
+from tominpmp.planner.candidate import Candidate, fastest
 from tominpmp.planner.descent import near_to_it
 from tominpmp.planner.first_program import rested
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.rescue import improvement_of
 from tominpmp.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
@@ -69,9 +69,9 @@ CLEARLY = 0.3
 def certified(
     problem: Problem,
     options: Options,
-    progress: Progress,
-    attempts: Sequence[Attempt],
-) -> Iterator[Attempt]:
+    progress: PlanState,
+    candidates: Sequence[Candidate],
+) -> Iterator[Candidate]:
     """Go on with the best motion until it keeps the first-order conditions.
 
     Motions that stay where obstacles move have no certificate, and are left as they
@@ -81,12 +81,12 @@ def certified(
         problem: The problem.
         options: Options of the plan.
         progress: Time limit and callback.
-        attempts: What was found.
+        candidates: What was found.
 
     Yields:
         The motion, or one that is faster, with the status that it deserves.
     """
-    best, tolerance = fastest(attempts), tolerance_of(options)
+    best, tolerance = fastest(candidates), tolerance_of(options)
     if best is None or best.status in STOPPED or stays_where_it_moves(problem):
         return
     if best.status is Status.CONVERGED and clearly(problem, options, best, tolerance):
@@ -97,14 +97,14 @@ def certified(
         yield replace(best, status=Status.CONVERGED, history=())
         return
     # As many iterations as the search has had, some at least, and none too many.
-    had = sum(len(attempt.history) for attempt in attempts)
+    had = sum(len(candidate.history) for candidate in candidates)
     limit = min(max(had, FEWEST), options.max_iterations)
     if (1.0 - NEARLY_THERE) * best.duration <= bound:
         limit = min(limit, FEW)
 
-    def work(system: ProblemFunctions) -> Attempt:
-        system = system if best.apart else system.first_tried
-        return Settling(system, options, progress, tolerance, limit).run(best)
+    def work(system: ProblemFunctions) -> Candidate:
+        system = system if best.apart else system.without_self_collision
+        return CertifiedDescent(system, options, progress, tolerance, limit).run(best)
 
     settled = improvement_of(problem, options, progress, best, work)
     if settled is None or settled.duration > best.duration:
@@ -122,24 +122,24 @@ def tolerance_of(options: Options) -> float:
 
 
 def clearly(
-    problem: Problem, options: Options, attempt: Attempt, tolerance: float
+    problem: Problem, options: Options, candidate: Candidate, tolerance: float
 ) -> bool:
     """Whether the last step of an iteration was proof enough.
 
     What a linear program promises within a trust region is at least that share of what
     it would promise within one that is larger, of which the region is that share.
     """
-    judged = attempt.verification
-    if len(attempt.history) < 2 or judged is None or attempt.layout is None:
+    judged = candidate.verification
+    if len(candidate.history) < 2 or judged is None or candidate.layout is None:
         return False  # other methods have steps and radii of other kinds
-    h = np.diff(attempt.trajectory.t)
+    h = np.diff(candidate.trajectory.t)
     if np.max(h) > LONGEST * h.sum():
         return False  # the certificate allows of more changes than the grid
     if np.any(problem.robot.friction):
         return False  # nor does a program let joints turn elsewhere
-    if _anything_near(problem, attempt):
+    if _anything_near(problem, candidate):
         return False
-    before, last = attempt.history[-2:]
+    before, last = candidate.history[-2:]
     radius = min(options.trust_region * min(before.radius, last.radius), 1.0)
     # Its solution promises as little as that less than there is.
     gap = ACCURACY * options.tolerance
@@ -147,9 +147,9 @@ def clearly(
     return last.accepted and promised <= CLEARLY * tolerance
 
 
-def _anything_near(problem: Problem, attempt: Attempt) -> bool:
+def _anything_near(problem: Problem, candidate: Candidate) -> bool:
     """Whether the replay of a motion has come near anything."""
-    judged = attempt.verification
+    judged = candidate.verification
     if judged is None:
         return True
     # The margins of all pairs would have all meshes cut; one arm's links have none.
@@ -160,7 +160,7 @@ def _anything_near(problem: Problem, attempt: Attempt) -> bool:
     return judged.min_clearance < margin + close
 
 
-class Settling:
+class CertifiedDescent:
     """Improves a motion until its certificate accepts it.
 
     Args:
@@ -175,7 +175,7 @@ class Settling:
         self,
         system: ProblemFunctions,
         options: Options,
-        progress: Progress,
+        progress: PlanState,
         tolerance: float,
         iterations: int,
     ) -> None:
@@ -193,11 +193,11 @@ class Settling:
         more = min(more, self.options.max_iterations)
         self.limit = max(self.limit, len(self.progress.records) + more)
 
-    def run(self, attempt: Attempt) -> Attempt:
+    def run(self, candidate: Candidate) -> Candidate:
         """The motion, or a faster one, with the status that it deserves."""
-        best, seen = attempt, self.examine(attempt)
+        best, seen = candidate, self.examine(candidate)
         segments = self.system.problem.segments
-        layout = attempt.layout or Layout.of_motion(attempt.trajectory, segments)
+        layout = candidate.layout or Layout.of_motion(candidate.trajectory, segments)
         gain = np.inf
         for _ in range(ROUNDS):
             spent = self._spend_padding(seen)
@@ -218,16 +218,16 @@ class Settling:
         promise = seen.certificate.stationarity
         return seen.certificate.ok and promise <= min(self.tolerance, WORTH_A_TRY)
 
-    def examine(self, attempt: Attempt) -> Findings:
+    def examine(self, candidate: Candidate) -> Findings:
         """What the certificate says of a motion."""
-        problem, judged = self.system.problem, attempt.verification
-        near = _anything_near(problem, attempt)
-        motion = attempt.trajectory
+        problem, judged = self.system.problem, candidate.verification
+        near = _anything_near(problem, candidate)
+        motion = candidate.trajectory
         if problem.segments:
             problem, motion = without_stays(problem, motion)
         seen = examine(problem, motion, judged, self.tolerance, near=near)
         promise = seen.certificate.stationarity
-        logger.info("T %.5f s, small changes promise %.1e", attempt.duration, promise)
+        logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
         return seen
 
     def _spend_padding(self, seen: Findings) -> bool:
@@ -242,23 +242,23 @@ class Settling:
             self.system = self.system.padded(LESS_PADDING)
         return spent
 
-    def _further(self, best: Attempt, layout: Layout) -> Attempt:
+    def _further(self, best: Candidate, layout: Layout) -> Candidate:
         """A faster motion, replayed; the same where there is none."""
-        of, z = layout.taken_up(self.system, best.trajectory)
+        of, z = layout.represented(self.system, best.trajectory)
         program, z = rested(NonlinearProgram.of(of).at(z), z)
         for _ in range(CLOSER_LOOKS):
             result = self._solved(program, z)
             if result.best is None:
                 return best
-            attempt = self._replayed(best, result)
-            if attempt is None or attempt.found:
-                return attempt or best
+            candidate = self._replayed(best, result)
+            if candidate is None or candidate.found:
+                return candidate or best
             # What passes fast may come too close between all rows.
             z = result.best.z
             assert isinstance(result.program, NonlinearProgram)  # noqa: S101
             program = result.program
-            assert attempt.verification is not None  # noqa: S101
-            times = np.array([item.time for item in attempt.verification.violations])
+            assert candidate.verification is not None  # noqa: S101
+            times = np.array([item.time for item in candidate.verification.violations])
             gradual = (block.name for block in program.blocks if block.gradual)
             program = with_rows_at(program, z, dict.fromkeys(gradual, times))
             self._allow(ITERATIONS)
@@ -282,15 +282,15 @@ class Settling:
             keep=self.progress.keep,
         )
 
-    def _replayed(self, best: Attempt, result: SlpResult) -> Attempt | None:
+    def _replayed(self, best: Candidate, result: SlpResult) -> Candidate | None:
         """What has come of a motion, replayed; None if it is no faster."""
-        found = Attempt.of(best.name, result.program, best.initial, result)
+        found = Candidate.of(best.name, result.program, best.initial, result)
         found = replace(found, remark=best.remark, history=())
         if not (found.feasible and found.trajectory.duration < best.duration):
             return None
         return found.verified(self.system.problem, self.options)
 
-    def _concluded(self, best: Attempt, seen: Findings) -> Attempt:
+    def _concluded(self, best: Candidate, seen: Findings) -> Candidate:
         """The motion with the status that it deserves."""
         history = tuple(self.progress.records)
         if seen.certificate.ok:

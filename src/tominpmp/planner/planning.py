@@ -1,4 +1,4 @@
-"""Planning: attempts from initial guesses, the best of them, then its later stages."""
+"""Planning: candidates from initial guesses, and improvements of the best of them."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.alternatives import attempts_of_alternatives
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.barriers import find_barrier
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
 from tominpmp.planner.control_period import on_clock, searching
 from tominpmp.planner.energy import economical
 from tominpmp.planner.exact_switches import with_exact_switches
 from tominpmp.planner.finer_grid import on_finer_grid
-from tominpmp.planner.multistart import make_attempts
+from tominpmp.planner.multistart import make_candidates
 from tominpmp.planner.optimality import certified
-from tominpmp.planner.progress import Progress
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.thorough import thorough_search
@@ -75,7 +75,7 @@ def plan(
     if asked.energy_weight:
         # The fastest motion is where the search for the best one begins, no more.
         options = replace(options, energy_weight=0.0, refine=None, effort="quick")
-    progress = Progress(searching(options))
+    progress = PlanState(searching(options))
     with progress.deadline.in_force():
         solution = _plan(problem, options, progress, start)
         if asked.energy_weight and solution.status not in STOPPED:
@@ -86,32 +86,32 @@ def plan(
 def _plan(
     problem: Problem,
     options: Options,
-    progress: Progress,
+    progress: PlanState,
     start: Solution | Trajectory | Samples | None,
 ) -> Solution:
     """Plan, until it is time to stop; what was found by then is the solution."""
-    attempts: list[Attempt] = []
+    candidates: list[Candidate] = []
     status = None
     try:
         barrier = find_barrier(problem, options.tolerances.contact)
         if barrier is not None:
             ended = Status.INFEASIBLE
             return without_motion(problem, options, progress, ended, str(barrier))
-        for attempt in _attempts(problem, options, progress, start):
-            attempts.append(attempt)
-            status = attempt.status
+        for candidate in _candidates(problem, options, progress, start):
+            candidates.append(candidate)
+            status = candidate.status
             if progress.ended(status):
                 break
     except (Stop, KeyboardInterrupt) as stop:
         status = progress.stopped(stop)
-    if not attempts and progress.failures:
+    if not candidates and progress.failures:
         raise progress.failures[0]
     with progress.saving():
-        solution = conclude(problem, options, progress, attempts, status)
+        solution = conclude(problem, options, progress, candidates, status)
     progress.extend(options.time_limit)
     if options.control_period is not None:
         with progress.saving():
-            solution = on_clock(solution, attempts, progress)
+            solution = on_clock(solution, candidates, progress)
     if options.slack is not None and solution.success and status not in STOPPED:
         solution = smooth(solution, options.slack)
     if progress.deadline.requested:
@@ -119,33 +119,33 @@ def _plan(
     return with_remarks(solution, progress)
 
 
-def _attempts(
+def _candidates(
     problem: Problem,
     options: Options,
-    progress: Progress,
+    progress: PlanState,
     start: Solution | Trajectory | Samples | None,
-) -> Iterator[Attempt]:
-    """One attempt after the other."""
+) -> Iterator[Candidate]:
+    """One candidate after the other."""
     former = None if start is None else motion_of(start)
     if isinstance(former, Trajectory | Samples) and former.t.size == 1:
         checked_motion(former, problem.robot, problem.q_start, problem.v_start)
         former = None  # a motion that takes no time leads nowhere
-    make = partial(make_attempts, options=options, progress=progress)
-    attempts: list[Attempt] = []
-    for attempt in attempts_of_alternatives(problem, make, progress, former):
-        logger.info("start %d: %s", progress.start, attempt.status.value)
-        attempts.append(attempt)
-        yield attempt
-        if options.objective == "feasible" and attempt.found:
+    make = partial(make_candidates, options=options, progress=progress)
+    candidates: list[Candidate] = []
+    for candidate in candidates_of_alternatives(problem, make, progress, former):
+        logger.info("start %d: %s", progress.start, candidate.status.value)
+        candidates.append(candidate)
+        yield candidate
+        if options.objective == "feasible" and candidate.found:
             return
-    for attempt in improved(problem, options, progress, tuple(attempts)):
-        attempts.append(attempt)
-        yield attempt
+    for candidate in improved(problem, options, progress, tuple(candidates)):
+        candidates.append(candidate)
+        yield candidate
 
-    def stages(attempt: Attempt) -> Iterator[Attempt]:
-        return improved(problem, options, progress, [attempt])
+    def stages(candidate: Candidate) -> Iterator[Candidate]:
+        return improved(problem, options, progress, [candidate])
 
-    yield from thorough_search(problem, options, progress, attempts, stages)
+    yield from thorough_search(problem, options, progress, candidates, stages)
 
 
 class Improvement(NamedTuple):
@@ -162,7 +162,7 @@ class Improvement(NamedTuple):
     name: str
     wanted: Callable[[Options], bool]
     improve: Callable[
-        [Problem, Options, Progress, Sequence[Attempt]], Iterator[Attempt]
+        [Problem, Options, PlanState, Sequence[Candidate]], Iterator[Candidate]
     ]
 
 
@@ -186,17 +186,19 @@ IMPROVEMENTS = (
 
 
 def improved(
-    problem: Problem, options: Options, progress: Progress, found: Sequence[Attempt]
-) -> Iterator[Attempt]:
+    problem: Problem, options: Options, progress: PlanState, found: Sequence[Candidate]
+) -> Iterator[Candidate]:
     """What is made of the best motion of a search, or of a single one."""
     if options.objective != "time":
         return
-    attempts = list(found)
+    candidates = list(found)
     for improvement in IMPROVEMENTS:
         if improvement.wanted(options):
-            for attempt in improvement.improve(problem, options, progress, attempts):
-                attempts.append(attempt)
-                yield attempt
+            for candidate in improvement.improve(
+                problem, options, progress, candidates
+            ):
+                candidates.append(candidate)
+                yield candidate
 
 
 def _interrupted(solution: Solution) -> Solution:

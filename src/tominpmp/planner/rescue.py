@@ -1,4 +1,4 @@
-"""Rescue of an attempt: what it has found when it is cut short, or fails."""
+"""Rescue of a candidate: what it has found when it is cut short, or fails."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
-from tominpmp.planner.progress import Kept, Progress
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.plan_state import Kept, PlanState
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import Status
@@ -33,34 +33,34 @@ KEPT = "A later stage failed ({}), and this was kept."
 NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 
 
-def guarded(
+def keep_best_on_interrupt(
     problem: Problem,
     options: Options,
-    progress: Progress,
+    progress: PlanState,
     name: str,
-    work: Callable[[], Attempt | None],
-) -> Attempt | None:
-    """Make an attempt; cut short, or failed, it is what it has found by then.
+    work: Callable[[], Candidate | None],
+) -> Candidate | None:
+    """Make a candidate; cut short, or failed, it is what it has found by then.
 
     Args:
-        problem: What the attempt is to solve.
+        problem: What the candidate is to solve.
         options: Options of the plan.
         progress: Has kept what was found.
-        name: What the attempt begins with.
-        work: Makes the attempt.
+        name: What the candidate begins with.
+        work: Makes the candidate.
 
     Returns:
-        The attempt; None if it led to nothing at all.
+        The candidate; None if it led to nothing at all.
 
     Raises:
-        TominpmpError: If that is what the attempt ended with, and nothing was found by
-            it or before.
+        TominpmpError: If that is what the candidate ended with, and nothing was found
+            by it or before.
     """
     try:
-        attempt = work()
-        if attempt is not None and attempt.verification is not None:
-            progress.replayed(attempt.verification.seconds)
-        return attempt
+        candidate = work()
+        if candidate is not None and candidate.verification is not None:
+            progress.replayed(candidate.verification.seconds)
+        return candidate
     except (Stop, KeyboardInterrupt) as stop:
         return _rescued(problem, options, progress, name, progress.stopped(stop))
     except (*NUMERICAL, TominpmpError) as error:
@@ -72,45 +72,47 @@ def guarded(
             progress.failures.append(error)
             return None
         failed = Status.NUMERICAL_FAILURE
-        attempt = _rescued(problem, options, progress, name, failed)
-        if attempt is None or not attempt.found:
-            return attempt
+        candidate = _rescued(problem, options, progress, name, failed)
+        if candidate is None or not candidate.found:
+            return candidate
         kept = KEPT.format(type(error).__name__)
-        return replace(attempt, status=Status.FEASIBLE, remark=kept)
+        return replace(candidate, status=Status.FEASIBLE, remark=kept)
 
 
 def improvement_of(
     problem: Problem,
     options: Options,
-    progress: Progress,
-    best: Attempt,
-    work: Callable[[ProblemFunctions], Attempt | None],
-) -> Attempt | None:
-    """Make another attempt of a motion that was found; see :func:`guarded`.
+    progress: PlanState,
+    best: Candidate,
+    work: Callable[[ProblemFunctions], Candidate | None],
+) -> Candidate | None:
+    """Make another candidate of a motion that was found, and keep it on an interrupt.
 
     Args:
         problem: What it solves.
         options: Options of the plan.
         progress: Has kept what was found.
         best: What led to the motion.
-        work: Makes the attempt, from the functions of the goal that the motion meets.
+        work: Makes the candidate, from the functions of the goal that the motion meets.
     """
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
     progress.share(1)
     progress.begin()
-    return guarded(problem, options, progress, best.name, partial(work, system))
+    return keep_best_on_interrupt(
+        problem, options, progress, best.name, partial(work, system)
+    )
 
 
 def _rescued(
-    problem: Problem, options: Options, progress: Progress, name: str, status: Status
-) -> Attempt | None:
-    """The best of what an attempt has found, replayed in a little time.
+    problem: Problem, options: Options, progress: PlanState, name: str, status: Status
+) -> Candidate | None:
+    """The best of what a candidate has found, replayed in a little time.
 
     Args:
-        problem: What the attempt is to solve.
+        problem: What the candidate is to solve.
         options: Options of the plan.
         progress: Has kept what was found, and knows how much time there is.
-        name: What the attempt began with.
+        name: What the candidate began with.
         status: How it ended.
 
     Returns:
@@ -123,7 +125,7 @@ def _rescued(
     first, *_ = progress.kept
     initial = first.program.trajectory(first.iterate.z)
     feasible = [item for item in reversed(progress.kept) if item.feasible]
-    last: Attempt | None = None
+    last: Candidate | None = None
     with progress.saving():
         if not feasible and progress.best == np.inf and progress.begun is not None:
             with contextlib.suppress(Stop, *NUMERICAL):
@@ -134,9 +136,9 @@ def _rescued(
             records = tuple(progress.records)
             result = SlpResult(status, item.iterate, best, records, item.program)
             try:
-                attempt = Attempt.of(name, item.program, initial, result)
-                last = last or attempt
-                attempt = attempt.verified(problem, options)
+                candidate = Candidate.of(name, item.program, initial, result)
+                last = last or candidate
+                candidate = candidate.verified(problem, options)
             except (Stop, KeyboardInterrupt) as again:
                 progress.stopped(again)
                 # That one was refuted says nothing of those there was no time for.
@@ -144,17 +146,17 @@ def _rescued(
             except (*NUMERICAL, TominpmpError) as error:
                 logger.warning("what was found could not be replayed: %r", error)
                 continue
-            if attempt.found:
-                return attempt
-            last = attempt
+            if candidate.found:
+                return candidate
+            last = candidate
     return last
 
 
 def slowed_down(begun: Kept) -> Kept | None:
-    """What an attempt began with, as slow as it has to be; None if that is no cure."""
+    """What a candidate began with, as slow as it has to be; None if that is no cure."""
     program, iterate, _ = begun
     for factor in SLOWER:
-        z = program.stretch(iterate.z, factor)
+        z = program.time_scale(iterate.z, factor)
         slow = replace(iterate, z=z, values=program.evaluate(z))
         if slow.violation <= SLOW_ENOUGH:
             return Kept(program, slow, True)

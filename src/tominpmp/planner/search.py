@@ -15,11 +15,11 @@ import numpy as np
 from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import NEARLY, CoarseSearch
 from tominpmp.planner.descent import torques_rule
-from tominpmp.planner.progress import Progress
-from tominpmp.planner.torque_starts import SHOOTING, shots
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.torque_starts import TORQUE_START_OPTIONS, random_torque_starts
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -50,7 +50,7 @@ PATHS_WHILE_MOVING = 6
 # Torques from nowhere that are tried where a motion has to swing.
 SHOTS = 3
 
-Solve = Callable[[Guess], Attempt | None]
+Solve = Callable[[Guess], Candidate | None]
 
 
 def further_paths(system: ProblemFunctions) -> int:
@@ -60,7 +60,7 @@ def further_paths(system: ProblemFunctions) -> int:
     return PATHS_WHILE_MOVING if system.problem.scene.moving else PATHS
 
 
-class Remembered:
+class CachedGuesses:
     """Guesses that can be gone through again.
 
     Args:
@@ -105,8 +105,8 @@ class Search:
         self,
         system: ProblemFunctions,
         options: Options,
-        progress: Progress,
-        guesses: Remembered,
+        progress: PlanState,
+        guesses: CachedGuesses,
         wanted: int,
         *,
         swings: bool,
@@ -115,8 +115,8 @@ class Search:
         self.guesses, self.wanted, self.swings = guesses, wanted, swings
         self.stopped = False
 
-    def run(self, solve: Solve) -> Iterator[Attempt]:
-        """Make the attempts.
+    def run(self, solve: Solve) -> Iterator[Candidate]:
+        """Make the candidates.
 
         Args:
             solve: Improves a guess on the grid that is asked for.
@@ -138,7 +138,7 @@ class Search:
 
     def _descents(
         self, coarse: CoarseSearch, first: Guess, torques: bool, solve: Solve
-    ) -> Iterator[Attempt]:
+    ) -> Iterator[Candidate]:
         """The first motions.
 
         Where speed limits rule and little is in the way, a descent on the grid that is
@@ -146,14 +146,14 @@ class Search:
         """
         system, progress = self.system, self.progress
         if system.final_configuration is not None and not torques:
-            judge = None if system.alone else self._leads_astray
+            judge = None if system.in_free_space else self._leads_astray
             with progress.judged(judge):
-                attempt = solve(first)
-            self.stopped = attempt is not None and attempt.status in STOPPED
-            if attempt is not None and (attempt.found or self.stopped):
-                progress.best = min(progress.best, attempt.duration)
-                yield attempt
-            if self.stopped or (progress.best < np.inf and system.alone):
+                candidate = solve(first)
+            self.stopped = candidate is not None and candidate.status in STOPPED
+            if candidate is not None and (candidate.found or self.stopped):
+                progress.best = min(progress.best, candidate.duration)
+                yield candidate
+            if self.stopped or (progress.best < np.inf and system.in_free_space):
                 return
             if progress.best < np.inf and not self.promising:
                 return
@@ -168,7 +168,7 @@ class Search:
         """
         first = self.guesses.get(0)
         second = None
-        if self.wanted == 1 and not self.system.alone:
+        if self.wanted == 1 and not self.system.in_free_space:
             second = self.guesses.get(1)
         if first is None or second is None or second.name != SAMPLED:
             yield from self.guesses.since(0)
@@ -184,25 +184,25 @@ class Search:
         near = early or (above <= GAP and record.violation <= NEARLY)
         return None if near and above <= ASTRAY else Status.ITERATION_LIMIT
 
-    def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Attempt]:
+    def _beyond(self, coarse: CoarseSearch, first: Guess) -> Iterator[Candidate]:
         """What is tried beyond the first descents."""
         patience = MANY_IN_VAIN if self._many else IN_VAIN
-        if not self.system.alone:
+        if not self.system.in_free_space:
             patience = further_paths(self.system)  # all of them
-        if self._many or not self.system.alone:
+        if self._many or not self.system.in_free_space:
             coarse.compare()
         yield from coarse.probes(self._further(first), patience)
         self.stopped = coarse.stopped
         if self.swings and not first.timed and not self.stopped:
             # What cannot be held on the way has to be swung over.
-            shooting = replace(self.options, **SHOOTING)
-            tried = shots(self.system, shooting, self.progress, SHOTS)
-            yield from (attempt for attempt in tried if attempt is not None)
+            shooting = replace(self.options, **TORQUE_START_OPTIONS)
+            tried = random_torque_starts(self.system, shooting, self.progress, SHOTS)
+            yield from (candidate for candidate in tried if candidate is not None)
 
     @property
     def _many(self) -> bool:
         """Whether an arm in free space has more joints than turn over."""
-        return self.system.alone and self.system.n > FEW_JOINTS
+        return self.system.in_free_space and self.system.n > FEW_JOINTS
 
     @property
     def promising(self) -> bool:
@@ -214,14 +214,14 @@ class Search:
             return False
         if best == np.inf:
             # Among obstacles all guesses were tried.
-            return system.alone and not self._many
+            return system.in_free_space and not self._many
         above = FAR_ABOVE if self._many else 1.0 + GAP
         return best > above * self.progress.lower_bound(system.problem).T
 
     def _further(self, first: Guess) -> Iterator[Guess]:
         """What is tried beyond the first descents."""
         system = self.system
-        if not system.alone:
+        if not system.in_free_space:
             further = self.guesses.since(self.wanted)
             return itertools.islice(further, further_paths(system))
         rng = np.random.default_rng(self.options.seed)

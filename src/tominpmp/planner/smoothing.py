@@ -116,7 +116,7 @@ def _quieter(
     ticks, guess = None, warm_start(system, former)
     if options.control_period is None:
         program, z = _program(system, options, guess, former, intervals)
-        z = program.stretch(z, 1.0 + slack)
+        z = program.time_scale(z, 1.0 + slack)
     else:
         period = options.control_period
         count = ticks_of((1.0 + slack) * former.duration, period)

@@ -21,14 +21,14 @@ from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt, fastest
-from tominpmp.planner.coarse_search import CoarseSearch, suits
+from tominpmp.planner.candidate import Candidate, fastest
+from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
 from tominpmp.planner.descent import torques_rule
 from tominpmp.planner.exact_switches import with_exact_switches
 from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.optimality import certified
-from tominpmp.planner.progress import Progress
-from tominpmp.planner.torque_starts import SHOOTING, shots
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.torque_starts import TORQUE_START_OPTIONS, random_torque_starts
 from tominpmp.problem import Problem
 from tominpmp.status import STOPPED
 from tominpmp.stopping import Stop
@@ -45,38 +45,38 @@ FEW_MOTORS = 3
 # Seeds of the kinds of starts, which do not depend on each other.
 DETOUR, GUESS, AGAIN = 1, 2, 3
 
-Stages = Callable[[Attempt], Iterator[Attempt]]
+Stages = Callable[[Candidate], Iterator[Candidate]]
 
 
 def thorough_search(
     problem: Problem,
     options: Options,
-    progress: Progress,
-    attempts: Sequence[Attempt],
+    progress: PlanState,
+    candidates: Sequence[Candidate],
     stages: Stages,
-) -> Iterator[Attempt]:
+) -> Iterator[Candidate]:
     """Search on for faster motions.
 
     Args:
         problem: The problem.
         options: Options of the plan.
         progress: Time limit, and the duration of the best motion so far.
-        attempts: What less effort has led to.
+        candidates: What less effort has led to.
         stages: The last stages of a plan, for a motion.
 
     Yields:
-        Attempts, the last stages of those that are the best then among them.
+        Candidates, the last stages of those that are the best then among them.
     """
     if options.effort != "thorough" or options.objective != "time":
         return
     searches = [
         Waves(ProblemFunctions.of(part), options, progress)
         for part in problem.alternatives
-        if suits(ProblemFunctions.of(part), options)
+        if coarse_grids_apply(ProblemFunctions.of(part), options)
     ]
     if not searches:
         return
-    best = fastest(attempts)
+    best = fastest(candidates)
     progress.best = np.inf if best is None else best.duration
     if best is not None:
         for last in exactly(problem, options, progress, best):
@@ -87,12 +87,12 @@ def thorough_search(
         for number, search in itertools.product(range(most), searches):
             if _proven(problem, progress):
                 return
-            for attempt in search.wave(number, best):
-                if attempt.status in STOPPED and not _faster(attempt, best):
+            for candidate in search.wave(number, best):
+                if candidate.status in STOPPED and not _faster(candidate, best):
                     return
-                yield attempt
-                if _faster(attempt, best):
-                    best = attempt
+                yield candidate
+                if _faster(candidate, best):
+                    best = candidate
                     for last in _to_the_end(problem, options, progress, best, stages):
                         best = last if _faster(last, best) else best
                         yield last
@@ -107,48 +107,48 @@ def thorough_search(
 def _to_the_end(
     problem: Problem,
     options: Options,
-    progress: Progress,
-    best: Attempt,
+    progress: PlanState,
+    best: Candidate,
     stages: Stages,
-) -> Iterator[Attempt]:
+) -> Iterator[Candidate]:
     """The last stages for a motion that is the best one now."""
-    for attempt in stages(best):
-        best = attempt if _faster(attempt, best) else best
-        yield attempt
+    for candidate in stages(best):
+        best = candidate if _faster(candidate, best) else best
+        yield candidate
     yield from exactly(problem, options, progress, best)
 
 
 def exactly(
-    problem: Problem, options: Options, progress: Progress, best: Attempt
-) -> Iterator[Attempt]:
+    problem: Problem, options: Options, progress: PlanState, best: Candidate
+) -> Iterator[Candidate]:
     """What is left to be had of a motion: exact switches, or a finer grid.
 
     Exact switches are for small arms with nothing around them. Their structure is
     looked at only: other ones come from other starts.
     """
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    small = system.alone and system.n <= FEW_MOTORS
+    small = system.in_free_space and system.n <= FEW_MOTORS
     plain = problem.motion_limits is None and options.control == "auto"
     plain = plain and options.refine == "auto"
     if small and plain and not options.control_period:
         one = replace(options, starts=1)
-        for attempt in with_exact_switches(problem, one, progress, [best]):
-            if _faster(attempt, best):
-                progress.best = min(progress.best, attempt.duration)
-                yield attempt
-                best = attempt
+        for candidate in with_exact_switches(problem, one, progress, [best]):
+            if _faster(candidate, best):
+                progress.best = min(progress.best, candidate.duration)
+                yield candidate
+                best = candidate
     lavish = options if options.refine is None else replace(options, refine="grid")
-    for attempt in on_finer_grid(problem, lavish, progress, [best]):
-        if _faster(attempt, best):
-            yield attempt
-            yield from certified(problem, options, progress, [attempt])
+    for candidate in on_finer_grid(problem, lavish, progress, [best]):
+        if _faster(candidate, best):
+            yield candidate
+            yield from certified(problem, options, progress, [candidate])
 
 
-def _faster(attempt: Attempt, best: Attempt | None) -> bool:
-    return attempt.found and (best is None or attempt.duration < best.duration)
+def _faster(candidate: Candidate, best: Candidate | None) -> bool:
+    return candidate.found and (best is None or candidate.duration < best.duration)
 
 
-def _proven(problem: Problem, progress: Progress) -> bool:
+def _proven(problem: Problem, progress: PlanState) -> bool:
     """Whether next to nothing is to be gained any more."""
     bound = progress.lower_bound(problem).T
     return progress.best <= (1.0 + PROVEN) * bound
@@ -164,12 +164,12 @@ class Waves:
     """
 
     def __init__(
-        self, system: ProblemFunctions, options: Options, progress: Progress
+        self, system: ProblemFunctions, options: Options, progress: PlanState
     ) -> None:
         self.system, self.options, self.progress = system, options, progress
         self.coarse: CoarseSearch | None = None
         self.sources: list[Iterator[Guess]] = []
-        self.shots = self._shots()
+        self.random_torque_starts = self._shots()
         self.best: Guess | None = None
 
     @property
@@ -180,8 +180,8 @@ class Waves:
     def _rng(self, kind: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, kind])
 
-    def wave(self, number: int, best: Attempt | None) -> Iterator[Attempt]:
-        """Make the attempts of a wave.
+    def wave(self, number: int, best: Candidate | None) -> Iterator[Candidate]:
+        """Make the candidates of a wave.
 
         Args:
             number: Its number, from 0.
@@ -198,7 +198,7 @@ class Waves:
         tried = self._lighter(number, guesses)
         yield from self.coarse.probes(tried, WAVE + 1)
         if not self.coarse.stopped:
-            yield from itertools.islice(self.shots, 1)
+            yield from itertools.islice(self.random_torque_starts, 1)
 
     def _begin(self) -> None:
         """Prepare the sources of starts."""
@@ -243,22 +243,24 @@ class Waves:
     def _weightless(self, guess: Guess) -> Guess:
         """The motion that a guess leads to where nothing has a weight."""
         assert self.coarse is not None  # noqa: S101
-        system = self.system.first_tried
+        system = self.system.without_self_collision
         robot = system.problem.robot.with_changes(gravity=np.zeros(3))
         light = replace(system, dynamics=RobotDynamics(robot, dry=False))
         search = CoarseSearch(light, self.options, self.progress, torques=True)
         rough = search.rough(guess)
         if rough is None:
             return guess
-        return Guess.of_motion(guess.name, rough.attempt.trajectory, len(guess.t))
+        return Guess.of_motion(guess.name, rough.candidate.trajectory, len(guess.t))
 
-    def _shots(self) -> Iterator[Attempt]:
+    def _shots(self) -> Iterator[Candidate]:
         """Torques from nowhere, improved in full."""
         system = self.system
         smooth = system.problem.motion_limits is not None
-        if not system.alone or system.n > FEW_MOTORS or smooth:
+        if not system.in_free_space or system.n > FEW_MOTORS or smooth:
             return
-        shooting = replace(self.options, **SHOOTING)
-        for attempt in shots(system, shooting, self.progress, MOST_WAVES):
-            if attempt is not None:
-                yield attempt
+        shooting = replace(self.options, **TORQUE_START_OPTIONS)
+        for candidate in random_torque_starts(
+            system, shooting, self.progress, MOST_WAVES
+        ):
+            if candidate is not None:
+                yield candidate

@@ -11,10 +11,10 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.planner.attempt import Attempt
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import repaired
-from tominpmp.planner.progress import Progress
-from tominpmp.planner.rescue import guarded
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.rescue import keep_best_on_interrupt
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.fixed_step import fixed_steps
 from tominpmp.solvers.loop import Rule, Step, solve
@@ -36,7 +36,7 @@ INSTANTS: dict[str, Selection] = {
     "penalty": "violated",
 }
 # How torques from nowhere are improved where another method was asked for.
-SHOOTING: dict[str, Any] = {
+TORQUE_START_OPTIONS: dict[str, Any] = {
     "method": "adjoint",
     "control": "constant",
     "lp_solver": "highs",
@@ -51,9 +51,9 @@ PIECES = 4
 LONGER = 2.0
 
 
-def shots(
-    system: ProblemFunctions, options: Options, progress: Progress, least: int = 1
-) -> Iterator[Attempt | None]:
+def random_torque_starts(
+    system: ProblemFunctions, options: Options, progress: PlanState, least: int = 1
+) -> Iterator[Candidate | None]:
     """Improve the torques to begin with, then random ones.
 
     Args:
@@ -64,7 +64,7 @@ def shots(
             none has led to a motion.
 
     Yields:
-        Attempts; None for those that lead to nothing.
+        Candidates; None for those that lead to nothing.
     """
     rng = np.random.default_rng(options.seed)
     wanted = most = options.starts or least
@@ -76,10 +76,12 @@ def shots(
         progress.begin()
         first = _random_torques(system, options, rng) if number else None
         solve = partial(solve_by_shooting, system, options, progress, first)
-        attempt = guarded(system.problem, options, progress, "shooting", solve)
-        if attempt is not None:
-            progress.best = min(progress.best, attempt.duration)
-        yield attempt
+        candidate = keep_best_on_interrupt(
+            system.problem, options, progress, "shooting", solve
+        )
+        if candidate is not None:
+            progress.best = min(progress.best, candidate.duration)
+        yield candidate
 
 
 def _given_torques(system: ProblemFunctions, options: Options) -> Array:
@@ -107,19 +109,19 @@ def _random_torques(
 def solve_by_shooting(
     system: ProblemFunctions,
     options: Options,
-    progress: Progress,
+    progress: PlanState,
     first: Array | None = None,
-) -> Attempt:
+) -> Candidate:
     """Improve torques, the paper's kind of start unless others are given.
 
     Where the replay fails, go on with shorter steps of the integration.
     """
     z = _given_torques(system, options) if first is None else first
 
-    def make(tried: ProblemFunctions, doublings: int, _: Attempt | None) -> Attempt:
+    def make(tried: ProblemFunctions, doublings: int, _: Candidate | None) -> Candidate:
         nonlocal z
-        attempt, z = shoot(tried, options, progress, z, substeps=2**doublings)
-        return attempt.verified(system.problem, options)
+        candidate, z = shoot(tried, options, progress, z, substeps=2**doublings)
+        return candidate.verified(system.problem, options)
 
     return repaired(system, progress, make)
 
@@ -127,10 +129,10 @@ def solve_by_shooting(
 def shoot(
     system: ProblemFunctions,
     options: Options,
-    progress: Progress,
+    progress: PlanState,
     z: Array,
     substeps: int,
-) -> tuple[Attempt, Array]:
+) -> tuple[Candidate, Array]:
     """Improve torques and duration with so many integration steps an interval."""
     shares = interval_shares(options.grid, options.intervals)
     paper = options.step_rule == "paper" and options.method == "adjoint"
@@ -165,4 +167,4 @@ def shoot(
         program, z = result.program, result.iterate.z
     result = replace(result, history=tuple(history))
     found = result.iterate if result.best is None else result.best
-    return Attempt.of("shooting", program, initial, result), found.z
+    return Candidate.of("shooting", program, initial, result), found.z

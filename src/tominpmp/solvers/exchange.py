@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.solvers.loop import Loop
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.base import Program
@@ -42,20 +42,20 @@ Revise = Callable[[Program, Array], tuple[Program, Array] | None]
 
 
 def with_missing_rows(
-    program: Program, z: Array, overload: float = OVERLOAD
+    program: Program, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
 ) -> tuple[Program, Array] | None:
     """A program with the rows that an iterate shows to be missing, and the iterate.
 
     Args:
         program: The program.
         z: Its iterate.
-        overload: Relative excess of torques that is let pass.
+        effort_tolerance: Relative excess of torques that is let pass.
 
     Returns:
         Both; None if nothing is missing.
     """
     assert isinstance(program, NonlinearProgram)  # noqa: S101
-    changed = revised(program, z, overload)
+    changed = revised(program, z, effort_tolerance)
     return None if changed is None else (changed[0].at(changed[1]), changed[1])
 
 

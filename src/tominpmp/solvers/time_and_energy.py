@@ -128,7 +128,7 @@ class Energy(ABC):
             step = STRETCH * z * pace
             slower, faster = z + step, z - step
             if len(paces) == 1:
-                slower, faster = (nlp.stretch(z, 1.0 + s * STRETCH) for s in (1, -1))
+                slower, faster = (nlp.time_scale(z, 1.0 + s * STRETCH) for s in (1, -1))
             bend = (self(slower) - 2.0 * value + self(faster)) / STRETCH**2
             along = jacobian @ ((slower - faster) / (2.0 * STRETCH))
             missing = max(bend - 2.0 * float(along @ along), 0.0)

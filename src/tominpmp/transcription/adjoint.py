@@ -249,7 +249,7 @@ class AdjointTranscription(TorqueTranscription):
 
     # -- the rest of the interface -----------------------------------------------------
 
-    def stretch(self, z: Array, factor: float) -> Array:
+    def time_scale(self, z: Array, factor: float) -> Array:
         """The torques for about the same configurations, traversed slower."""
         x, n = self.motion(z).x, self._n
         eta = z[-self._m :] * factor

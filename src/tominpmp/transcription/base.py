@@ -108,7 +108,7 @@ class Program(Protocol):
     def variation(self, z: Array) -> Variation:
         """Differences of the controls, as a linear function near z."""
 
-    def stretch(self, z: Array, factor: float) -> Array:
+    def time_scale(self, z: Array, factor: float) -> Array:
         """The same path, slower by a factor."""
 
     def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
@@ -303,7 +303,7 @@ class Transcription(ABC, Generic[M]):
         """Differences of the controls, as a linear function near z."""
 
     @abstractmethod
-    def stretch(self, z: Array, factor: float) -> Array:
+    def time_scale(self, z: Array, factor: float) -> Array:
         """The same path, slower by a factor."""
 
     @abstractmethod

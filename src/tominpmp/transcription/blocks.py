@@ -30,7 +30,7 @@ SAME_PLACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Always:
+class ContinuousRows:
     """Rows that hold at all times, or equations of a transcription.
 
     Attributes:
@@ -79,7 +79,7 @@ class Always:
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
+class SampledRows:
     """A constraint at instants.
 
     Attributes:
@@ -278,7 +278,7 @@ class Sampled:
         if partials.by_a is not None:
             yield partials.by_a, (after.a - before.a) / apart
 
-    def informed(self, of: Transcription[Any], motion: Motion) -> Sampled:
+    def informed(self, of: Transcription[Any], motion: Motion) -> SampledRows:
         """The block with the assumptions of its constraint, from a motion."""
         if self.constraint.informed:
             return self
@@ -287,7 +287,7 @@ class Sampled:
         )
 
 
-Block = Always | Sampled
+Block = ContinuousRows | SampledRows
 
 
 def assumed(
@@ -354,13 +354,13 @@ def block_of(
         hull = of.hull(constraint, within)
         if hull is not None:
             name = constraint.name + suffix
-            return Always(name, hull, curable=constraint.curable)
+            return ContinuousRows(name, hull, curable=constraint.curable)
     if isinstance(constraint, PathConstraint) and constraint.window is not None:
-        return Sampled(constraint, Instants.none())
+        return SampledRows(constraint, Instants.none())
     at = of.instants(constraint.order, constraint.field)
     if within is not None:
         at = _on_segment(at.within(*within), constraint, within)
-    return Sampled(constraint, at, within, suffix)
+    return SampledRows(constraint, at, within, suffix)
 
 
 def _on_segment(

@@ -415,7 +415,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
             self.torque_sequence @ self._torque_instants.times(h) / h.sum()
         )
 
-    def stretch(self, z: Array, factor: float) -> Array:
+    def time_scale(self, z: Array, factor: float) -> Array:
         """The same control points, traversed slower."""
         out = z.copy()
         out[self.point_unknowns :] *= factor

@@ -243,7 +243,7 @@ class CollocationTranscription(TorqueTranscription):
 
     # -- the rest of the interface -----------------------------------------------------
 
-    def stretch(self, z: Array, factor: float) -> Array:
+    def time_scale(self, z: Array, factor: float) -> Array:
         """The same configurations, traversed slower, with the torques that it takes."""
         x, _, _ = self.split(z)
         n, eta = self._n, z[-self._m :] * factor

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials, States
-from tominpmp.constraints.friction import NEAR, OVERLOAD, Ways, interval_signs
+from tominpmp.constraints.friction import EFFORT_TOLERANCE, NEAR, Ways, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.motion.trajectory import Trajectory, reversals
 from tominpmp.transcription.base import Transcription, Variation
@@ -241,8 +241,8 @@ def turned_ways(
         return ways, np.clip(shares, ways.lower, ways.upper)
     sign, change = interval_signs(v)
     here = ways.friction * np.where(change, 1.0, sign)
-    beyond = np.abs(shares + here) > 1.0 + OVERLOAD
-    beyond |= change & (np.abs(shares - here) > 1.0 + OVERLOAD)
+    beyond = np.abs(shares + here) > 1.0 + EFFORT_TOLERANCE
+    beyond |= change & (np.abs(shares - here) > 1.0 + EFFORT_TOLERANCE)
     at_limit = np.abs(shares + ways.load) > 1.0 - NEAR
     apart = ((sign != ways.sign) | change) & ~ways.both & (ways.friction > 0.0)
     wrong = apart & (beyond | at_limit)

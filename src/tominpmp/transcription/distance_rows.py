@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.transcription.blocks import Sampled
+from tominpmp.transcription.blocks import SampledRows
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -33,7 +33,7 @@ def times_of_rows(program: NonlinearProgram, z: Array) -> dict[str, Array]:
     return {
         block.name: block.fixed.times(h) + of.delays[block.fixed.interval]
         for block in program.blocks
-        if isinstance(block, Sampled) and block.gradual
+        if isinstance(block, SampledRows) and block.gradual
     }
 
 
@@ -51,7 +51,7 @@ def with_rows_at(
     h = of.motion(z).h
     own = times_of_rows(program, z)
     for index, block in enumerate(blocks):
-        if not isinstance(block, Sampled) or block.name not in own:
+        if not isinstance(block, SampledRows) or block.name not in own:
             continue
         wanted = times.get(block.name, np.zeros(0))
         known = np.sort(own[block.name])

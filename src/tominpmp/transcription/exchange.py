@@ -20,11 +20,11 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints import Constraint, PathConstraint
-from tominpmp.constraints.friction import OVERLOAD
+from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.constraints.torque import MotorLimit
 from tominpmp.motion.extrema import between_samples
 from tominpmp.transcription.base import Motion, Transcription
-from tominpmp.transcription.blocks import Block, Sampled, assumed
+from tominpmp.transcription.blocks import Block, SampledRows, assumed
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -71,15 +71,15 @@ BESIDE = 0.02
 
 
 def revised(
-    program: NonlinearProgram, z: Array, overload: float = OVERLOAD
+    program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
 ) -> tuple[NonlinearProgram, Array] | None:
     """The program with missing rows and updated assumptions, and the iterate.
 
     Args:
         program: The program.
         z: Its iterate.
-        overload: Tolerated relative excess of torques; below zero, a margin that
-            torques must keep.
+        effort_tolerance: Tolerated relative excess of torques; below zero, a margin
+            that torques must keep.
 
     Returns:
         The program and the iterate within its bounds; None if nothing has to change.
@@ -87,22 +87,22 @@ def revised(
     turned = program.transcription.turned(z)
     if turned is not None:
         program, z = replace(program, transcription=turned[0]), turned[1]
-    more = exchanged(program, z, overload)
+    more = exchanged(program, z, effort_tolerance)
     if more is None and turned is None:
         return None
     return more or program, z
 
 
 def exchanged(
-    program: NonlinearProgram, z: Array, overload: float = OVERLOAD
+    program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
 ) -> NonlinearProgram | None:
     """The program with rows where a motion violates limits between its rows.
 
     Args:
         program: The program.
         z: Its iterate.
-        overload: Tolerated relative excess of torques; below zero, a margin that
-            torques must keep.
+        effort_tolerance: Tolerated relative excess of torques; below zero, a margin
+            that torques must keep.
 
     Returns:
         The program; None if nothing has to change.
@@ -112,15 +112,15 @@ def exchanged(
     blocks: list[Block] = list(program.blocks)
     changes = 0
     for index, block in enumerate(blocks):
-        if isinstance(block, Sampled):
-            blocks[index], count = _exchanged(block, of, motion, overload)
+        if isinstance(block, SampledRows):
+            blocks[index], count = _exchanged(block, of, motion, effort_tolerance)
             changes += count
     return replace(program, blocks=tuple(blocks)) if changes else None
 
 
 def _exchanged(
-    block: Sampled, of: Transcription[Any], motion: Motion, overload: float
-) -> tuple[Sampled, int]:
+    block: SampledRows, of: Transcription[Any], motion: Motion, effort_tolerance: float
+) -> tuple[SampledRows, int]:
     """A block with the assumptions of its constraint updated, and more instants.
 
     Returns:
@@ -130,8 +130,8 @@ def _exchanged(
     if constraint.assumes:
         at, states = block.states(of, motion)
         beside = of.states(motion, at.middles, 1).v
-        constraint, count = constraint.corrected(states, beside, overload)
-    more = _violated(block, of, motion, overload)
+        constraint, count = constraint.corrected(states, beside, effort_tolerance)
+    more = _violated(block, of, motion, effort_tolerance)
     if more.at.size and isinstance(constraint, PathConstraint) and constraint.window:
         times = more.at.times(motion.h) + of.delays[more.at.interval]
         return replace(block, constraint=constraint.with_times(times)), more.at.size
@@ -140,16 +140,16 @@ def _exchanged(
 
 
 def _violated(
-    block: Sampled, of: Transcription[Any], motion: Motion, overload: float
+    block: SampledRows, of: Transcription[Any], motion: Motion, effort_tolerance: float
 ) -> Missing:
     """Instants between the rows of a constraint at which it is violated."""
     constraint = block.constraint
     if constraint.usable is None:
         return Missing(Instants.none())
     if constraint.order >= 3:
-        return Missing(rising(constraint, of, motion, overload))
+        return Missing(rising(constraint, of, motion, effort_tolerance))
     if constraint.order >= 2:
-        return jumping(constraint, of, motion, overload, block.within)
+        return jumping(constraint, of, motion, effort_tolerance, block.within)
     known = block.instants(of, motion.h)
     if block.ignored is not None:
         # A new instant may be near one at which not all values are rows.
@@ -322,8 +322,8 @@ class Missing(NamedTuple):
 
 
 def with_rows(
-    block: Sampled, of: Transcription[Any], motion: Motion, more: Missing
-) -> tuple[Sampled, int]:
+    block: SampledRows, of: Transcription[Any], motion: Motion, more: Missing
+) -> tuple[SampledRows, int]:
     """A block with missing rows added.
 
     Args:

@@ -91,7 +91,7 @@ class Layout:
             return InverseTranscription(system, self.shares, duration, ends)
         return BSplineTranscription(system, self.shares, self.degree, ends)
 
-    def taken_up(
+    def represented(
         self, system: ProblemFunctions, motion: Trajectory
     ) -> tuple[Gridded, Array]:
         """The parameterisation, and a motion found with it as its iterate.

@@ -36,7 +36,7 @@ PADDING_SHARE = 0.5
 MOVING_PADDING = 4e-4
 
 
-class Watched:
+class LazyClearanceRows:
     """Clearance rows, made when they are first used.
 
     An arm without obstacles is planned without clearance rows at first, and mostly does
@@ -52,9 +52,9 @@ class Watched:
     def __init__(self, problem: Problem, reach: float, share: float = 1.0) -> None:
         self._problem, self._reach, self._share = problem, reach, share
 
-    def padded(self, share: float) -> Watched:
+    def padded(self, share: float) -> LazyClearanceRows:
         """The clearance rows with a share of their padding beyond the margin."""
-        return Watched(self._problem, self._reach, share * self._share)
+        return LazyClearanceRows(self._problem, self._reach, share * self._share)
 
     @cached_property
     def room(self) -> Array:
@@ -108,7 +108,7 @@ class ProblemFunctions:
     dynamics: Dynamics
     kinematics: RobotKinematics
     reach: float
-    watched: Watched | None
+    watched: LazyClearanceRows | None
     ways: Array | None = None
     parts: tuple[ProblemFunctions, ...] = ()
 
@@ -134,8 +134,8 @@ class ProblemFunctions:
         kinematics = RobotKinematics(problem.robot)
         reach = kinematics.length
         dynamics = RobotDynamics(problem.robot, dry=False)
-        watched = Watched(problem, reach)
-        if not problem.checker.lone:
+        watched = LazyClearanceRows(problem, reach)
+        if not problem.checker.single_arm:
             _ = watched.clearance
         return cls(problem, dynamics, kinematics, reach, watched)
 
@@ -153,7 +153,7 @@ class ProblemFunctions:
         return np.zeros(0) if self.watched is None else self.watched.room / self.reach
 
     @property
-    def alone(self) -> bool:
+    def in_free_space(self) -> bool:
         """Whether the problem is a single arm in free space."""
         return all(
             not len(phase.scene) and len(phase.robot.parts) <= 1
@@ -172,13 +172,13 @@ class ProblemFunctions:
         return own and all(part.sudden for part in self.parts)
 
     @property
-    def first_tried(self) -> ProblemFunctions:
+    def without_self_collision(self) -> ProblemFunctions:
         """The functions to begin with: a single arm is planned without self-collision.
 
         Its links hardly ever touch, and the verification detects where they do. Rows
         for them would take more time than the rest of the plan.
         """
-        if not self.alone:
+        if not self.in_free_space:
             return self
         return self._each(lambda system: replace(system, watched=None))
 
@@ -190,7 +190,7 @@ class ProblemFunctions:
 
     def padded(self, share: float) -> ProblemFunctions:
         """The same problem with a share of its padding beyond the margin."""
-        known: dict[int, Watched] = {}
+        known: dict[int, LazyClearanceRows] = {}
 
         def padded(system: ProblemFunctions) -> ProblemFunctions:
             if system.watched is None:

@@ -24,7 +24,7 @@ from tominpmp.transcription.base import (
     Transcription,
     Variation,
 )
-from tominpmp.transcription.blocks import Always, Block, Sampled, blocks_of
+from tominpmp.transcription.blocks import Block, ContinuousRows, SampledRows, blocks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
@@ -71,7 +71,7 @@ class NonlinearProgram:
         system = transcription.system
         blocks: list[Block] = []
         if transcription.equations is not None:
-            blocks.append(Always("dynamics", transcription.equations))
+            blocks.append(ContinuousRows("dynamics", transcription.equations))
         blocks += [block for block in blocks_of(transcription) if block.lower.size]
         blocks += _at_ends_of_segments(transcription)
         scale = transcription.goal_scale
@@ -80,7 +80,7 @@ class NonlinearProgram:
             # First as in the paper, where the torques are the only unknowns: of two
             # steps of equal cost, linear programs then find the better one.
             first = 0 if transcription.by_component else len(blocks)
-            last = Sampled(goal, Instants.end(transcription.intervals))
+            last = SampledRows(goal, Instants.end(transcription.intervals))
             blocks.insert(first, last)
         return cls(transcription, tuple(blocks), selection)
 
@@ -95,7 +95,7 @@ class NonlinearProgram:
             return self
         of = self.transcription.scaled_at(z)
         blocks = tuple(
-            block.informed(of, motion) if isinstance(block, Sampled) else block
+            block.informed(of, motion) if isinstance(block, SampledRows) else block
             for block in self.blocks
         )
         return replace(self, transcription=of, blocks=blocks)
@@ -163,7 +163,7 @@ class NonlinearProgram:
         Infinite where obstacles move.
         """
         moving = any(
-            isinstance(block, Sampled) and block.constraint.moving
+            isinstance(block, SampledRows) and block.constraint.moving
             for block in self.blocks
         )
         return np.inf if moving else self.transcription.attention(steps)
@@ -197,7 +197,7 @@ class NonlinearProgram:
         bending = [
             (block, multipliers[first : first + block.lower.size])
             for block, first in zip(self.blocks, self.first, strict=True)
-            if isinstance(block, Sampled) and block.constraint.bends
+            if isinstance(block, SampledRows) and block.constraint.bends
         ]
         if not bending:
             return None
@@ -232,7 +232,7 @@ class NonlinearProgram:
         for index, block in enumerate(self.blocks):
             if block.gradual:
                 radius = self.transcription.attention(steps)
-                if isinstance(block, Sampled) and block.constraint.moving:
+                if isinstance(block, SampledRows) and block.constraint.moving:
                     radius = max(radius, self.transcription.moving_attention)
                 mine = rows.kind == index
                 chosen[mine] = values[mine] > rows.upper[mine] - radius
@@ -266,7 +266,7 @@ class NonlinearProgram:
             if not chosen.size:
                 continue
             some = weights[mine][chosen]
-            if not isinstance(block, Sampled):
+            if not isinstance(block, SampledRows):
                 total += some @ block.jacobian(of, motion, chosen)
                 continue
             at, partials = block.partials(of, motion, chosen)
@@ -288,13 +288,13 @@ class NonlinearProgram:
         """Differences of the controls."""
         return self.transcription.variation(z)
 
-    def stretch(self, z: Array, factor: float) -> Array:
+    def time_scale(self, z: Array, factor: float) -> Array:
         """The same path, slower by a factor."""
-        return self.transcription.stretch(z, factor)
+        return self.transcription.time_scale(z, factor)
 
     def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
         """The same path, slower by a factor, and its row values, from those of z."""
-        slow, of = self.stretch(z, factor), self.transcription
+        slow, of = self.time_scale(z, factor), self.transcription
         former, motion = of.motion(self.timed(z)), of.motion(self.timed(slow))
         if not (former.finite and motion.finite):
             return slow, self.evaluate(slow)
@@ -320,15 +320,15 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
     for number, (segment, within) in enumerate(each):
         at, suffix = Instants.end(within[1]), f" of segment {number + 1}"
         if segment.arrival is not None:
-            arrivals.append(Sampled(Arrival(*segment.arrival), at, within, suffix))
+            arrivals.append(SampledRows(Arrival(*segment.arrival), at, within, suffix))
         if number + 1 == len(parts):
             break
         part = parts[number]
         goal = GoalReached(part.problem.goal, part.kinematics, part.goal_scale)
-        goals.append(Sampled(goal, at, within, suffix))
+        goals.append(SampledRows(goal, at, within, suffix))
         sudden = part.sudden and parts[number + 1].sudden
         if segment.dwell > 0.0 and not sudden and of.highest > 2:
             scale = BRAKING * part.problem.robot.limits.velocity
             rest = JointLimit.standstill(scale)
-            goals.append(Sampled(rest, at, within, suffix))
+            goals.append(SampledRows(rest, at, within, suffix))
     return [*goals, *arrivals]

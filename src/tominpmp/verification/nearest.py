@@ -66,7 +66,7 @@ def closest(
     # than the links as pieces, and only those that come nearest are cut into pieces.
     # There are a tenth of the pairs then, and most meshes need not be cut, which takes
     # a second each when it is done for the first time.
-    part = checker.with_cut(frozenset()) if checker.lone else checker
+    part = checker.with_cut(frozenset()) if checker.single_arm else checker
     if not part.pairs:
         return None
     bound = None
@@ -82,7 +82,7 @@ def closest(
             found = bound
             break
         names, cut = frozenset(part.pairs[found.pair]), part.cut or frozenset()
-        if not checker.lone or names <= cut:
+        if not checker.single_arm or names <= cut:
             break
         bound = bound if found.violated or found.doubt > 0.0 else found
         part = checker.with_cut(cut | names)

@@ -18,7 +18,7 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import Program
 
-# Of what an attempt has found so many motions are kept, should it be cut short.
+# Of what a candidate has found so many motions are kept, should it be cut short.
 KEPT = 4
 # Time that is left for the replay of a motion, as shares of the limit: at least, and at
 # most; and how many times what the last replay took.
@@ -49,11 +49,11 @@ class Kept(NamedTuple):
     feasible: bool
 
 
-class Progress:
+class PlanState:
     """Time limit, callback and interruption of a planning, as a callback of solvers.
 
     It raises :class:`~tominpmp.stopping.Stop` when planning is to end, and has kept the
-    best that the present attempt has found by then.
+    best that the present candidate has found by then.
 
     Args:
         options: Time limit, callback, and what is enough.
@@ -64,14 +64,14 @@ class Progress:
         start: Number of the initial guess that is worked on.
         best: Duration of the best motion so far [s]; infinite if there is none.
         links_touched: Whether links of an arm that is alone have touched each other in
-            the present attempt.
+            the present candidate.
         deadline: When to stop.
-        records: One record an iteration of the present attempt.
-        kept: Motions of the present attempt, the newest last.
-        begun: What the present attempt began with.
-        let_go: Whether the judge of the present attempt has ended it for good.
-        cut_short: How the present attempt was stopped; None if it was not.
-        failures: What went wrong with attempts that have led to nothing.
+        records: One record an iteration of the present candidate.
+        kept: Motions of the present candidate, the newest last.
+        begun: What the present candidate began with.
+        dropped: Whether the judge of the present candidate has ended it for good.
+        cut_short: How the present candidate was stopped; None if it was not.
+        failures: What went wrong with candidates that have led to nothing.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Progress:
         self.records: list[IterationRecord] = []
         self.kept: list[Kept] = []
         self.begun: Kept | None = None
-        self.let_go = False
+        self.dropped = False
         self.cut_short: Status | None = None
         self.failures: list[Exception] = []
         self._judges: list[Judge] = []
@@ -115,7 +115,7 @@ class Progress:
         self._starts += count
         self.links_touched = False
         self.records, self.kept, self.begun = [], [], None
-        self.let_go, self.cut_short = False, None
+        self.dropped, self.cut_short = False, None
         self._set_deadline()
         return self.start
 
@@ -165,7 +165,7 @@ class Progress:
     # -- what was found ----------------------------------------------------------------
 
     def keep(self, program: Program, iterate: Iterate) -> None:
-        """Keep a motion of the present attempt, should it be cut short."""
+        """Keep a motion of the present candidate, should it be cut short."""
         new = Kept(program, iterate, iterate.violation <= self._feasibility)
         self.begun = self.begun or new
         if self.kept and self.kept[-1].program is program:
@@ -231,7 +231,7 @@ class Progress:
         if limit == np.inf:
             return 0.0
         if not any(item.feasible for item in self.kept):
-            # If there is nothing at all, what the attempt began with is slowed down.
+            # If there is nothing at all, what the candidate began with is slowed down.
             nothing = self.best == np.inf and self.begun is not None
             return FIRST_RESERVE * limit if nothing else 0.0
         return min(max(RESERVE * limit, REPLAYS * self._replay), MOST_RESERVE * limit)
@@ -256,7 +256,7 @@ class Progress:
             self._show(record)
 
     def __call__(self, record: IterationRecord) -> Status | None:
-        """See a record of the present attempt; a status ends the iteration.
+        """See a record of the present candidate; a status ends the iteration.
 
         Raises:
             Stop: If planning is to end.
@@ -267,7 +267,7 @@ class Progress:
             found = (judge(record) for judge in self._judges)
             status = next((status for status in found if status is not None), None)
             # One that has had its iterations still gets the rows that it lacks.
-            self.let_go = status is Status.STALLED
+            self.dropped = status is Status.STALLED
         return status
 
     def see(self, record: IterationRecord) -> Status | None:

@@ -1,4 +1,4 @@
-"""Attempts: what one initial guess leads to."""
+"""Candidates: what one initial guess leads to."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tominpmp.verification.verification import Verification, verify
 
 
 @dataclass(frozen=True, eq=False)
-class Attempt:
+class Candidate:
     """What one initial guess led to.
 
     Attributes:
@@ -59,8 +59,8 @@ class Attempt:
         program: Program,
         initial: Array | Trajectory,
         result: SlpResult,
-    ) -> Attempt:
-        """Attempt from the iterate it began with and the outcome of a solver."""
+    ) -> Candidate:
+        """Candidate from the iterate it began with and the outcome of a solver."""
         feasible = result.best is not None
         iterate = result.iterate if result.best is None else result.best
         rows = program.rows
@@ -92,8 +92,8 @@ class Attempt:
         """Largest violation."""
         return max(self.violations.values(), default=0.0)
 
-    def after(self, former: Attempt) -> Attempt:
-        """This attempt as what another one that it goes on from has led to."""
+    def after(self, former: Candidate) -> Candidate:
+        """This candidate as what another one that it goes on from has led to."""
         count = len(former.history)
         more = (replace(r, iteration=r.iteration + count) for r in self.history)
         history = (*former.history, *more)
@@ -127,7 +127,7 @@ class Attempt:
         """T of the motion if it keeps all constraints [s]; else infinite."""
         return self.trajectory.duration if self.found else np.inf
 
-    def verified(self, problem: Problem, options: Options) -> Attempt:
+    def verified(self, problem: Problem, options: Options) -> Candidate:
         """Replay the torques of a motion that is said to keep all constraints."""
         if not self.feasible:
             return self
@@ -137,10 +137,10 @@ class Attempt:
         return replace(self, verification=verification)
 
 
-def fastest(attempts: Iterable[Attempt]) -> Attempt | None:
+def fastest(candidates: Iterable[Candidate]) -> Candidate | None:
     """The fastest motion that was found; None if there is none.
 
     Of those that are as fast it is the last one, which knows best what it is.
     """
-    found = [attempt for attempt in attempts if attempt.found]
-    return min(reversed(found), key=lambda attempt: attempt.duration, default=None)
+    found = [candidate for candidate in candidates if candidate.found]
+    return min(reversed(found), key=lambda candidate: candidate.duration, default=None)
