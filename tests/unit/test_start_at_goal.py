@@ -14,6 +14,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.planner import candidate
 
 START = np.array([0.5, 1.7, -1.7])
 AWAY = START + np.array([0.5, -0.3, 0.2])
@@ -316,3 +317,21 @@ def test_small_motions_are_planned_like_others(
     if way < 1e-5 and period is not None:
         assert solution.T == 4 * period
         assert solution.status is tm.Status.CONVERGED
+
+
+def test_a_grid_on_which_more_is_broken_is_made_no_finer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Accelerations of tiny motions are lost in rounding where intervals are short."""
+    replayed: list[int] = []
+
+    def seen(problem: tm.Problem, motion: tm.Trajectory, *rest, **more):
+        replayed.append(motion.t.size - 1)
+        return verify(problem, motion, *rest, **more)
+
+    verify = candidate.verify
+    monkeypatch.setattr(candidate, "verify", seen)
+    goal = tm.JointGoal(START + 2e-6 * np.array([1.0, -0.6, 0.3]))
+    solution = tm.plan(from_start(goal), effort="quick")
+    assert solution.success, solution.message
+    assert max(replayed) <= 160

@@ -116,6 +116,13 @@ class Candidate:
         return self.feasible and not self.unconfirmed and not self.found
 
     @property
+    def excess(self) -> float:
+        """Largest excess over a limit in the replay, as a share of the limit."""
+        judged = self.verification
+        found = () if judged is None else judged.violations
+        return max((item.share for item in found), default=0.0)
+
+    @property
     def touches(self) -> bool:
         """Whether links come too close in the replay of a motion."""
         return self.verification is not None and any(

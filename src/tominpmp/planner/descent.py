@@ -190,8 +190,8 @@ def repaired(
         else:
             doublings += 1
         again = make(tried, doublings, candidate)
-        if doublings and not again.feasible:
-            break
+        if doublings and (not again.feasible or again.excess > candidate.excess):
+            break  # shorter intervals break more by rounding than they mend
         candidate = again.after(candidate)
     return candidate
 
