@@ -196,6 +196,14 @@ def groups_of(part: str) -> dict[str, Callable[..., Any]]:
     return dict((golden_cases if part == "tuned" else golden_fresh).GROUPS)
 
 
+def task_of(item: Item) -> Task:
+    """The problem of an item, made."""
+    from benchmarks.golden_cases import Source
+
+    made = groups_of(item.part)[item.group](Source(item.data, item.seed))
+    return dict(made)[item.name]()
+
+
 # -- one problem -----------------------------------------------------------------------
 
 
@@ -264,7 +272,6 @@ def _work(sender: Connection, item: Item, limit: float, judged: bool) -> None:
     """In a process of its own: plan one problem and send its columns."""
     import tominpmp as tm
     from benchmarks.ablation import switched
-    from benchmarks.golden_cases import Source
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # The system ends the process when it has used up its processor time.
@@ -272,8 +279,7 @@ def _work(sender: Connection, item: Item, limit: float, judged: bool) -> None:
     warnings.simplefilter("ignore")
     columns: dict[str, Any] = {}
     try:
-        made = groups_of(item.part)[item.group](Source(item.data, item.seed))
-        task = dict(made)[item.name]()
+        task = task_of(item)
         columns["fingerprint"] = task.fingerprint
         with switched(item.variant, task) as changed:
             columns |= measure(changed, judged=judged)

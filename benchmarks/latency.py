@@ -33,7 +33,7 @@ import numpy as np
 
 import tominpmp as tm
 from benchmarks.golden_fresh import iiwa14
-from benchmarks.golden_runner import groups_of, items
+from benchmarks.golden_runner import Item, items, task_of
 
 EFFORTS = ("quick", "standard", "thorough")
 COLUMNS = ("problem", "effort", "limit", "seconds", "late", "status", "verified", "T")
@@ -81,18 +81,14 @@ OUTLIERS: dict[str, Callable[[], tm.Problem]] = {
 
 def problems(data: Path | None, every: int) -> Iterator[tuple[str, Make]]:
     """Names of the problems, and what makes them with their options."""
-    from benchmarks.golden_cases import Source
-
     for name, make in OUTLIERS.items():
         yield name, lambda make=make: (make(), {})
-    groups = groups_of("tuned")
     for item in items("tuned", data=data, every=every):
         if item.group == "warm":  # these begin with another plan
             continue
-        tasks = dict(groups[item.group](Source(data)))
 
-        def of_item(make: Any = tasks[item.name]) -> tuple[tm.Problem, dict[str, Any]]:
-            task = make()
+        def of_item(item: Item = item) -> tuple[tm.Problem, dict[str, Any]]:
+            task = task_of(item)
             return task.problem, dict(task.options)
 
         yield f"{item.group}: {item.name}", of_item

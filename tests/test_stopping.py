@@ -70,7 +70,7 @@ class Interrupter:
 @pytest.mark.usefixtures("clock")
 def test_exact_switching_interrupted_keeps_the_motion(monkeypatch, after, way):
     callback, steps = Interrupter(after, way), []
-    usual = TrustRegionStep.propose
+    usual = TrustRegionStep._propose
 
     def counted(self, *arguments):
         done = usual(self, *arguments)
@@ -80,7 +80,7 @@ def test_exact_switching_interrupted_keeps_the_motion(monkeypatch, after, way):
     def pay(budget, evaluations):
         assert not callback.over, "it looks for exact switching still"
 
-    monkeypatch.setattr(TrustRegionStep, "propose", counted)
+    monkeypatch.setattr(TrustRegionStep, "_propose", counted)
     monkeypatch.setattr(stopping.Budget, "pay", pay)
     options = tm.Options(refine="switching", callback=callback)
     solution = tm.plan(pendulums(), options)

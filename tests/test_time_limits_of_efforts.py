@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from sample_arms import make_arm, rod
 import tominpmp as tm
 from tominpmp import options
 from tominpmp.files.scenario import load_scenario, save_scenario
-from tominpmp.planner.conclusion import saturated
+from tominpmp.planner.conclusion import _saturated
 
 
 def reach():
@@ -63,13 +64,14 @@ def test_infinity_is_no_limit(monkeypatch, tmp_path):
 def test_a_joint_whose_friction_takes_most_of_its_effort_is_named():
     """A gripper that its motor hardly turns rules the time of all others."""
     weak = make_arm(rod(1.0, 0.1), effort=np.array([0.005]), friction=[0.004])
-    found = tm.plan(tm.Problem(weak, (0.0,), tm.JointGoal((1.0,))))
+    problem = tm.Problem(weak, (0.0,), tm.JointGoal((1.0,)))
+    found = tm.plan(problem)
     name = weak.joint_names[0]
     assert re.search(
         rf"Joint {name} is at its effort limit of 0\.005 N m for \d+% of "
         r"the motion, 0\.004 N m of which its dry friction takes: if it need not move, "
         r"lock it",
-        saturated(weak, found.trajectory),
+        _saturated(problem, found.trajectory),
     )
-    strong = weak.with_changes(friction=[0.001])
-    assert saturated(strong, found.trajectory) == ""
+    strong = replace(problem, robot=weak.with_changes(friction=[0.001]))
+    assert _saturated(strong, found.trajectory) == ""

@@ -99,6 +99,10 @@ class EffortCurve(Record):
         return value, slopes[np.minimum(piece, slopes.size - 1)]
 
 
+# The upper and the lower side of a bound.
+SIDES = (1.0, -1.0)
+
+
 @dataclass(frozen=True)
 class LimitKind:
     """A kind of limit that joints have one by one.
@@ -171,6 +175,11 @@ class LimitKind:
         """
         raise NotImplementedError
 
+    def largest_excess(self, bound: Any, u: Array, v: Array) -> Array:
+        """Excess over a bound on the side where it is larger ("uv")."""
+        upper, lower = (self.excess(bound, u, v, side)[0] for side in SIDES)
+        return np.asarray(np.maximum(upper, lower))
+
     def scale(self, bound: Any, half: float) -> float:
         """What the excess is a share of: the bound, or half the range of torques."""
         return float(bound) if self.numbers else half
@@ -181,8 +190,7 @@ class LimitKind:
         Returns:
             By the name that sensitivities have for what is changed.
         """
-        excess = np.maximum(*(self.excess(bound, u, v, side)[0] for side in (1.0, -1)))
-        return {self.name: excess + bound}
+        return {self.name: self.largest_excess(bound, u, v) + bound}
 
 
 class EffortOverSpeed(LimitKind):
@@ -411,12 +419,17 @@ class MotionLimits(Record):
         return found
 
 
+def classes_of_limits() -> list[type[MotionLimits]]:
+    """Classes of motion limits, those of a caller too."""
+    return [MotionLimits, *MotionLimits.__subclasses__()]
+
+
 def joint_kinds() -> dict[str, LimitKind]:
     """All kinds of limits of joints by name, those of a caller's motion limits too."""
-    classes: list[type[MotionLimits]] = [MotionLimits, *MotionLimits.__subclasses__()]
-    further = [kind for limits in classes for kind in kinds_of(limits).values()]
-    every = POSITION, VELOCITY, EFFORT, FEEDBACK, *further
-    return {kind.name: kind for kind in every}
+    every = classes_of_limits()
+    further = [kind for limits in every for kind in kinds_of(limits).values()]
+    known = POSITION, VELOCITY, EFFORT, FEEDBACK, *further
+    return {kind.name: kind for kind in known}
 
 
 def limits_by_joint(

@@ -54,8 +54,8 @@ MOST = {
     "slack": 10.0,
     "control_period": 1.0,
 }
-# Planning time that is allowed where a caller sets no limit, by effort [s]: ten times
-# the median of plans in clutter, and more than 95 of 100 of them take
+# Planning time that is allowed where a caller sets no limit, by effort [s]. On the
+# golden set it cuts short a tenth of the quick plans, and one of 37 standard ones
 # (``python -m benchmarks.latency``).
 TIME_LIMITS = {"quick": 2.0, "standard": 10.0, "thorough": 60.0}
 # Likewise for all other numbers: longer than anybody waits, and squares still fit.

@@ -30,7 +30,8 @@ from tominpmp.certificate.perturbations import (
     Stencil,
 )
 from tominpmp.motion.extrema import local_maxima
-from tominpmp.problem.joint_limits import SIDES, JointBounds, joint_limits
+from tominpmp.motion_limits import SIDES
+from tominpmp.problem.joint_limits import JointBounds, joint_limits
 
 # Kind of the rows of arrival times.
 ARRIVAL = "arrival"
@@ -255,18 +256,14 @@ def _bulging(motion: Motion, inside: MotionStates, item: JointBounds) -> LimitRo
         "v": (inside.v, _at_ends(changes.v), item.upper),
         "u": (inside.u, motion.u, task.effort_half),
     }[of]
-
-    def beyond(values: Array) -> Array:
-        return np.asarray(np.maximum(values - item.upper, item.lower - values) / unit)
-
-    excess = beyond(values)
+    excess = item.outside(values) / unit
     if of == "u":
         # Where a torque runs along its limit, the middle is a row as well as the ends,
         # whose mean changes differently.
         excess[SHARES.size // 2 :: SHARES.size] += FLAT
         excess[:, np.setdiff1d(np.arange(changes.n), motion.driven)] = -np.inf
     near, more = (-ROOM, TURN) if of == "q" else (NEAR - 1.0, BULGE)
-    index, joint = _largest(motion, excess, beyond(ends), near, more)
+    index, joint = _largest(motion, excess, item.outside(ends) / unit, near, more)
     if of == "v" and changes.shape == "ramps":
         index, joint = _with_light_joints(motion, excess * unit, index, joint)
     at, value, unit = inside.kept(index), values[index, joint], unit[joint]

@@ -16,7 +16,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.friction import Ways, signs
 from tominpmp.dynamics import Dynamics
-from tominpmp.motion_limits import LimitKind
+from tominpmp.motion_limits import SIDES, LimitKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ class TorqueOverSpeed(MotorLimit):
         """Values one after the other, and their derivatives by share and speed."""
         motors = self.motors
         loads = motors.loads(states) + motors.middle / motors.half
-        for side in (1.0, -1.0):
+        for side in SIDES:
             for joint, bound in self.by_speed.items():
                 half = float(motors.half[joint])
                 unit, load, v = self.kind.scale(bound, half), loads[:, joint], states.v

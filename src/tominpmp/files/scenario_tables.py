@@ -56,6 +56,7 @@ from tominpmp.goals import Goal, JointGoal
 from tominpmp.motion_limits import (
     EffortCurve,
     MotionLimits,
+    classes_of_limits,
     kinds_of,
 )
 from tominpmp.problem.segments import Segment
@@ -96,7 +97,7 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
 
 def _class_with(names: Set[str]) -> type[MotionLimits]:
     """The first class of motion limits that has some fields; a caller's may be one."""
-    every: list[type[MotionLimits]] = [MotionLimits, *MotionLimits.__subclasses__()]
+    every = classes_of_limits()
     fitting = (kind for kind in every if names <= {item.name for item in fields(kind)})
     return next(fitting, MotionLimits)
 

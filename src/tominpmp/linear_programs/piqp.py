@@ -148,7 +148,10 @@ class PiqpSolver(LpSolver):
         begin = time.perf_counter()
         self._program, self._other = program, None
         self._set_up(program)
-        return self._run(begin)
+        found = self._run(begin)
+        if found.optimal:
+            return found
+        return self._solve_by_simplex(begin, found.iterations)
 
     def _set_up(self, program: LinearProgram) -> None:
         self._equal = equal = program.row_lower == program.row_upper
@@ -189,9 +192,9 @@ class PiqpSolver(LpSolver):
             h_l=np.maximum(row_lower[~equal], -HUGE),
             h_u=np.minimum(row_upper[~equal], HUGE),
         )
-        return self._run(begin, by_simplex=False)
+        return self._run(begin)
 
-    def _run(self, begin: float, *, by_simplex: bool = True) -> LpSolution:
+    def _run(self, begin: float) -> LpSolution:
         assert self._program is not None  # noqa: S101
         spent = self._try(begin, self._nearly.residual)
         if not self._solved and self._solver.settings.kkt_solver == STAGED:
@@ -204,8 +207,6 @@ class PiqpSolver(LpSolver):
             self._stages_fail = self._solved
         if not self._solved and (self._ended or self._program.cost.size > MANY_COLUMNS):
             spent += self._try(begin, RESIDUAL, refined=True)
-        if not self._solved and by_simplex:
-            return self._solve_by_simplex(begin, spent)
         result = self._solver.result
         duals = np.zeros(self._equal.size)
         duals[self._equal] = self._scale * result.y

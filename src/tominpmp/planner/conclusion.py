@@ -17,7 +17,7 @@ from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import effort_range
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
@@ -165,10 +165,10 @@ def _more_time(
     advice = f" {options.time_limit:.3g} s were allowed; max_planning_time allows more"
     if options.max_planning_time is None and options.effort != "thorough":
         advice += f" than effort {options.effort!r} does"
-    return f"{advice}.{saturated(problem.robot, best.trajectory)}"
+    return f"{advice}.{_saturated(problem, best.trajectory)}"
 
 
-def saturated(robot: Robot, motion: Trajectory) -> str:
+def _saturated(problem: Problem, motion: Trajectory) -> str:
     """The joint that its motor hardly moves, for most of a motion, as a sentence.
 
     Motors of time-optimal motions are at their limits much of the time; one that is
@@ -176,8 +176,8 @@ def saturated(robot: Robot, motion: Trajectory) -> str:
 
     Empty if there is no such joint.
     """
-    limits = robot.limits
-    strength = np.minimum(limits.effort_upper, -limits.effort_lower)
+    robot, (middle, half) = problem.robot, effort_range(problem)
+    strength = half - np.abs(middle)
     weak = robot.friction >= MOST_FRICTION * strength
     often = np.where(weak, np.mean(np.abs(motion.u) >= SATURATED * strength, axis=0), 0)
     most = int(np.argmax(often))

@@ -179,10 +179,9 @@ def repaired(
     tried = system if progress.links_touched else system.without_self_collision
     candidate, doublings = make(tried, 0, None), 0
     while candidate.refuted and candidate.status not in STOPPED:
-        if progress.dropped:
-            break  # its judge wants no more of it
-        if candidate.trajectory.duration > LONGEST:
-            break  # no repair makes it short enough to be replayed
+        # No repair is for one that its judge has dropped, nor makes one short enough.
+        if progress.dropped or candidate.trajectory.duration > LONGEST:
+            break
         if candidate.touches and tried is not system:
             tried, progress.links_touched = system, True
         elif doublings == repairs or (candidate.touches and system.clearance is None):

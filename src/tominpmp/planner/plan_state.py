@@ -125,7 +125,7 @@ class PlanState:
         All of it once there is a motion: what comes after it can only be better.
         """
         self._until = self._limit
-        if self._limit < np.inf and self.best == np.inf:
+        if self.best == np.inf:
             self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
         self._set_deadline()
 
@@ -237,9 +237,6 @@ class PlanState:
         return min(max(RESERVE * limit, REPLAYS * self._replay), MOST_RESERVE * limit)
 
     def _set_deadline(self) -> None:
-        if self._limit == np.inf:
-            self.deadline.end = self.deadline.last = np.inf
-            return
         more = STEP_SHARE * self._limit + STEP_SECONDS - self._reserve()
         self.deadline.end = self._begin + self._until + more
         self.deadline.last = self._end(self._limit)

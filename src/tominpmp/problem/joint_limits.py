@@ -19,9 +19,6 @@ from tominpmp.motion_limits import (
 )
 from tominpmp.problem.problem import Problem, effort_range
 
-# The upper and the lower side of a bound.
-SIDES = (1.0, -1.0)
-
 
 @dataclass(frozen=True, eq=False)
 class JointBounds:
@@ -53,11 +50,13 @@ class JointBounds:
         if self.kind.of == "uv":
             out = np.full(u.shape, -np.inf)
             for i, bound in self.by_speed.items():
-                state = bound, u[:, i], v[:, i]
-                out[:, i] = np.maximum(*(self.kind.excess(*state, s)[0] for s in SIDES))
+                out[:, i] = self.kind.largest_excess(bound, u[:, i], v[:, i])
             return out
-        value = {"q": q, "v": v, "a": a, "u": u}[self.kind.of]
-        return np.maximum(value - self.upper, self.lower - value)
+        return self.outside({"q": q, "v": v, "a": a, "u": u}[self.kind.of])
+
+    def outside(self, values: Array) -> Array:
+        """How far values are outside the bounds, shape (..., n)."""
+        return np.asarray(np.maximum(values - self.upper, self.lower - values))
 
 
 def joint_limits(problem: Problem) -> list[JointBounds]:

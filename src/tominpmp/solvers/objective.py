@@ -137,6 +137,12 @@ class Objective(ABC):
                 factor = beyond if beyond < high else 0.5 * (low + high)
         return best
 
+    def _curable(self, program: Program, state: Iterate) -> bool:
+        """Whether a slower motion violates all violated rows less."""
+        rows = program.rows
+        hard = rows.violation(state.values)[~rows.curable[rows.kind]]
+        return bool(np.all(hard <= self.feasibility))
+
     def cured(self, program: Program, state: Iterate, light: float) -> Iterate | None:
         """A motion with light violations, so slow that it has none.
 
@@ -149,10 +155,7 @@ class Objective(ABC):
             The motion; None if its violations are not light, or slowing down is no
             cure.
         """
-        rows = program.rows
-        violation, curable = rows.violation(state.values), rows.curable[rows.kind]
-        hard = np.any(violation[~curable] > self.feasibility)
-        if np.max(violation, initial=0.0) > light or hard:
+        if state.violation > light or not self._curable(program, state):
             return None
         slower = self.restored(program, state)
         return slower if slower.violation <= self.feasibility else None
@@ -223,9 +226,7 @@ class AnyMotion(MinimumTime):
         self, program: Program, state: Iterate, best: Iterate | None
     ) -> Iterate | None:
         """The motion as slow as it has to be to keep its limits, if that is a cure."""
-        rows = program.rows
-        curable = rows.curable[rows.kind]
-        if np.all(rows.violation(state.values)[~curable] <= self.feasibility):
+        if self._curable(program, state):
             for factor in TIME_SCALINGS:
                 z, values = program.slower(state.z, factor, state.values)
                 trial = replace(state, z=z, values=values)

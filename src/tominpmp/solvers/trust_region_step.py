@@ -104,6 +104,7 @@ class _Proposal(NamedTuple):
         program: The program.
         model: Its objective.
         solution: Its solution.
+        value: The objective at the iterate.
         step: The step, shape (size,).
         promised: Row values that the linearisation promises, shape (m,).
         reached: Row values where the step leads, shape (m,).
@@ -113,6 +114,7 @@ class _Proposal(NamedTuple):
     program: Subproblem
     model: Model
     solution: LpSolution
+    value: float
     step: Array
     promised: Array
     reached: Array
@@ -144,12 +146,12 @@ class TrustRegionStep:
     def __call__(self, loop: Loop) -> None:
         """Linearise, solve, correct, search, accept or shrink."""
         state, objective = loop.state, loop.objective
-        found = self.propose(loop)
+        found = self._propose(loop)
         if found is None:
             region = state.region.after(0.0, 0.1)
             loop.reached(replace(state, region=region), None)
             return
-        outcome = self.search(loop, found)
+        outcome = self._search(loop, found)
         trial, merit = outcome.trial, state.merit
         multipliers = found.program.multipliers(found.solution)
         if outcome.accepted:
@@ -158,7 +160,7 @@ class TrustRegionStep:
         state = replace(
             state,
             merit=merit.raised(multipliers, loop.state.values, found.promised),
-            region=self.region_after(loop, found, outcome),
+            region=self._region_after(loop, found, outcome),
             multipliers=multipliers,
             gains=(*state.gains, gained)[-WINDOW:],
         )
@@ -174,7 +176,7 @@ class TrustRegionStep:
             state = replace(state, merit=merit, raises=state.raises + 1, gains=())
         loop.reached(state, replace(outcome, settled=settled))
 
-    def propose(self, loop: Loop) -> _Proposal | None:
+    def _propose(self, loop: Loop) -> _Proposal | None:
         """Build the program of an iteration and solve it.
 
         Rows far from their bounds are left out at first; those that the step breaks are
@@ -192,7 +194,8 @@ class TrustRegionStep:
         accuracy = self.accuracy
         if accuracy is None:
             accuracy = ACCURACY * objective.tolerance
-        accuracy *= objective.value(nlp, z, values)
+        value = objective.value(nlp, z, values)
+        accuracy *= value
         root = nlp.curvature(z, state.multipliers) if lp.curved else None
         unknown = lp.curved and root is None  # no multipliers yet, or nothing bends
         selecting = values
@@ -223,7 +226,7 @@ class TrustRegionStep:
             linearization = nlp.linearize(z, selecting, steps)
         promised = values.copy()
         promised[program.rows] += program.change(step)
-        return _Proposal(program, model, solution, step, promised, reached, room)
+        return _Proposal(program, model, solution, value, step, promised, reached, room)
 
     def _solved(self, loop: Loop, program: Subproblem) -> LpSolution:
         """Solution of the program of an iteration."""
@@ -232,7 +235,7 @@ class TrustRegionStep:
             solution = loop.counted(make_solver("highs").solve(program.program))
         return solution
 
-    def search(self, loop: Loop, found: _Proposal) -> Outcome:
+    def _search(self, loop: Loop, found: _Proposal) -> Outcome:
         """Try the step, corrections of it, then shorter ones."""
         nlp, state, rows = loop.program, loop.state, loop.program.rows
         program, model, penalty = found.program, found.model, state.merit.penalty
@@ -284,7 +287,7 @@ class TrustRegionStep:
         actual = now - best.merit
         return Outcome(best, predicted, actual, ratio, actual > 0.0)
 
-    def region_after(
+    def _region_after(
         self, loop: Loop, found: _Proposal, outcome: Outcome
     ) -> TrustRegion:
         """Trust region for the next step.
@@ -296,8 +299,7 @@ class TrustRegionStep:
         state, trial, objective = loop.state, outcome.trial, loop.objective
         region = state.region.after(outcome.ratio, trial.damping)
         left = loop.program.rows.largest_violation(trial.values)
-        value = objective.value(loop.program, state.z, state.values)
-        little = objective.tolerance * value
+        little = objective.tolerance * found.value
         gradient = found.model.gradient
         change = max(abs(gradient @ (trial.z - state.z)), abs(gradient @ found.step))
         if change > little or not objective.feasibility < left <= RESTORABLE:
