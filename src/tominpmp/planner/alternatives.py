@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-
 import numpy as np
 
 from tominpmp.bounds import lower_bound
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.segments import SegmentedGuess, former_segments
-from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.initial_guess.segments import former_segments
+from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.starts import starts
+from tominpmp.planner.work import Policy
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-Start = WarmStart | SegmentedGuess
-Candidates = Callable[[ProblemFunctions, Start | None], Iterator[Candidate | None]]
-
 
 def candidates_of_alternatives(
-    problem: Problem,
-    make: Candidates,
-    progress: PlanState,
-    former: Trajectory | Samples | None = None,
-) -> Iterator[Candidate]:
-    """Solve for each goal of a set, a start each before the second one for any.
+    state: PlanState, former: Trajectory | Samples | None = None
+) -> Policy[None]:
+    """Begin for each goal of a set, a start each before the second one for any.
 
     The goals that might be reached soonest come first. As long as there is no motion,
     a start may take no more than its share of the planning time: one goal may be out of
@@ -36,69 +30,69 @@ def candidates_of_alternatives(
     than the best one so far are left out.
 
     Args:
-        problem: A problem with a set of goals, or with one.
-        make: Makes the candidates for a problem with one goal, given a former motion.
-        progress: Time limit, and the duration of the best motion so far.
+        state: The plan of a problem with a set of goals, or with one.
         former: A former motion; it goes to the goal that it ends nearest to.
-
-    Yields:
-        The candidates.
 
     Raises:
         ProblemError: If none of the goals can be reached at all.
     """
-    parts = problem.alternatives
+    parts = state.problem.alternatives
+    entered = None
+    if former is not None:
+        entered = 0 if len(parts) == 1 else _entered(state.problem, former)
+    policies = [
+        _starts(part, former if number == entered else None, state)
+        for number, part in enumerate(parts)
+    ]
     if len(parts) == 1:
-        system = ProblemFunctions.of(parts[0])
-        start = None if former is None else _start(system, former)
-        yield from (
-            candidate for candidate in make(system, start) if candidate is not None
-        )
+        yield from policies[0]
         return
     bounds = [lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
-    entered = None
-    if former is not None:
-        entered = _entered(problem, former)
+    if entered is not None:
         order = [entered, *(i for i in order if i != entered)]
-    runs: dict[int, Iterator[Candidate | None]] = {}
+    answers: list[Candidate | None] = [None] * len(parts)
     wrong: list[str] = []
     while order:
         again: list[int] = []
         for place, i in enumerate(order):
-            if bounds[i] >= progress.best:
+            if bounds[i] >= state.best:
                 continue
-            progress.share(len(order) - place + len(again))
-            if i not in runs:
-                system = ProblemFunctions.of(parts[i])
-                start = None
-                if former is not None and i == entered:
-                    start = _start(system, former)
-                runs[i] = make(system, start)
+            state.share(len(order) - place + len(again))
             try:
-                candidate = next(runs[i])
+                while True:
+                    work = policies[i].send(answers[i])
+                    answers[i] = yield work
+                    if work.replay or state.cut_short:
+                        break
             except StopIteration:
                 continue
             except Stop as stop:
-                if progress.ended(progress.stopped(stop)):
+                state.stopped(stop)
+                if state.ended:
                     raise
                 continue  # its share of the time is used up
             except ProblemError as error:
                 wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
                 continue
-            again.append(i)
-            if candidate is not None:
-                yield candidate
+            if state.cut_short is None:
+                again.append(i)
         order = again
     if len(wrong) == len(parts):
         raise ProblemError("; ".join(wrong), "goal")
 
 
-def _start(system: ProblemFunctions, former: Trajectory | Samples) -> Start:
-    """A former motion as the first guess for a problem."""
-    if system.parts:
-        return former_segments(system.problem, former)[0]
-    return warm_start(system, former)
+def _starts(
+    part: Problem, former: Trajectory | Samples | None, state: PlanState
+) -> Policy[None]:
+    """Starts for one goal, with a former motion as the first guess if there is one."""
+    system = ProblemFunctions.of(part)
+    if former is None:
+        yield from starts(system, None, state)
+    elif system.parts:
+        yield from starts(system, former_segments(part, former)[0], state)
+    else:
+        yield from starts(system, warm_start(system, former), state)
 
 
 def _entered(problem: Problem, former: Trajectory | Samples) -> int:

@@ -37,6 +37,7 @@ class Candidate:
         layout: How the motion was parameterised; None where only torques are.
         apart: Whether rows kept bodies, or links, from touching.
         rows: Times of its rows of distances [s], by what they are called.
+        dropped: Whether a rule of its iteration has given it up.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Candidate:
     layout: Layout | None = None
     apart: bool = False
     rows: Mapping[str, Array] = field(default_factory=dict)
+    dropped: bool = False
 
     @classmethod
     def of(
@@ -85,6 +87,7 @@ class Candidate:
             layout=layout,
             apart=apart,
             rows=times,
+            dropped=result.dropped,
         )
 
     @property

@@ -1,10 +1,12 @@
-"""Coarse search: cheap starts on coarse grids, the best of which are finished.
+"""Search on coarse grids: cheap starts, the best of which are finished.
 
 A descent on a few intervals takes a fraction of the time, and is less apt to end in a
 poor local optimum than one on the grid that is asked for: obstacles and torque limits
 bind at fewer instants. So starts are judged by what they lead to there, and those that
-lead to the same motion as others before, or to slower ones, are let go.
+lead to the same motion as others before, or to slower ones, are dropped.
 
+What is worth a try is decided by how far a motion is above what none can beat: most
+motions that speed limits rule are within a per cent of that, and need nothing else.
 Every decision depends on what came before it alone. So whoever asks for more gets what
 less would have found, and then more.
 """
@@ -13,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,18 +23,23 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
-from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.bumps import bumps
+from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.descent import MANY_INTERVALS, descend, descended
-from tominpmp.planner.plan_state import Kept, PlanState
-from tominpmp.planner.rescue import keep_best_on_interrupt, slowed_down
-from tominpmp.solvers.objective import TIME_SCALINGS
-from tominpmp.status import STOPPED, IterationRecord, Status
-from tominpmp.stopping import Stop
+from tominpmp.planner.descent import MANY_INTERVALS, descend, descent, torques_rule
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.torque_starts import (
+    TORQUE_START_OPTIONS,
+    random_torque_starts,
+    torques_may_lead,
+)
+from tominpmp.planner.work import NEARLY, Policy, Work
+from tominpmp.solvers.loop import Loop, Rule
+from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
@@ -41,7 +48,7 @@ logger = logging.getLogger(__name__)
 INTERVALS = 16
 # How exactly a coarse motion is found, and in how many iterations.
 TOLERANCE, ITERATIONS = 2e-3, 30
-# Excess of torques between the rows of coarse grids that is let pass, where the asked
+# Excess of torques between the rows of coarse grids that is tolerated, where the asked
 # grid is refined by what is left; 3e-2 would be too much to slow down. Exact switching
 # begins with what the coarse grid leads to.
 COARSE_EFFORT_TOLERANCE = 1e-2
@@ -52,10 +59,8 @@ RADIUS = 0.5
 TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
 # What a coarse grid costs, as a share of T, where torques rule and where speeds do.
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
-# Largest violation of a coarse motion that is finished.
-NEARLY = 1e-2
-# Iterations after which a start is let go that is not near a motion, since rows between
-# the nodes have joined it last: these break a motion that was all right before.
+# Iterations after which a start is dropped that is not near a motion, since rows
+# between the nodes have joined it last: these break a motion that was all right before.
 PATIENCE = 12
 # While a motion is not near it stands still where its trust region is this small.
 STUCK = 0.02
@@ -72,6 +77,30 @@ TOO_SLOW = 1.4
 # [rad, or shares of the reach].
 SAMPLES = 12
 SAME = 0.05
+# A motion is not searched on from that is at most this much above what none can beat.
+GAP = 0.03
+# Arms with so many joints at most are searched on where nothing is in their way: they
+# may swing, or turn their elbow over. How many detours are tried at least.
+FEW_JOINTS, DETOURS = 3, 6
+# Arms of more joints, up to so many, are where a motion takes more than so many times
+# what none can beat: of 70 random goals (speeds times four) five did, and three of them
+# were 1 to 4 % longer than need be. Of whole robots a start takes seconds.
+FAR_ABOVE, MOST_JOINTS = 2.0, 10
+# Iterations on the asked grid after which a motion among obstacles has to be near one
+# that none can beat by much; else coarse grids are tried. It leads astray that is ever
+# so much above that.
+DIRECT, FAR_ASTRAY = 8, 0.1
+# After so many starts in a row that promise nothing more it is enough: with few joints,
+# and with many.
+IN_VAIN, MANY_IN_VAIN = 4, 8
+# Further paths among obstacles, and for arms of few joints, whose bounds say little: of
+# 42 problems of a planar arm seven ended 0.2 to 45 % faster by the seventh to
+# fourteenth, two 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
+PATHS, PATHS_OF_FEW = 2, 14
+# And where obstacles move, beside which a path may be gone along sooner or later.
+PATHS_WHILE_MOVING = 6
+# Random torques that are tried where a motion has to swing.
+SHOTS = 3
 
 
 def coarse_grids_apply(system: ProblemFunctions, options: Options) -> bool:
@@ -82,6 +111,112 @@ def coarse_grids_apply(system: ProblemFunctions, options: Options) -> bool:
         and options.intervals >= MANY_INTERVALS
         and not system.parts
     )
+
+
+def further_paths(system: ProblemFunctions) -> int:
+    """How many paths among obstacles are tried beyond the first descents."""
+    if system.n <= FEW_JOINTS:
+        return PATHS_OF_FEW
+    return PATHS_WHILE_MOVING if system.problem.scene.moving else PATHS
+
+
+class CachedGuesses:
+    """Guesses that can be gone through again.
+
+    Args:
+        guesses: The guesses; one is made when it is first asked for.
+    """
+
+    def __init__(self, guesses: Iterator[Guess]) -> None:
+        self._source = guesses
+        self.made: list[Guess] = []
+
+    def since(self, number: int) -> Iterator[Guess]:
+        """The guesses from a number on, counted from 0."""
+        for index in itertools.count(number):
+            while len(self.made) <= index:
+                guess = next(self._source, None)
+                if guess is None:
+                    return
+                self.made.append(guess)
+            yield self.made[index]
+
+
+def search(
+    system: ProblemFunctions, state: PlanState, guesses: CachedGuesses, wanted: int
+) -> Policy[None]:
+    """Search for the best motion of a problem with one goal.
+
+    Args:
+        system: The functions of the problem.
+        state: The plan.
+        guesses: Guesses, the most promising first.
+        wanted: How many of them are compared before one of them is finished.
+    """
+    first_ones = list(itertools.islice(guesses.since(0), wanted))
+    first = next((guess for guess in first_ones if guess.timed), first_ones[0])
+    torques = torques_rule(system, first)
+    coarse = CoarseSearch(system, state.options, state, torques=torques)
+    if system.final_configuration is not None and not torques:
+        # Where speed limits rule and little is in the way, a descent on the grid that
+        # is asked for takes a few iterations, and ends near what none can beat.
+        stop = None if system.in_free_space else partial(_leads_astray, state, system)
+        yield descent(system, state.options, first, state, stop)
+        if state.best < np.inf and (system.in_free_space or not coarse.promising):
+            return
+    yield from coarse.descents(_paths_first(system, guesses, wanted), wanted)
+    if state.options.effort == "quick" or not coarse.promising:
+        return
+    patience = MANY_IN_VAIN if coarse.many_joints else IN_VAIN
+    if not system.in_free_space:
+        patience = further_paths(system)  # all of them
+    if coarse.many_joints or not system.in_free_space:
+        coarse.compare()
+    further = _further(coarse, guesses, first, wanted)
+    yield from coarse.probes(further, patience)
+    if torques_may_lead(system) and not first.timed:
+        # Weights that cannot be held on the way have to be swung over it.
+        options = replace(state.options, **TORQUE_START_OPTIONS)
+        yield from random_torque_starts(system, options, state, SHOTS)
+
+
+def _paths_first(
+    system: ProblemFunctions, guesses: CachedGuesses, wanted: int
+) -> Iterator[Guess]:
+    """The guesses, a sampled path before the one straight line among obstacles.
+
+    It leads to the same motion, or to one as good, in half the programs, where the
+    straight line is not near one.
+    """
+    first, *second = itertools.islice(guesses.since(0), 2)
+    swap = wanted == 1 and not system.in_free_space
+    if not (swap and second and second[0].name == SAMPLED):
+        return guesses.since(0)
+    return itertools.chain(second, [first], guesses.since(2))
+
+
+def _leads_astray(
+    state: PlanState, system: ProblemFunctions, loop: Loop
+) -> Status | None:
+    """End a descent among obstacles that is not near the best motion soon."""
+    record = loop.history[-1]
+    bound = state.lower_bound(system.problem).T
+    above = record.duration / max(bound, 1e-12) - 1.0
+    early = len(state.records) < DIRECT
+    near = early or (above <= GAP and record.violation <= NEARLY)
+    return None if near and above <= FAR_ASTRAY else Status.ITERATION_LIMIT
+
+
+def _further(
+    coarse: CoarseSearch, guesses: CachedGuesses, first: Guess, wanted: int
+) -> Iterator[Guess]:
+    """Guesses that are tried beyond the first descents."""
+    system = coarse.system
+    if not system.in_free_space:
+        return itertools.islice(guesses.since(wanted), further_paths(system))
+    rng = np.random.default_rng(coarse.options.seed)
+    detours = bumps(system, first, rng, from_base=coarse.many_joints)
+    return itertools.islice(detours, max(2 * system.n, DETOURS))
 
 
 def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
@@ -104,13 +239,11 @@ class CoarseMotion:
         candidate: What led to it.
         guess: What that began with.
         shape: Its shape.
-        kept: Its program and iterate.
     """
 
     candidate: Candidate
     guess: Guess
     shape: Array
-    kept: Kept
 
     @property
     def duration(self) -> float:
@@ -131,28 +264,27 @@ class CoarseSearch:
     Args:
         system: The problem.
         options: Options of the plan.
-        progress: Time limit and callback, and the duration of the best motion so far.
+        state: The plan.
         torques: Whether torques rule the motion.
 
     Attributes:
         known: Motions on coarse grids, all different.
         ends: Shapes of the motions that were finished.
         loss: What the coarse grid costs, as a share of T.
-        stopped: Whether it was time to stop.
     """
 
     def __init__(
         self,
         system: ProblemFunctions,
         options: Options,
-        progress: PlanState,
+        state: PlanState,
         *,
         torques: bool,
     ) -> None:
         if options.control == "auto":
             control: Control = "linear" if torques else "constant"
             options = replace(options, control=control)
-        self.system, self.options, self.progress = system, options, progress
+        self.system, self.options, self.state = system, options, state
         self.coarse = replace(
             options,
             intervals=INTERVALS,
@@ -172,157 +304,130 @@ class CoarseSearch:
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.known: list[CoarseMotion] = []
         self.ends: list[Array] = []
-        self.stopped = False
         self._tried: list[Guess] = []
         self._gains: list[float] = []
-        self._rows = self._joined = 0
+
+    @property
+    def many_joints(self) -> bool:
+        """Whether an arm has so many joints that its bounds say much."""
+        return self.system.n > FEW_JOINTS
+
+    @property
+    def promising(self) -> bool:
+        """Whether there may be a motion that is a good deal faster."""
+        system, best = self.system, self.state.best
+        if system.final_configuration is None:
+            return False
+        if self.many_joints and system.n > MOST_JOINTS:
+            return False
+        if best == np.inf:
+            # Among obstacles all guesses were tried.
+            return system.in_free_space and not self.many_joints
+        above = FAR_ABOVE if self.many_joints else 1.0 + GAP
+        return best > above * self.state.lower_bound(system.problem).T
 
     # -- on the coarse grid ------------------------------------------------------------
 
-    def rough(self, guess: Guess) -> CoarseMotion | None:
+    def rough(self, guess: Guess) -> Policy[CoarseMotion | None]:
         """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
         if any(guess is one for one in self._tried):
             return None
         self._tried.append(guess)
-        progress, system = self.progress, self.system.without_self_collision
-        progress.deadline.check()
-        progress.begin()
-        effort_tolerance = (
-            COARSE_EFFORT_TOLERANCE
-            if self.options.refine == "auto"
-            else EFFORT_TOLERANCE
-        )
-        solve = partial(
+        make = partial(
             descend,
-            system,
             self.coarse,
             guess,
-            progress,
-            effort_tolerance=effort_tolerance,
+            self.state,
+            self._drop_early(),
+            effort_tolerance=COARSE_EFFORT_TOLERANCE
+            if self.options.refine == "auto"
+            else EFFORT_TOLERANCE,
         )
-        with progress.judged(self._let_go):
-            candidate = keep_best_on_interrupt(
-                system.problem, self.options, progress, guess.name, solve
-            )
+        candidate = yield Work(self.system, guess.name, make, replay=False)
         if candidate is None:
             return None
-        shape = _shape_of(system, candidate.trajectory)
-        rough = CoarseMotion(candidate, guess, shape, progress.kept[-1])
-        self.stopped = candidate.status in STOPPED
-        if not self.stopped and (rough.duration == np.inf or self._knows(shape)):
+        shape = _shape_of(self.system, candidate.trajectory)
+        rough = CoarseMotion(candidate, guess, shape)
+        if rough.duration == np.inf or self._knows(shape):
             return None
         self.known.append(rough)
-        return None if self.stopped else rough
+        return rough
 
-    def _let_go(self, record: IterationRecord) -> Status | None:
-        """End a start that comes to nothing that is new or faster."""
-        count, rows = len(self.progress.records), self.progress.kept[-1].program.rows
-        if count <= 1 or rows.size != self._rows:
-            self._joined = count
-        self._rows = rows.size
-        if record.violation > NEARLY:
-            over = count - self._joined >= PATIENCE or record.radius < STUCK
-            return Status.STALLED if over else None
-        if self._outdone():
-            return Status.STALLED
-        known = bool(self.known) and self._knows(self._shape)
-        return Status.STALLED if known else None
+    def _drop_early(self) -> Rule:
+        """Rule that drops a start which leads to no motion that is new or faster."""
+        rows = joined = 0
 
-    @property
-    def _shape(self) -> Array:
-        """Shape of the motion that the present start has come to."""
-        program, iterate, _ = self.progress.kept[-1]
-        return _shape_of(self.system, program.trajectory(iterate.z))
+        def rule(loop: Loop) -> Status | None:
+            nonlocal rows, joined
+            count, record = len(loop.history), loop.history[-1]
+            if loop.program.rows.size != rows:
+                joined, rows = count, loop.program.rows.size
+            if record.violation > NEARLY:
+                over = count - joined >= PATIENCE or record.radius < STUCK
+                return loop.drop() if over else None
+            known = bool(self.known) and self._knows(self._present_shape(loop))
+            return loop.drop() if known or self._outdone(loop) else None
+
+        return rule
+
+    def _present_shape(self, loop: Loop) -> Array:
+        """Shape of the motion that an iteration has come to."""
+        z = (loop.best or loop.state).z
+        return _shape_of(self.system, loop.program.trajectory(z))
 
     def _knows(self, shape: Array) -> bool:
         return _is_among(shape, (one.shape for one in self.known))
 
-    def _outdone(self) -> bool:
+    def _outdone(self, loop: Loop) -> bool:
         """Whether a start will end no faster than one that went before.
 
         Iterations gain less and less: this one, several times more.
         """
-        records = self.progress.records
         if self.system.final_configuration is not None or not self.system.in_free_space:
             return False
         best = min((one.duration for one in self.known), default=np.inf)
-        if best == np.inf or len(records) < 2:
+        if best == np.inf or len(loop.history) < 2:
             return False
-        before, now = (record.duration for record in records[-2:])
+        before, now = (record.duration for record in loop.history[-2:])
         left = LEFT * max(before - now, 0.0)
         return now - left > (1.0 - PROMISE) * best
 
     # -- on the grid that is asked for -------------------------------------------------
 
-    def finished(self, rough: CoarseMotion) -> Candidate | None:
+    def finished(self, rough: CoarseMotion) -> Policy[Candidate | None]:
         """Go on from a coarse motion on the grid that is asked for."""
-        system, progress, former = self.system, self.progress, rough.candidate
-        progress.begin()
+        system, former = self.system, rough.candidate
         guess = warm_start(system, former.trajectory)
         guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
 
-        def astray(record: IterationRecord) -> Status | None:
-            slow = record.duration > ASTRAY * rough.duration
-            return Status.STALLED if slow or self._comes_back(record) else None
+        def astray(loop: Loop) -> Status | None:
+            slow = loop.history[-1].duration > ASTRAY * rough.duration
+            return loop.drop() if slow or self._comes_back(loop) else None
 
-        solve = partial(descended, system, self.fine, guess, progress)
-        with progress.judged(astray):
-            candidate = keep_best_on_interrupt(
-                system.problem, self.fine, progress, former.name, solve
-            )
-        if candidate is None or (progress.dropped and self.ends):
+        candidate = yield descent(system, self.fine, guess, self.state, astray, former)
+        if candidate is None or (candidate.dropped and self.ends):
             return None
-        candidate = candidate.after(former)
-        self.stopped = candidate.status in STOPPED
         if candidate.found:
             self._gains.append(rough.duration / candidate.duration - 1.0)
             self.ends.append(_shape_of(system, candidate.trajectory))
-        elif self.stopped and progress.best == np.inf:
-            candidate = self._replayed(rough, candidate.status)
-        progress.best = min(progress.best, candidate.duration)
-        logger.info("coarse %.6g s, fine %.6g s", rough.duration, candidate.duration)
+        T = candidate.duration
+        logger.info("coarse %.6g s, fine %.6g s", rough.duration, T)
         return candidate
 
-    def _comes_back(self, record: IterationRecord) -> bool:
+    def _comes_back(self, loop: Loop) -> bool:
         """Whether one comes to a motion which was finished before, or near it.
 
         Among obstacles it may still get away from there, and past them.
         """
-        faster = record.duration < (1.0 - PROMISE) * self.progress.best
+        record = loop.history[-1]
+        faster = record.duration < (1.0 - PROMISE) * self.state.best
         if faster or record.violation > NEARLY or not self.system.in_free_space:
             return False
-        return bool(self.ends) and _is_among(self._shape, self.ends)
-
-    def saved(self) -> Iterator[Candidate]:
-        """What there is when it is time to stop: the best coarse motion, replayed."""
-        if self.known and self.progress.best == np.inf:
-            best = min(self.known, key=lambda one: one.duration)
-            ended = self.progress.cut_short or Status.TIME_LIMIT
-            yield self._replayed(best, ended)
-
-    def _replayed(self, rough: CoarseMotion, status: Status) -> Candidate:
-        """A coarse motion, as slow as it has to be, replayed in a little time."""
-        candidate = replace(rough.candidate, status=status)
-        with self.progress.saving():
-            try:
-                slow = None if candidate.found else slowed_down(rough.kept)
-                if slow is None:
-                    return candidate
-                candidate = replace(candidate, layout=None, feasible=True)
-                for factor in TIME_SCALINGS:
-                    z = slow.program.time_scale(slow.iterate.z, factor)
-                    tried = replace(candidate, trajectory=slow.program.trajectory(z))
-                    candidate = tried.verified(self.system.problem, self.options)
-                    if candidate.found:
-                        return candidate
-            except (Stop, KeyboardInterrupt) as stop:
-                self.progress.stopped(stop)
-                candidate = replace(candidate, verification=None)
-        return candidate
+        return bool(self.ends) and _is_among(self._present_shape(loop), self.ends)
 
     # -- what is compared --------------------------------------------------------------
 
-    def descents(self, guesses: Iterable[Guess], wanted: int) -> Iterator[Candidate]:
+    def descents(self, guesses: Iterator[Guess], wanted: int) -> Policy[None]:
         """The first motions of a plan.
 
         Args:
@@ -330,29 +435,22 @@ class CoarseSearch:
                 further ones the first that leads to a motion.
             wanted: How many of them are compared.
         """
-        source = iter(guesses)
-        for guess in itertools.islice(source, wanted):
+        for guess in itertools.islice(guesses, wanted):
             best = min((one.duration for one in self.known), default=np.inf)
-            if guess.timed and guess.duration > TOO_SLOW * best:
-                continue
-            self.rough(guess)
-            if self.stopped:
-                break
+            if not (guess.timed and guess.duration > TOO_SLOW * best):
+                yield from self.rough(guess)
         tried: list[CoarseMotion] = []
-        while not self.stopped:
+        while True:
             left = [rough for rough in self.known if rough not in tried]
             for rough in sorted(left, key=lambda one: one.duration):
                 tried.append(rough)
-                candidate = self.finished(rough)
-                if candidate is not None:
-                    yield candidate
-                if self.stopped or (candidate is not None and candidate.found):
+                candidate = yield from self.finished(rough)
+                if candidate is not None and candidate.found:
                     return
-            further = next(source, None)
+            further = next(guesses, None)
             if further is None:
                 return
-            self.rough(further)
-        yield from self.saved()
+            yield from self.rough(further)
 
     def compare(self) -> None:
         """Have starts promise only what is less than the coarse motions so far.
@@ -362,20 +460,25 @@ class CoarseSearch:
         if self._gains:
             self.loss = min(self.loss, max(0.0, *self._gains))
 
-    def probes(self, guesses: Iterable[Guess], patience: int) -> Iterator[Candidate]:
+    def probes(
+        self,
+        guesses: Iterable[Guess],
+        patience: int,
+        prepared: Callable[[Guess], Policy[Guess]] | None = None,
+    ) -> Policy[None]:
         """Try further guesses, and finish those that promise a faster motion.
 
         Args:
             guesses: The guesses.
             patience: After so many of them in a row that promise nothing it is enough.
+            prepared: Makes another guess of each before it is tried.
         """
         found: list[CoarseMotion] = []
         in_vain, best = 0, np.inf
         for guess in guesses:
-            rough = self.rough(guess)
-            if self.stopped:
-                yield from self.saved()
-                return
+            if prepared is not None:
+                guess = yield from prepared(guess)
+            rough = yield from self.rough(guess)
             in_vain += 1
             if rough is not None and self._promises(rough):
                 found.append(rough)
@@ -386,13 +489,9 @@ class CoarseSearch:
         for rough in sorted(found, key=lambda one: one.duration):
             if not self._promises(rough):
                 return
-            candidate = self.finished(rough)
-            if candidate is not None:
-                yield candidate
-            if self.stopped:
-                return
+            yield from self.finished(rough)
 
     def _promises(self, rough: CoarseMotion) -> bool:
         """Whether a motion may be faster than the best one, once it is finished."""
         promised = rough.duration / (1.0 + self.loss)
-        return promised < (1.0 - PROMISE) * self.progress.best
+        return promised < (1.0 - PROMISE) * self.state.best

@@ -37,29 +37,22 @@ SATURATED, MOSTLY, MOST_FRICTION = 0.98, 0.5, 0.5
 BRIEF_TIME = 0.01
 
 
-def conclude(
-    problem: Problem,
-    options: Options,
-    progress: PlanState,
-    candidates: Sequence[Candidate],
-    status: Status | None,
-) -> Solution:
+def conclude(state: PlanState, options: Options, status: Status | None) -> Solution:
     """Turn the best candidate into a solution.
 
     Args:
-        problem: The problem.
+        state: The plan.
         options: Options of the plan.
-        progress: Time that was spent.
-        candidates: All candidates.
-        status: How the last one ended, or all of planning.
+        status: How it was stopped; None if all was tried.
     """
+    problem, candidates = state.problem, state.candidates
     history = tuple(
         replace(record, start=number)
         for number, candidate in enumerate(candidates)
         for record in candidate.history
     )
     if not candidates:
-        return without_motion(problem, options, progress, status or Status.INFEASIBLE)
+        return without_motion(state, options, status or Status.INFEASIBLE)
     # Of those that are as good the last one, which knows best what it is.
     order = list(reversed(candidates))
     best = min(order, key=lambda a: (a.duration, not a.feasible, a.violation))
@@ -70,7 +63,7 @@ def conclude(
         ended = Status.UNVERIFIED
     elif ended is Status.CONVERGED and not best.feasible:
         ended = Status.INFEASIBLE
-    bound = _bound(problem, progress)
+    bound = _bound(state)
     return Solution(
         problem=problem,
         options=options,
@@ -82,7 +75,7 @@ def conclude(
         trajectory=best.trajectory,
         initial=best.initial,
         history=history,
-        planning_time=progress.seconds,
+        planning_time=state.seconds,
         violations=best.violations,
         verification=best.verification,
         lower_bound=bound,
@@ -90,33 +83,28 @@ def conclude(
 
 
 def without_motion(
-    problem: Problem,
-    options: Options,
-    progress: PlanState,
-    status: Status,
-    message: str = "",
+    state: PlanState, options: Options, status: Status, message: str = ""
 ) -> Solution:
-    """What a plan ends with that has no candidate to tell of.
+    """The solution of a plan that has no candidate.
 
     Args:
-        problem: The problem.
+        state: The plan.
         options: Options of the plan.
-        progress: Time that was spent.
         status: How it ended.
-        message: Why; by default what the status says.
+        message: Why; by default the sentence of the status.
     """
     return Solution(
-        problem,
+        state.problem,
         options,
         status,
         message or status.value,
         False,
         None,
-        planning_time=progress.seconds,
+        planning_time=state.seconds,
     )
 
 
-def with_remarks(solution: Solution, progress: PlanState) -> Solution:
+def with_remarks(solution: Solution, state: PlanState) -> Solution:
     """A solution with what a user should know of its motion in its message.
 
     That it was planned without limits of accelerations, and which links touch though
@@ -126,16 +114,16 @@ def with_remarks(solution: Solution, progress: PlanState) -> Solution:
         return solution
     remarks = [acceleration_remark(solution.problem, solution.trajectory)]
     if solution.verification is not None:
-        with progress.saving(), contextlib.suppress(Stop):
+        with state.saving(), contextlib.suppress(Stop):
             remarks += map(str, solution.verification.touches)
     new = [remark for remark in remarks if remark not in solution.message]
     return replace(solution, message=" ".join([solution.message, *new]))
 
 
-def _bound(problem: Problem, progress: PlanState) -> LowerBound | None:
+def _bound(state: PlanState) -> LowerBound | None:
     """A lower bound on the duration, if there is time for it."""
     with contextlib.suppress(Stop):
-        return progress.lower_bound(problem)
+        return state.lower_bound(state.problem)
     return None
 
 

@@ -1,14 +1,12 @@
-"""Descents: a guess is improved by linear programs until its replay holds."""
+"""Descents: a guess is improved by convex programs, on the grid that is asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
@@ -18,21 +16,19 @@ from tominpmp.initial_guess.segments import (
     solved_guess,
 )
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
-from tominpmp.linear_programs import make_solver
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import Begun, first_program
-from tominpmp.planner.plan_state import Judge, PlanState
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.work import REPAIRS, Work
 from tominpmp.solvers.exchange import RowExchange, with_missing_rows
-from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.loop import solve
+from tominpmp.solvers.loop import Loop, Rule, Step, solve
 from tominpmp.solvers.objective import LIGHT, MinimumTime
+from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.status import Status
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.verification.verification import LONGEST
 
 # Weight of the total variation, as a share of the duration of the guess; chosen on
 # benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
@@ -42,9 +38,9 @@ SMOOTHING_SHARE = 1e-4
 FREE_ACCURACY = 1e-6
 # Iterations for a motion whose accelerations jump, from which a smooth one begins.
 FIRST_ITERATIONS = 10
-# Doublings of the grid, or of the steps, of a motion whose replay does not hold; swift
-# motions on grids of constant torques need more of them, which take little time.
-REPAIRS, REPAIRS_OF_COLLOCATION = 2, 4
+# Doublings of the grid of constant torques: swift motions need more of them, which take
+# little time.
+REPAIRS_OF_COLLOCATION = 4
 # Intervals of grids from which on coarser ones pay, and linear accelerations: on fewer
 # they lose more where torques switch than constant ones do.
 MANY_INTERVALS = 24
@@ -57,28 +53,23 @@ PATIENCE, LATELY, FALLING = 10, 5, 0.9
 # Or once it has become so many times as slow, and breaks limits by more than this.
 EVER_SLOWER, FAR = 10.0, 1e-3
 
-# Makes a motion, replayed, from the functions of the problem, the number of doublings
-# of its grid, and what was made before.
-Make = Callable[[ProblemFunctions, int, Candidate | None], Candidate]
 
-
-def stop_if_hopeless(duration: float, near: float = FAR) -> Judge:
-    """Ends an iteration that comes no nearer to a motion, or ever slower.
+def stop_if_hopeless(duration: float, near: float = FAR) -> Rule:
+    """Rule that drops an iteration which comes no nearer to a motion, or ever slower.
 
     Args:
         duration: T of what it began with [s].
         near: Violations up to this share are near; infinite judges the time alone.
     """
-    seen: list[float] = []
 
-    def judge(record: IterationRecord) -> Status | None:
-        seen.append(record.violation)
-        late = len(seen) >= PATIENCE and record.violation > near
+    def rule(loop: Loop) -> Status | None:
+        seen = [record.violation for record in loop.history]
+        late = len(seen) >= PATIENCE and seen[-1] > near
         over = late and min(seen[-LATELY:]) > FALLING * min(seen[:-LATELY])
-        slow = record.duration > EVER_SLOWER * duration and record.violation > FAR
-        return Status.STALLED if over or slow else None
+        slower = loop.history[-1].duration > EVER_SLOWER * duration
+        return loop.drop() if over or (slower and seen[-1] > FAR) else None
 
-    return judge
+    return rule
 
 
 def with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Options:
@@ -105,33 +96,33 @@ def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
     return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
 
 
-def descended(
-    system: ProblemFunctions, options: Options, guess: Guess, progress: PlanState
-) -> Candidate:
-    """Improve a guess, and repair the motion until its replay holds."""
+def descent(
+    system: ProblemFunctions,
+    options: Options,
+    guess: Guess,
+    state: PlanState,
+    stop: Rule | None = None,
+    follows: Candidate | None = None,
+) -> Work:
+    """Work that improves a guess until its replay holds.
+
+    Args:
+        system: Functions of the problem.
+        options: Options of the descent.
+        guess: The guess.
+        state: The plan.
+        stop: Ends the iteration early.
+        follows: The candidate that the guess comes from.
+    """
     options = with_control(system, options, guess)
-
-    def make(
-        tried: ProblemFunctions, doublings: int, former: Candidate | None
-    ) -> Candidate:
-        begin, own, judge = guess, options, None
-        if former is not None:
-            begin = guess_of(tried, former)
-            judge = stop_if_hopeless(former.trajectory.duration, np.inf)
-        elif guess.blocked:
-            # The goal seems to be out of reach: no more is waited for than has to be.
-            judge = stop_if_hopeless(guess.duration)
-        if doublings:
-            # Nor will the first motion do on the finer grid: it was too rough.
-            intervals = 2**doublings * options.intervals
-            own = replace(options, intervals=intervals, objective="time")
-        with progress.judged(judge):
-            found = descend(tried, own, begin, progress)
-        return found.verified(system.problem, options)
-
+    if guess.blocked:
+        # The goal seems to be out of reach: no more is waited for than has to be.
+        hopeless = stop_if_hopeless(guess.duration)
+        stop = hopeless if stop is None else first_of(stop, hopeless)
+    make = partial(descend, options, guess, state, stop)
     torques_kept = options.method == "collocation"
     repairs = REPAIRS_OF_COLLOCATION if torques_kept else REPAIRS
-    return repaired(system, progress, make, repairs)
+    return Work(system, guess.name, make, repairs, follows=follows)
 
 
 def near_to_it(options: Options, radius: float, iterations: int) -> Options:
@@ -162,39 +153,6 @@ def total_variation_weight(
     return 0.0 if system.in_free_space else SMOOTHING_SHARE * duration
 
 
-def repaired(
-    system: ProblemFunctions, progress: PlanState, make: Make, repairs: int = REPAIRS
-) -> Candidate:
-    """Make a motion, and again with what its replay shows to be missing.
-
-    Where links of an arm alone touch, that is rows for them, without which it is tried
-    first; else a finer grid.
-
-    Args:
-        system: The functions of the problem.
-        progress: Remembers that links touched: rows are taken at once then.
-        make: Makes the motion.
-        repairs: How often the grid is doubled at most.
-    """
-    tried = system if progress.links_touched else system.without_self_collision
-    candidate, doublings = make(tried, 0, None), 0
-    while candidate.refuted and candidate.status not in STOPPED:
-        # No repair is for one that its judge has dropped, nor makes one short enough.
-        if progress.dropped or candidate.trajectory.duration > LONGEST:
-            break
-        if candidate.touches and tried is not system:
-            tried, progress.links_touched = system, True
-        elif doublings == repairs or (candidate.touches and system.clearance is None):
-            break
-        else:
-            doublings += 1
-        again = make(tried, doublings, candidate)
-        if doublings and (not again.feasible or again.excess > candidate.excess):
-            break  # shorter intervals break more by rounding than they mend
-        candidate = again.after(candidate)
-    return candidate
-
-
 def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
     """The motion of a candidate as a guess."""
     motion = candidate.trajectory
@@ -204,63 +162,76 @@ def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
 
 
 def descend(
-    system: ProblemFunctions,
     options: Options,
     guess: Guess,
-    progress: PlanState,
+    state: PlanState,
+    stop: Rule | None,
+    system: ProblemFunctions,
+    doublings: int = 0,
+    former: Candidate | None = None,
     *,
     effort_tolerance: float = EFFORT_TOLERANCE,
 ) -> Candidate:
     """Improve a guess with the transcription that the options ask for.
 
     Args:
-        system: The functions of the problem.
-        options: Options of the plan.
+        options: Options of the descent.
         guess: The guess.
-        progress: Sees and keeps the motions.
-        effort_tolerance: Excess of torques between the rows that is let pass.
+        state: Sees and keeps the motions.
+        stop: Ends the iteration early; None for the usual rules alone.
+        system: Functions of the problem.
+        doublings: How often the grid is doubled.
+        former: The candidate whose replay did not hold, which is gone on from.
+        effort_tolerance: Excess of torques that is tolerated between rows.
     """
-    tv_weight = options.smoothing
-    if tv_weight is None:
-        tv_weight = SMOOTHING_SHARE * guess.duration
+    if former is not None:
+        guess = guess_of(system, former)
+        stop = stop_if_hopeless(former.trajectory.duration, np.inf)
+    if doublings:
+        # The first motion will not do on the finer grid either: it was too rough.
+        intervals = 2**doublings * options.intervals
+        options = replace(options, intervals=intervals, objective="time")
+    objective = _least_time(options, guess)
+    program, z = first_program(system, options, guess)
+    initial = program.trajectory(z)
+    if isinstance(guess, SegmentedGuess) and not guess.solved:
+        if options.control in DEGREES:
+            program, z = _smooth_start(system, options, guess, state)
+    step, usual = _method(system, options)
     exchange = RowExchange(
         # What the last violations cost is less than a finer grid brings.
         light=LIGHT if options.refine == "auto" else 0.0,
         revise=partial(with_missing_rows, effort_tolerance=effort_tolerance),
     )
-    accuracy = FREE_ACCURACY if system.final_configuration is None else None
-    lp = make_solver(options.lp_solver)
-
-    def solved(
-        program: NonlinearProgram,
-        start: Array,
-        options: Options,
-        exchange: RowExchange | None = None,
-    ) -> SlpResult:
-        return solve(
-            program,
-            MinimumTime.of(options, tv_weight),
-            start,
-            *trust_regions(options, lp, accuracy),
-            exchange=exchange,
-            callback=progress,
-            keep=progress.keep,
-        )
-
-    program, start = first_program(system, options, guess)
-    initial = program.trajectory(start)
-    if isinstance(guess, SegmentedGuess) and not guess.solved:
-        if options.control in DEGREES:
-            program, start = _smooth_start(system, options, guess, solved)
-    result = solved(program, start, options, exchange)
+    result = solve(
+        program,
+        objective,
+        z,
+        step,
+        usual if stop is None else first_of(usual, stop),
+        exchange=exchange,
+        callback=state,
+        keep=state.keep,
+    )
     return Candidate.of(guess.name, result.program, initial, result)
 
 
+def _least_time(options: Options, guess: Guess) -> MinimumTime:
+    """The objective of a descent from a guess."""
+    tv_weight = options.smoothing
+    if tv_weight is None:
+        tv_weight = SMOOTHING_SHARE * guess.duration
+    return MinimumTime.of(options, tv_weight)
+
+
+def _method(system: ProblemFunctions, options: Options) -> tuple[Step, Rule]:
+    """Steps of a descent, and the rules that end it."""
+    accuracy = FREE_ACCURACY if system.final_configuration is None else None
+    return trust_regions(options, accuracy=accuracy)
+
+
 def _smooth_start(
-    system: ProblemFunctions,
-    options: Options,
-    guess: SegmentedGuess,
-    solved: Callable[[NonlinearProgram, Array, Options], SlpResult],
+    system: ProblemFunctions, options: Options, guess: SegmentedGuess, state: PlanState
 ) -> Begun:
     """Program with continuous accelerations for a guess, and where to begin.
 
@@ -268,15 +239,22 @@ def _smooth_start(
     begun with a motion that stops there, or with one whose accelerations may jump.
     """
     few = replace(options, max_iterations=FIRST_ITERATIONS)
+    own = at_rest_on_the_way(system)
+    if not guess.stops:
+        own, few = system.without_smooth_limits(), replace(few, control="constant")
+    program, z = first_program(own, few, guess)
+    result = solve(
+        program,
+        _least_time(few, guess),
+        z,
+        *_method(system, few),
+        callback=state,
+        keep=state.keep,
+    )
     if guess.stops:
-        program, start = first_program(at_rest_on_the_way(system), options, guess)
-        stopping = solved(program, start, few).best
-        program, start = first_program(system, options, guess)
-        start = start if stopping is None else stopping.z
-        return program.at(start), start
-    jumping = replace(few, control="constant")
-    program, start = first_program(system.without_smooth_limits(), jumping, guess)
-    result = solved(program, start, jumping)
+        program, z = first_program(system, options, guess)
+        z = z if result.best is None else result.best.z
+        return program.at(z), z
     if result.best is not None:
         motion = result.program.trajectory(result.best.z)
         better = solved_guess(guess.name, motion, system.problem.segments)

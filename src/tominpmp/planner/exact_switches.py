@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
+
+import numpy as np
 
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.rescue import improvement_of
-from tominpmp.problem import Problem
-from tominpmp.status import STOPPED
+from tominpmp.planner.work import Policy, Work
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -19,39 +18,34 @@ SMOOTH = "Its switches were not placed exactly: that is not done for control {!r
 
 
 def with_exact_switches(
-    problem: Problem,
-    options: Options,
-    progress: PlanState,
-    candidates: Sequence[Candidate],
-) -> Iterator[Candidate]:
-    """Place the switches of the best motion exactly.
+    state: PlanState, options: Options | None = None
+) -> Policy[None]:
+    """Place the switches of the best motion exactly, or say why that is not done.
 
     Args:
-        problem: The problem.
-        options: Options of the plan.
-        progress: Time limit and callback.
-        candidates: What was found.
-
-    Yields:
-        The motion, or the one on the grid with a remark.
+        state: The plan.
+        options: Other options than those of the plan, which may go on from motions
+            that are not faster then only.
     """
 
     def order(candidate: Candidate) -> tuple[float, bool, float]:
         return candidate.duration, not candidate.feasible, candidate.trajectory.duration
 
-    best = min(candidates, key=order, default=None)
-    if best is None or best.status in STOPPED:
+    best = min(state.candidates, key=order, default=None)
+    worth = np.inf if options is None or best is None else best.duration
+    options = options or state.options
+    if best is None:
         return
     if options.refine == "switching" and options.control in DEGREES:
-        yield replace(best, history=(), remark=SMOOTH.format(options.control))
+        remark = SMOOTH.format(options.control)
+        state.candidates.append(replace(best, history=(), remark=remark))
         return
     # An add-on: loaded by name, so that the core works without it.
     exact = import_module("tominpmp.exact.switching_refinement")
 
-    def work(system: ProblemFunctions) -> Candidate:
-        placed: Candidate = exact.exact_switches(system, options, best, progress)
+    def make(system: ProblemFunctions, *_: object) -> Candidate:
+        placed: Candidate = exact.exact_switches(system, options, best, state)
         return placed
 
-    found = improvement_of(problem, options, progress, best, work)
-    if found is not None:
-        yield found
+    work = Work.from_best(state, best, make)
+    yield replace(work, apart=True, worth=worth)

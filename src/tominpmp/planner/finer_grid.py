@@ -11,24 +11,24 @@ of it, and the next round looks where controls bend now.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, fastest
-from tominpmp.planner.descent import near_to_it, repaired, total_variation_weight
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.descent import near_to_it, total_variation_weight
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.rescue import KEPT, improvement_of
-from tominpmp.problem import Problem
+from tominpmp.planner.work import KEPT, Policy, Work
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, solve
 from tominpmp.solvers.objective import LIGHT, MinimumTime
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import Gridded, split_intervals
@@ -79,69 +79,52 @@ STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 1e-3, 5, 1.5, BENDS)
 GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
 
 
-def on_finer_grid(
-    problem: Problem,
-    options: Options,
-    progress: PlanState,
-    candidates: Sequence[Candidate],
-) -> Iterator[Candidate]:
+def on_finer_grid(state: PlanState, options: Options | None = None) -> Policy[None]:
     """Go on with the best motion on a grid of its own, if that pays.
 
     Args:
-        problem: The problem.
-        options: Options of the plan.
-        progress: Time limit and callback.
-        candidates: What was found.
-
-    Yields:
-        The motion on a finer grid, if it is faster.
+        state: The plan.
+        options: Other options than those of the plan.
     """
-    best = fastest(candidates)
-    if best is None or best.status in STOPPED:
+    best, options = state.leader, options or state.options
+    if best is None:
         return
     if best.layout is None:
         if options.refine == "grid":
             way = f"method {options.method!r}"
-            remark = f"It was not refined: that is not done for {way}."
-            yield replace(best, history=(), remark=f"{best.remark} {remark}".strip())
+            _remark(state, best, f"It was not refined: that is not done for {way}.")
         return
     budget = STANDARD_BUDGET if options.refine == "auto" else GENEROUS_BUDGET
-    made = sum(r.programs for candidate in candidates for r in candidate.history)
+    made = sum(r.programs for one in state.candidates for r in one.history)
     programs = max(budget.work * made, LEAST_PROGRAMS)
 
-    def make(tried: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
-        def spent() -> bool:
-            return sum(record.programs for record in progress.records) >= programs
+    def spent() -> bool:
+        return sum(record.programs for record in state.records) >= programs
 
-        enough = Enough(budget, best.duration, spent)
-        return _refined(tried, options, best, progress, enough) or best
+    enough = Enough(budget, best.duration, spent)
+    work = Work.from_best(state, best, partial(_refined, options, best, state, enough))
+    # A motion that is cut short brings as much as one that is not, or is dropped: a
+    # plan with more time would have dropped it.
+    found = yield replace(work, worth=(1.0 - budget.gain) * best.duration)
+    if found is None:
+        _remark(state, best, KEPT.format(type(state.failures[-1]).__name__))
 
-    def work(system: ProblemFunctions) -> Candidate:
-        # Links that rows have kept apart would touch without them.
-        progress.links_touched = best.apart
-        return repaired(system, progress, make, repairs=0)
 
-    faster = improvement_of(problem, options, progress, best, work)
-    # One that is cut short brings as much as one that is not, or nothing: a plan with
-    # more time would have let go of less.
-    if faster is not None and faster.duration < (1.0 - budget.gain) * best.duration:
-        yield faster
-    elif progress.cut_short is not None:
-        yield replace(best, history=(), status=progress.cut_short)
-    elif faster is None:
-        remark = KEPT.format(type(progress.failures[-1]).__name__)
-        yield replace(best, history=(), remark=f"{best.remark} {remark}".strip())
-    progress.deadline.check()
+def _remark(state: PlanState, best: Candidate, remark: str) -> None:
+    """Have the best motion say more of itself."""
+    remark = f"{best.remark} {remark}".strip()
+    state.candidates.append(replace(best, history=(), remark=remark))
 
 
 def _refined(
-    system: ProblemFunctions,
     options: Options,
     candidate: Candidate,
-    progress: PlanState,
+    state: PlanState,
     enough: Enough,
-) -> Candidate | None:
-    """A motion on finer grids, replayed; None if that brings next to nothing."""
+    system: ProblemFunctions,
+    *more: object,
+) -> Candidate:
+    """A motion on finer grids; the same if that brings next to nothing."""
     assert candidate.layout is not None  # noqa: S101
     of, z = candidate.layout.represented(system, candidate.trajectory)
     best: SlpResult | None = None
@@ -162,8 +145,8 @@ def _refined(
             step,
             first_of(enough, stop),
             exchange=RowExchange(level=0.0, light=LIGHT),
-            callback=progress,
-            keep=progress.keep,
+            callback=state,
+            keep=state.keep,
         )
         found, first = result.best, enough.first(result.history)
         logger.info("%d intervals: promise %.1e", of.intervals, first)
@@ -178,12 +161,11 @@ def _refined(
         of, z = program.transcription, found.z
         rows = times_of_rows(program, z)
     if best is None or reached > (1.0 - budget.gain) * candidate.duration:
-        return None
-    history = tuple(progress.records)
+        return candidate
+    history = tuple(state.records)
     result = replace(best, status=candidate.status, history=history)
     finer = Candidate.of(candidate.name, result.program, candidate.initial, result)
-    finer = replace(finer, remark=candidate.remark)
-    return finer.verified(system.problem, options)
+    return replace(finer, remark=candidate.remark)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from tominpmp.arrays import Array
 from tominpmp.linear_programs import make_solver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.descent import REPAIRS
-from tominpmp.planner.rescue import NUMERICAL
+from tominpmp.planner.work import NUMERICAL, REPAIRS
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult

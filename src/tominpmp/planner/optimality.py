@@ -11,7 +11,6 @@ limit was reached, and the message how much small changes promise still.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,18 +21,18 @@ from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, fastest
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import near_to_it
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.rescue import improvement_of
+from tominpmp.planner.work import Policy, Work
 from tominpmp.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import ACCURACY, trust_regions
-from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.distance_rows import with_rows_at
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -66,54 +65,43 @@ WORTH_A_TRY = 5e-3
 CLEARLY = 0.3
 
 
-def certified(
-    problem: Problem,
-    options: Options,
-    progress: PlanState,
-    candidates: Sequence[Candidate],
-) -> Iterator[Candidate]:
+def certified(state: PlanState) -> Policy[None]:
     """Go on with the best motion until it keeps the first-order conditions.
 
     Motions that stay where obstacles move have no certificate, and are left as they
     are.
 
     Args:
-        problem: The problem.
-        options: Options of the plan.
-        progress: Time limit and callback.
-        candidates: What was found.
-
-    Yields:
-        The motion, or one that is faster, with the status that it deserves.
+        state: The plan.
     """
-    best, tolerance = fastest(candidates), tolerance_of(options)
-    if best is None or best.status in STOPPED or stays_where_it_moves(problem):
+    best, options, problem = state.leader, state.options, state.problem
+    tolerance = tolerance_of(options)
+    if best is None or stays_where_it_moves(problem):
         return
     if best.status is Status.CONVERGED and clearly(problem, options, best, tolerance):
         return
-    bound = progress.lower_bound(problem).T
+    bound = state.lower_bound(problem).T
     if (1.0 - tolerance) * best.duration <= bound:
         # No motion at all is faster by more than that.
-        yield replace(best, status=Status.CONVERGED, history=())
+        state.candidates.append(replace(best, status=Status.CONVERGED, history=()))
         return
     # As many iterations as the search has had, some at least, and none too many.
-    had = sum(len(candidate.history) for candidate in candidates)
+    had = sum(len(candidate.history) for candidate in state.candidates)
     limit = min(max(had, FEWEST), options.max_iterations)
     if (1.0 - NEARLY_THERE) * best.duration <= bound:
         limit = min(limit, FEW)
 
-    def work(system: ProblemFunctions) -> Candidate:
-        system = system if best.apart else system.without_self_collision
-        return CertifiedDescent(system, options, progress, tolerance, limit).run(best)
+    former = best
 
-    settled = improvement_of(problem, options, progress, best, work)
+    def make(system: ProblemFunctions, *_: object) -> Candidate:
+        return CertifiedDescent(system, state, tolerance, limit).run(former)
+
+    settled = yield Work.from_best(state, best, make)
+    if settled is None and best.status is Status.CONVERGED:
+        # The test has failed: nothing is known of the motion.
+        best = replace(best, status=Status.STALLED)
     if settled is None or settled.duration > best.duration:
-        settled = replace(best, history=())
-        if best.status is Status.CONVERGED:
-            # The test was cut short, or failed: nothing is known of the motion.
-            settled = replace(settled, status=progress.cut_short or Status.STALLED)
-    yield settled
-    progress.deadline.check()
+        state.candidates.append(replace(best, history=()))
 
 
 def tolerance_of(options: Options) -> float:
@@ -165,8 +153,7 @@ class CertifiedDescent:
 
     Args:
         system: The functions of the problem.
-        options: Options of the plan.
-        progress: Time limit and callback.
+        state: The plan.
         tolerance: What small changes may promise, as a share of T.
         iterations: How many there may be.
     """
@@ -174,24 +161,22 @@ class CertifiedDescent:
     def __init__(
         self,
         system: ProblemFunctions,
-        options: Options,
-        progress: PlanState,
+        state: PlanState,
         tolerance: float,
         iterations: int,
     ) -> None:
-        self.system, self.progress = system, progress
-        self.tolerance = tolerance
-        self.options, self.limit = options, iterations
+        self.system, self.state, self.options = system, state, state.options
+        self.tolerance, self.limit = tolerance, iterations
 
     @property
     def spent(self) -> bool:
         """Whether there have been as many iterations as there may be."""
-        return len(self.progress.records) >= self.limit
+        return len(self.state.records) >= self.limit
 
     def _allow(self, more: int) -> None:
         """Have so many iterations left at least, as far as options allow."""
         more = min(more, self.options.max_iterations)
-        self.limit = max(self.limit, len(self.progress.records) + more)
+        self.limit = max(self.limit, len(self.state.records) + more)
 
     def run(self, candidate: Candidate) -> Candidate:
         """The motion, or a faster one, with the status that it deserves."""
@@ -269,7 +254,7 @@ class CertifiedDescent:
         near = near_to_it(self.options, RADIUS, ITERATIONS)
 
         def seen(record: IterationRecord) -> Status | None:
-            status = self.progress(record)
+            status = self.state(record)
             return status or (Status.ITERATION_LIMIT if self.spent else None)
 
         return solve(
@@ -279,7 +264,7 @@ class CertifiedDescent:
             *trust_regions(near),
             exchange=RowExchange(level=0.0),
             callback=seen,
-            keep=self.progress.keep,
+            keep=self.state.keep,
         )
 
     def _replayed(self, best: Candidate, result: SlpResult) -> Candidate | None:
@@ -292,7 +277,7 @@ class CertifiedDescent:
 
     def _concluded(self, best: Candidate, seen: Findings) -> Candidate:
         """The motion with the status that it deserves."""
-        history = tuple(self.progress.records)
+        history = tuple(self.state.records)
         if seen.certificate.ok:
             return replace(best, status=Status.CONVERGED, history=history)
         status = Status.ITERATION_LIMIT if self.spent else Status.STALLED

@@ -1,4 +1,4 @@
-"""Planning time, progress and the callback; and what has been found at any moment."""
+"""The state of a plan: its time, its candidates, and the motion it is working on."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.options import Options
+from tominpmp.planner.candidate import Candidate, fastest
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
@@ -32,9 +33,6 @@ END_SHARE, END_SECONDS = 0.08, 0.15
 SAVING = 3.0
 
 
-Judge = Callable[[IterationRecord], Status | None]
-
-
 class Kept(NamedTuple):
     """A motion on the way.
 
@@ -50,104 +48,96 @@ class Kept(NamedTuple):
 
 
 class PlanState:
-    """Time limit, callback and interruption of a planning, as a callback of solvers.
+    """Time, callback and candidates of a plan.
 
-    It raises :class:`~tominpmp.stopping.Stop` when planning is to end, and has kept the
-    best that the present candidate has found by then.
+    It is the callback of the solvers, and raises :class:`~tominpmp.stopping.Stop` when
+    planning is to end. By then it has kept the best motions of the present candidate.
 
     Args:
-        options: Time limit, callback, and what is enough.
+        problem: The problem.
+        options: Options of the plan.
         first: Number of the first start.
         asked: Tells whether another process asks to stop.
 
     Attributes:
-        start: Number of the initial guess that is worked on.
-        best: Duration of the best motion so far [s]; infinite if there is none.
-        links_touched: Whether links of an arm that is alone have touched each other in
-            the present candidate.
+        problem: The problem.
+        options: Options of the plan.
+        candidates: The candidates so far.
         deadline: When to stop.
+        start: Number of the present candidate.
         records: One record an iteration of the present candidate.
         kept: Motions of the present candidate, the newest last.
-        begun: What the present candidate began with.
-        dropped: Whether the judge of the present candidate has ended it for good.
+        begun: The motion that the present candidate began with.
+        links_touched: Whether links of a single arm have touched each other in the
+            present candidate.
         cut_short: How the present candidate was stopped; None if it was not.
-        failures: What went wrong with candidates that have led to nothing.
+        spare: The best motion of a coarse grid and the problem it solves, should there
+            be no other in the end.
+        complete: Whether all is done that a plan has to do: the end of its time is the
+            end of a search that would never end by itself.
+        failures: Errors of candidates that have led to no motion.
     """
 
     def __init__(
         self,
+        problem: Problem,
         options: Options,
         *,
         first: int = 0,
         asked: Callable[[], bool] | None = None,
     ) -> None:
-        self.start = first
-        self.best = np.inf
-        self.links_touched = False
+        self.problem, self.options = problem, options
+        self.candidates: list[Candidate] = []
         self.deadline = Deadline(asked)
+        self.start = first - 1
         self.records: list[IterationRecord] = []
         self.kept: list[Kept] = []
         self.begun: Kept | None = None
-        self.dropped = False
+        self.links_touched = False
         self.cut_short: Status | None = None
+        self.spare: tuple[Candidate, Kept, Problem] | None = None
+        self.complete = False
         self.failures: list[Exception] = []
-        self._judges: list[Judge] = []
         self._bounds: list[tuple[Problem, LowerBound]] = []
-        self._starts = first
         self._begin = time.perf_counter()
-        self._limit = options.time_limit
-        self._until = self._limit
+        self._limit = self._until = options.time_limit
         self._replay = 0.0
-        self._callback = options.callback
-        self._feasibility = options.feasibility
         # A violation that is good enough to stop, where any motion will do.
         self._enough = options.feasibility if options.objective == "feasible" else -1.0
         self._set_deadline()
 
-    @property
-    def seconds(self) -> float:
-        """Time since planning began [s]."""
-        return time.perf_counter() - self._begin
+    # -- candidates --------------------------------------------------------------------
 
-    def begin(self, count: int = 1) -> int:
-        """Begin with one or several new guesses; returns the number of the first."""
-        self.start = self._starts
-        self._starts += count
-        self.links_touched = False
+    @property
+    def leader(self) -> Candidate | None:
+        """The fastest motion that was found; None if there is none."""
+        return fastest(self.candidates)
+
+    @property
+    def best(self) -> float:
+        """Duration of the fastest motion [s]; infinite if there is none."""
+        return min((one.duration for one in self.candidates), default=np.inf)
+
+    def begin(self) -> None:
+        """Begin with another candidate."""
+        self.start += 1
         self.records, self.kept, self.begun = [], [], None
-        self.dropped, self.cut_short = False, None
-        self._set_deadline()
-        return self.start
-
-    def share(self, parts: int) -> None:
-        """Allow the next start one of so many parts of the time that is left.
-
-        All of it once there is a motion: what comes after it can only be better.
-        """
-        self._until = self._limit
-        if self.best == np.inf:
-            self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
+        self.links_touched, self.cut_short = False, None
         self._set_deadline()
 
-    def ended(self, status: Status) -> bool:
-        """Whether planning ends when a start has ended with a status."""
-        used_up = self._until == self._limit or self.over
-        return status is Status.INTERRUPTED or (status is Status.TIME_LIMIT and used_up)
-
-    @property
-    def ends(self) -> float:
-        """When the planning time is used up, on the clock of perf_counter [s]."""
-        return self._begin + self._limit
-
-    @property
-    def left(self) -> float:
-        """Planning time that is left [s], a little at least."""
-        return max(self._until - self.seconds, 1e-3)
-
-    @property
-    def over(self) -> bool:
-        """Whether the planning time is used up."""
-        return self.seconds >= self._limit
+    def keep(self, program: Program, iterate: Iterate) -> None:
+        """Keep a motion of the present candidate, should it be cut short."""
+        feasible = iterate.violation <= self.options.feasibility
+        new = Kept(program, iterate, feasible)
+        self.begun = self.begun or new
+        if self.kept and self.kept[-1].program is program:
+            if self.kept[-1].feasible and not new.feasible:
+                return
+            self.kept[-1] = new
+        else:
+            # The motion that it began with stays: it is the solution's initial one.
+            self.kept = [*self.kept[:1], *self.kept[1:][-KEPT:], new]
+        self._set_deadline()
 
     def lower_bound(self, problem: Problem) -> LowerBound:
         """Time that no motion can beat, found once for each goal and start.
@@ -162,19 +152,44 @@ class PlanState:
         self._bounds.append((problem, lower_bound(problem)))
         return self._bounds[-1][1]
 
-    # -- what was found ----------------------------------------------------------------
+    # -- time --------------------------------------------------------------------------
 
-    def keep(self, program: Program, iterate: Iterate) -> None:
-        """Keep a motion of the present candidate, should it be cut short."""
-        new = Kept(program, iterate, iterate.violation <= self._feasibility)
-        self.begun = self.begun or new
-        if self.kept and self.kept[-1].program is program:
-            if self.kept[-1].feasible and not new.feasible:
-                return
-            self.kept[-1] = new
-        else:
-            # What it began with stays: it is told of.
-            self.kept = [*self.kept[:1], *self.kept[1:][-KEPT:], new]
+    @property
+    def seconds(self) -> float:
+        """Time since planning began [s]."""
+        return time.perf_counter() - self._begin
+
+    @property
+    def ends(self) -> float:
+        """When the planning time is used up, on the clock of perf_counter [s]."""
+        return self._begin + self._limit
+
+    @property
+    def left(self) -> float:
+        """Planning time that is left [s], a little at least."""
+        return max(self._until - self.seconds, 1e-3)
+
+    @property
+    def ended(self) -> Status | None:
+        """How planning ends with the present candidate; None if it goes on."""
+        used_up = self._until == self._limit or self.seconds >= self._limit
+        goes_on = self.cut_short is Status.TIME_LIMIT and not used_up
+        return None if goes_on else self.cut_short
+
+    def share(self, parts: int) -> None:
+        """Allow the next candidate one of so many parts of the time that is left.
+
+        All of it once there is a motion: what comes after it can only be better.
+        """
+        self._until = self._limit
+        if self.best == np.inf:
+            self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
+        self._set_deadline()
+
+    def extend(self, limit: float) -> None:
+        """Set another limit for what is still to be done, from the beginning on [s]."""
+        self._limit = self._until = limit
+        self.records, self.kept = [], []
         self._set_deadline()
 
     def replayed(self, seconds: float) -> None:
@@ -192,38 +207,14 @@ class PlanState:
     @contextmanager
     def saving(self) -> Iterator[None]:
         """Go on for a little, to save what was found although it is time to stop."""
-        now = time.perf_counter()
-        until = now + SAVING
+        until = time.perf_counter() + SAVING
         if not self.deadline.requested:
-            until = self._end(self._limit)
+            until = self._end()
         with self.deadline.grace(until):
             yield
 
-    @contextmanager
-    def judged(self, judge: Judge | None) -> Iterator[None]:
-        """Let somebody end iterations that promise nothing, for a while.
-
-        Args:
-            judge: Sees every record after it was shown, and after those who judge it
-                already; a status ends the iteration. None for nobody else.
-        """
-        if judge is None:
-            yield
-            return
-        self._judges.append(judge)
-        try:
-            yield
-        finally:
-            self._judges.pop()
-
-    def extend(self, limit: float) -> None:
-        """Set another limit for what is still to be done, from the beginning on [s]."""
-        self._limit = self._until = limit
-        self.records, self.kept = [], []
-        self._set_deadline()
-
-    def _end(self, limit: float) -> float:
-        return self._begin + (1.0 + END_SHARE) * limit + END_SECONDS
+    def _end(self) -> float:
+        return self._begin + (1.0 + END_SHARE) * self._limit + END_SECONDS
 
     def _reserve(self) -> float:
         """Time to be left for the replay of what was found [s]."""
@@ -239,18 +230,9 @@ class PlanState:
     def _set_deadline(self) -> None:
         more = STEP_SHARE * self._limit + STEP_SECONDS - self._reserve()
         self.deadline.end = self._begin + self._until + more
-        self.deadline.last = self._end(self._limit)
+        self.deadline.last = self._end()
 
     # -- the callback ------------------------------------------------------------------
-
-    def replay(self, history: tuple[IterationRecord, ...]) -> None:
-        """Show records that were made in another process to the callback.
-
-        Raises:
-            Stop: If the callback says so.
-        """
-        for record in history:
-            self._show(record)
 
     def __call__(self, record: IterationRecord) -> Status | None:
         """See a record of the present candidate; a status ends the iteration.
@@ -259,13 +241,7 @@ class PlanState:
             Stop: If planning is to end.
         """
         self.records.append(replace(record, iteration=len(self.records)))
-        status = self.see(record)
-        if status is None and self._judges:
-            found = (judge(record) for judge in self._judges)
-            status = next((status for status in found if status is not None), None)
-            # One that has had its iterations still gets the rows that it lacks.
-            self.dropped = status is Status.STALLED
-        return status
+        return self.see(record)
 
     def see(self, record: IterationRecord) -> Status | None:
         """See a record of something on the side.
@@ -273,15 +249,21 @@ class PlanState:
         Raises:
             Stop: If planning is to end.
         """
-        self._show(record)
+        self.show(record)
         if record.violation <= self._enough:
             return Status.FEASIBLE
         if self.seconds >= self._until - self._reserve():
             raise Stop(requested=False)
         return None
 
-    def _show(self, record: IterationRecord) -> None:
+    def show(self, record: IterationRecord) -> None:
+        """Show a record to the callback of the options.
+
+        Raises:
+            Stop: If the callback says so.
+        """
         record = replace(record, start=self.start, seconds=self.seconds)
-        if self._callback is not None and self._callback(record):
+        callback = self.options.callback
+        if callback is not None and callback(record):
             self.deadline.requested = self.deadline.heeded = True
             raise Stop(requested=True)

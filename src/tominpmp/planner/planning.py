@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
@@ -18,18 +20,17 @@ from tominpmp.options import Options
 from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.barriers import find_barrier
-from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
 from tominpmp.planner.control_period import on_clock, searching
 from tominpmp.planner.energy import economical
 from tominpmp.planner.exact_switches import with_exact_switches
 from tominpmp.planner.finer_grid import on_finer_grid
-from tominpmp.planner.multistart import make_candidates
 from tominpmp.planner.optimality import certified
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.thorough import thorough_search
+from tominpmp.planner.work import Policy, run, use_spare
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
@@ -75,95 +76,90 @@ def plan(
     if asked.energy_weight:
         # The fastest motion is where the search for the best one begins, no more.
         options = replace(options, energy_weight=0.0, refine=None, effort="quick")
-    progress = PlanState(searching(options))
-    with progress.deadline.in_force():
-        solution = _plan(problem, options, progress, start)
+    former = None if start is None else motion_of(problem, start)
+    state = PlanState(problem, searching(options))
+    status, answer = None, None
+    with state.deadline.in_force():
+        try:
+            barrier = find_barrier(problem, options.tolerances.contact)
+            if barrier is not None:
+                return without_motion(state, options, Status.INFEASIBLE, str(barrier))
+            policy = everything(state, former)
+            while status is None:
+                answer = run(state, policy.send(answer))
+                status = state.ended
+            policy.close()
+        except StopIteration:
+            pass
+        except (Stop, KeyboardInterrupt) as stop:
+            status = state.stopped(stop)
+        solution = _ended(state, options, status)
         if asked.energy_weight and solution.status not in STOPPED:
-            return with_remarks(economical(solution, asked), progress)
-    return solution
+            solution = economical(solution, asked)
+        return with_remarks(solution, state)
 
 
-def _plan(
-    problem: Problem,
-    options: Options,
-    progress: PlanState,
-    start: Solution | Trajectory | Samples | None,
-) -> Solution:
-    """Plan, until it is time to stop; what was found by then is the solution."""
-    candidates: list[Candidate] = []
-    status = None
-    try:
-        barrier = find_barrier(problem, options.tolerances.contact)
-        if barrier is not None:
-            ended = Status.INFEASIBLE
-            return without_motion(problem, options, progress, ended, str(barrier))
-        for candidate in _candidates(problem, options, progress, start):
-            candidates.append(candidate)
-            status = candidate.status
-            if progress.ended(status):
-                break
-    except (Stop, KeyboardInterrupt) as stop:
-        status = progress.stopped(stop)
-    if not candidates and progress.failures:
-        raise progress.failures[0]
-    with progress.saving():
-        solution = conclude(problem, options, progress, candidates, status)
-    progress.extend(options.time_limit)
+def _ended(state: PlanState, options: Options, status: Status | None) -> Solution:
+    """The solution when all is tried, or it is time to stop.
+
+    Args:
+        state: The plan.
+        options: Options of the plan, with the whole of its time.
+        status: How it was stopped; None if all is tried.
+    """
+    if status is not None and state.best == np.inf:
+        use_spare(state, status)
+    if not state.candidates and state.failures:
+        raise state.failures[0]
+    if state.complete and status is Status.TIME_LIMIT:
+        status = None
+    with state.saving():
+        solution = conclude(state, options, status)
+    state.extend(options.time_limit)
     if options.control_period is not None:
-        with progress.saving():
-            solution = on_clock(solution, candidates, progress)
+        with state.saving():
+            solution = on_clock(solution, state.candidates, state)
     if options.slack is not None and solution.success and status not in STOPPED:
         solution = smooth(solution, options.slack)
-    if progress.deadline.requested:
-        solution = _interrupted(solution)
-    return with_remarks(solution, progress)
+    return _interrupted(solution) if state.deadline.requested else solution
 
 
-def _candidates(
-    problem: Problem,
-    options: Options,
-    progress: PlanState,
-    start: Solution | Trajectory | Samples | None,
-) -> Iterator[Candidate]:
-    """One candidate after the other."""
-    former = None if start is None else motion_of(start)
-    if isinstance(former, Trajectory | Samples) and former.t.size == 1:
-        checked_motion(former, problem.robot, problem.q_start, problem.v_start)
-        former = None  # a motion that takes no time leads nowhere
-    make = partial(make_candidates, options=options, progress=progress)
-    candidates: list[Candidate] = []
-    for candidate in candidates_of_alternatives(problem, make, progress, former):
-        logger.info("start %d: %s", progress.start, candidate.status.value)
-        candidates.append(candidate)
-        yield candidate
-        if options.objective == "feasible" and candidate.found:
-            return
-    for candidate in improved(problem, options, progress, tuple(candidates)):
-        candidates.append(candidate)
-        yield candidate
+def everything(
+    state: PlanState, former: Trajectory | Samples | None = None
+) -> Policy[None]:
+    """All that is tried for a problem.
 
-    def stages(candidate: Candidate) -> Iterator[Candidate]:
-        return improved(problem, options, progress, [candidate])
-
-    yield from thorough_search(problem, options, progress, candidates, stages)
+    Args:
+        state: The plan.
+        former: A former motion to begin with.
+    """
+    for_each_goal = candidates_of_alternatives(state, former)
+    if state.options.objective == "feasible":
+        answer = None
+        with contextlib.suppress(StopIteration):
+            while state.leader is None:
+                answer = yield for_each_goal.send(answer)
+        return
+    yield from for_each_goal
+    yield from improvements(state)
+    yield from thorough_search(state, improvements)
 
 
 class Improvement(NamedTuple):
-    """What is made of the best motion of a search.
+    """A way to improve the best motion of a search.
 
-    What each brings tells ``python -m benchmarks.ablation``, which leaves them out.
+    The gain of each is measured by ``python -m benchmarks.ablation``, which leaves them
+    out one at a time.
 
     Attributes:
         name: Its name.
         wanted: Whether options ask for it.
-        improve: Yields faster motions, or the best one with the status it deserves.
+        improve: Goes on with the best motion, or gives it the status it deserves.
     """
 
     name: str
     wanted: Callable[[Options], bool]
-    improve: Callable[
-        [Problem, Options, PlanState, Sequence[Candidate]], Iterator[Candidate]
-    ]
+    improve: Callable[[PlanState], Policy[None]]
 
 
 IMPROVEMENTS = (
@@ -185,20 +181,12 @@ IMPROVEMENTS = (
 )
 
 
-def improved(
-    problem: Problem, options: Options, progress: PlanState, found: Sequence[Candidate]
-) -> Iterator[Candidate]:
-    """What is made of the best motion of a search, or of a single one."""
-    if options.objective != "time":
-        return
-    candidates = list(found)
+def improvements(state: PlanState) -> Policy[None]:
+    """Improve the best motion in all ways that the options ask for."""
+    state.share(1)
     for improvement in IMPROVEMENTS:
-        if improvement.wanted(options):
-            for candidate in improvement.improve(
-                problem, options, progress, candidates
-            ):
-                candidates.append(candidate)
-                yield candidate
+        if improvement.wanted(state.options):
+            yield from improvement.improve(state)
 
 
 def _interrupted(solution: Solution) -> Solution:
@@ -211,14 +199,19 @@ def _interrupted(solution: Solution) -> Solution:
     return replace(solution, status=Status.INTERRUPTED, message=message)
 
 
-def motion_of(start: Solution | Trajectory | Samples) -> Trajectory | Samples:
-    """Motion to begin with.
+def motion_of(
+    problem: Problem, start: Solution | Trajectory | Samples
+) -> Trajectory | Samples | None:
+    """Motion to begin with; None if it takes no time, which leads nowhere.
 
     Raises:
-        ProblemError: If the solution has none.
+        ProblemError: If the solution has no motion, or that is one of other joints.
     """
-    if not isinstance(start, Solution):
-        return start
-    if start.trajectory is None:
-        raise ProblemError(f"start: there is no motion in it: {start.message}", "start")
-    return start.trajectory
+    former = start.trajectory if isinstance(start, Solution) else start
+    if former is None:
+        message = getattr(start, "message", "")
+        raise ProblemError(f"start: there is no motion in it: {message}", "start")
+    if isinstance(former, Trajectory | Samples) and former.t.size == 1:
+        checked_motion(former, problem.robot, problem.q_start, problem.v_start)
+        return None
+    return former

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,9 +10,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.descent import repaired
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.rescue import keep_best_on_interrupt
+from tominpmp.planner.work import REPAIRS, Policy, Work
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.fixed_step import fixed_steps
 from tominpmp.solvers.loop import Rule, Step, solve
@@ -47,41 +44,45 @@ FIRST_DURATION = 1.5
 # Starts that are made while none has led to a motion, and what random torques are: a
 # few pieces of a share of the limits, for up to so many times the first duration.
 RESCUE_SHOTS = 4
+# Arms of so many joints may have to swing.
+FEW_MOTORS = 3
 PIECES = 4
 LONGER = 2.0
 
 
 def random_torque_starts(
-    system: ProblemFunctions, options: Options, progress: PlanState, least: int = 1
-) -> Iterator[Candidate | None]:
+    system: ProblemFunctions, options: Options, state: PlanState, least: int = 1
+) -> Policy[None]:
     """Improve the torques to begin with, then random ones.
 
     Args:
         system: The problem.
-        options: Options of the plan.
-        progress: Time limit, and the duration of the best motion so far.
+        options: Options of the descents.
+        state: The plan.
         least: How many are improved where the options do not say it; more are while
             none has led to a motion.
-
-    Yields:
-        Candidates; None for those that lead to nothing.
     """
     rng = np.random.default_rng(options.seed)
     wanted = most = options.starts or least
     if options.method == "adjoint":
         most = max(wanted, RESCUE_SHOTS)
     for number in range(most):
-        if number >= wanted and progress.best < np.inf:
+        if number >= wanted and state.best < np.inf:
             return
-        progress.begin()
-        first = _random_torques(system, options, rng) if number else None
-        solve = partial(solve_by_shooting, system, options, progress, first)
-        candidate = keep_best_on_interrupt(
-            system.problem, options, progress, "shooting", solve
-        )
-        if candidate is not None:
-            progress.best = min(progress.best, candidate.duration)
-        yield candidate
+        z = _given_torques(system, options)
+        if number:
+            z = _random_torques(system, options, rng)
+        yield shooting(system, options, state, z)
+
+
+def torques_may_lead(system: ProblemFunctions) -> bool:
+    """Whether random torques may lead where no path does.
+
+    With nothing in the way it is the torques that are too small for guesses of a path:
+    a small arm may have to swing.
+    """
+    smooth = system.problem.motion_limits is not None
+    return system.in_free_space and system.n <= FEW_MOTORS and not smooth
 
 
 def _given_torques(system: ProblemFunctions, options: Options) -> Array:
@@ -106,30 +107,26 @@ def _random_torques(
     return np.append(pieces[piece].ravel(), duration)
 
 
-def solve_by_shooting(
-    system: ProblemFunctions,
-    options: Options,
-    progress: PlanState,
-    first: Array | None = None,
-) -> Candidate:
-    """Improve torques, the paper's kind of start unless others are given.
+def shooting(
+    system: ProblemFunctions, options: Options, state: PlanState, z: Array
+) -> Work:
+    """Work that improves torques and a duration.
 
-    Where the replay fails, go on with shorter steps of the integration.
+    Where the replay fails it goes on with shorter steps of the integration.
     """
-    z = _given_torques(system, options) if first is None else first
 
-    def make(tried: ProblemFunctions, doublings: int, _: Candidate | None) -> Candidate:
+    def make(tried: ProblemFunctions, doublings: int, _: object) -> Candidate:
         nonlocal z
-        candidate, z = shoot(tried, options, progress, z, substeps=2**doublings)
-        return candidate.verified(system.problem, options)
+        candidate, z = shoot(tried, options, state, z, substeps=2**doublings)
+        return candidate
 
-    return repaired(system, progress, make)
+    return Work(system, "shooting", make, REPAIRS)
 
 
 def shoot(
     system: ProblemFunctions,
     options: Options,
-    progress: PlanState,
+    state: PlanState,
     z: Array,
     substeps: int,
 ) -> tuple[Candidate, Array]:
@@ -160,8 +157,8 @@ def shoot(
             z,
             *method,
             exchange=RowExchange(),
-            callback=progress,
-            keep=progress.keep,
+            callback=state,
+            keep=state.keep,
         )
         history += result.history
         program, z = result.program, result.iterate.z

@@ -90,7 +90,7 @@ class RowExchange:
             status: How it is to end; None if it goes on.
         """
         state = loop.state
-        given_up = loop.shown is Status.STALLED  # whoever judges it wants no more of it
+        given_up = loop.dropped or loop.shown is Status.STALLED
         if status in STOPPED or given_up or state.duration > self.longest:
             return False
         if status is not None:

@@ -185,6 +185,7 @@ class SlpResult:
         best: The iterate of the least objective without violation, if there was one.
         history: One record an iteration.
         program: The program as it was in the end, with the rows that have joined it.
+        dropped: Whether a rule has given the motion up.
     """
 
     status: Status
@@ -192,6 +193,7 @@ class SlpResult:
     best: Iterate | None
     history: tuple[IterationRecord, ...]
     program: Program
+    dropped: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,7 +113,8 @@ def solve(
     loop.end(status)
     if status is Status.CONVERGED and loop.best is None:
         status = Status.INFEASIBLE
-    return SlpResult(status, loop.state, loop.best, tuple(loop.history), loop.program)
+    history = tuple(loop.history)
+    return SlpResult(status, loop.state, loop.best, history, loop.program, loop.dropped)
 
 
 @dataclass(eq=False)
@@ -131,6 +132,7 @@ class Loop:
         history: One record an iteration.
         shown: How the callback ends the loop; None if it goes on.
         granted: Iterations that rows which have joined are granted in all.
+        dropped: Whether a rule has given the motion up: it gets no further rows.
     """
 
     program: Program
@@ -143,6 +145,7 @@ class Loop:
     history: list[IterationRecord] = field(default_factory=list)
     shown: Status | None = None
     granted: int = 0
+    dropped: bool = False
     _begun: float = field(default_factory=time.perf_counter)
     _solved: list[LpSolution] = field(default_factory=list)
 
@@ -174,6 +177,11 @@ class Loop:
         self._solved = []
         self.history.append(record)
         self.shown = None if self.callback is None else self.callback(record)
+
+    def drop(self) -> Status:
+        """Give the motion up."""
+        self.dropped = True
+        return Status.STALLED
 
     def end(self, status: Status | None) -> None:
         """Go to the motion that the loop ends with, slowed down if it has to be.

@@ -1,0 +1,381 @@
+"""Starts of a plan with one goal: which guesses are tried, and when it is enough.
+
+The order does not depend on how many are asked for, nor on the number of processes:
+more starts make the same candidates as fewer would, and then others; several processes
+try guesses ahead, and those whose turn does not come are dropped.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from tominpmp.initial_guess.guess import FEW_LINES, Guess, initial_guesses
+from tominpmp.initial_guess.parallel import (
+    asked_to_stop,
+    available_processes,
+    ready,
+    run_parallel,
+)
+from tominpmp.initial_guess.path_velocity import guesses_of
+from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
+from tominpmp.initial_guess.unreachable import unreachable
+from tominpmp.initial_guess.warm_start import WarmStart
+from tominpmp.motion.trajectory import Trajectory
+from tominpmp.options import Options
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.coarse_search import (
+    CachedGuesses,
+    coarse_grids_apply,
+    further_paths,
+    search,
+)
+from tominpmp.planner.descent import descent, stop_if_hopeless
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.torque_starts import (
+    FEW_MOTORS,
+    TORQUE_START_OPTIONS,
+    random_torque_starts,
+    shooting,
+    torques_may_lead,
+)
+from tominpmp.planner.work import Policy, Work, run
+from tominpmp.status import Status
+from tominpmp.stopping import Stop
+from tominpmp.transcription.bspline import DEGREES
+from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# Guesses for a goal on a frame, whose final configuration is free: straight lines alone
+# in free space, unless few joints may have to swing.
+LONE_FRAME_STARTS, FRAME_STARTS = FEW_LINES, 4
+# Guesses for several segments whose accelerations are continuous.
+SEGMENTED_STARTS = 2
+# Guesses where obstacles move, for which a motion may wait, and those that are made
+# while no motion is found.
+MOVING_STARTS = 3
+MOVING_RESCUE_STARTS = 16
+# A timed guess this much slower than a motion that was found is not worth its time.
+TOO_SLOW = 1.6
+# Torques are the last guess for arms of few joints.
+FEW_MOTORS_RESCUE_STARTS = 2
+# More guesses are made, up to this number, while no motion is found.
+RESCUE_STARTS = 8
+# Processes that are started at least where several are asked for; beyond the number of
+# cores they would only wait for each other.
+LEAST_PROCESSES = 2
+# Where there is less time than this, no processes are started, which alone takes about
+# two seconds: one would have found something by then [s].
+TO_START = 5.0
+# Guesses that are made for each process before any of them is tried: to make one may
+# take a while.
+BATCH = 4
+# Processes end before the time is over by this share of it, and by so much, to hand
+# over what they have found [s].
+HANDOVER_SHARE, HANDOVER = 0.02, 0.05
+# Trust region of a warm start, in shares of the usual one.
+WARM_RADIUS = 0.3
+# A warm start that stays this far from any motion is dropped: what was near goes on in
+# a few iterations, or a search is the shorter way.
+WARM_FAR = 0.05
+# Nor is one enough that takes longer than this share of what a first guess takes.
+OUTDONE = 0.95
+
+Former = WarmStart | SegmentedGuess
+
+
+class Count(NamedTuple):
+    """How many guesses are tried.
+
+    Attributes:
+        wanted: So many in any case.
+        usual: So many where that is left to the planner.
+        rescues: So many while no motion is found.
+    """
+
+    wanted: int
+    usual: int
+    rescues: int
+
+    @classmethod
+    def of(cls, system: ProblemFunctions, options: Options) -> Count:
+        """The number that options ask for, or that fits the problem."""
+        moving = bool(system.problem.scene.moving)
+        usual = 1
+        if options.objective == "time":
+            if system.final_configuration is None:
+                many = system.in_free_space and system.n > FEW_MOTORS
+                usual = LONE_FRAME_STARTS if many else FRAME_STARTS
+            usual = max(usual, MOVING_STARTS) if moving else usual
+            if system.parts:
+                usual = SEGMENTED_STARTS if options.control in DEGREES else 1
+        swings = torques_may_lead(system)
+        rescues = FEW_MOTORS_RESCUE_STARTS if swings else RESCUE_STARTS
+        rescues = max(usual, MOVING_RESCUE_STARTS if moving else rescues)
+        return cls(options.starts or usual, usual, rescues)
+
+    def after_search(self, found: bool) -> Count:
+        """The number that is left after a search on coarse grids."""
+        wanted = self.wanted - found
+        if found and self.usual > 1 and self.wanted == self.usual:
+            wanted = 0  # they were compared
+        return self._replace(wanted=wanted, rescues=self.rescues - found)
+
+
+def starts(
+    system: ProblemFunctions, former: Former | None, state: PlanState
+) -> Policy[None]:
+    """Begin with one guess after the other, a former motion being the first.
+
+    Args:
+        system: Functions of the problem, which has one goal.
+        former: The former motion, if there is one.
+        state: The plan.
+
+    Raises:
+        ProblemError: If no guess can be made: the goal is out of reach.
+    """
+    options = state.options
+    if former is not None:
+        candidate = yield _warm_start(system, former, state)
+        found = candidate is not None and candidate.found
+        if candidate is not None and candidate.duration >= former.duration:
+            found = _keep_former(system, former, state, candidate) or found
+        if found and (options.starts or 1) == 1 and not _outdone(system, state):
+            return
+    if options.method in ("adjoint", "penalty"):
+        yield from random_torque_starts(system, options, state)
+        return
+    rng = np.random.default_rng(options.seed)
+    count = Count.of(system, options)
+    searched = coarse_grids_apply(system, options)
+    most = max(count.wanted, count.rescues)
+    if searched and not system.in_free_space:
+        most = max(most, count.usual + further_paths(system))
+    make = guesses_of
+    if system.parts:
+        make = partial(segmented_guesses, smooth=options.control in DEGREES)
+    guesses = make(system, most, rng, options.initial_duration, state.ends)
+    first = next(guesses, None)
+    if first is None:
+        raise unreachable(system, rng)
+    guesses = itertools.chain([first], guesses)
+    if first.blocked:
+        # A motion may end where none was looked for; more of the same would not.
+        count = count._replace(rescues=count.usual)
+        most = max(count.wanted, count.rescues)
+        guesses = itertools.islice(guesses, most)
+    if searched:
+        cached = CachedGuesses(guesses)
+        yield from search(system, state, cached, count.usual)
+        if first.blocked:
+            return
+        # Where that has led to no motion, everything is tried in full.
+        found = state.best < np.inf
+        guesses, count = cached.since(int(found)), count.after_search(found)
+    yield from _in_full(system, state, guesses, count)
+
+
+def _in_full(
+    system: ProblemFunctions,
+    state: PlanState,
+    guesses: Iterator[Guess],
+    count: Count,
+) -> Policy[None]:
+    """Improve guesses on the grid that is asked for."""
+    options = state.options
+    shots = replace(options, **TORQUE_START_OPTIONS)
+    swings = torques_may_lead(system)
+    several = options.processes > 1 and (state.left > TO_START or ready())
+    ahead = Ahead(system, state, guesses) if several else None
+    try:
+        for number in itertools.count():
+            if number >= count.rescues and swings and state.best == np.inf:
+                # Fewer starts than are asked for would try them now.
+                swings = False
+                yield from random_torque_starts(system, shots, state)
+            enough = state.best < np.inf or number >= count.rescues
+            if number >= count.wanted and enough:
+                return
+            # To make one may take a search: not before it is known to be wanted.
+            wanted = max(count.wanted - number, 0)
+            guess = ahead.next(wanted) if ahead else next(guesses, None)
+            if guess is None:
+                break
+            if guess.timed and guess.duration > TOO_SLOW * state.best:
+                continue
+            # The last one may take as long as it likes.
+            stop = None
+            if number + 1 < count.rescues and isinstance(guess, SegmentedGuess):
+                stop = stop_if_hopeless(guess.duration)
+            work = descent(system, options, guess, state, stop)
+            if ahead is not None:
+                work = replace(work, make=partial(ahead.result, number), repairs=0)
+            yield work
+        if swings and state.best == np.inf:
+            yield from random_torque_starts(system, shots, state)
+    finally:
+        if ahead is not None and state.cut_short:
+            state.candidates += ahead.left()
+
+
+class Ahead:
+    """Guesses that several processes try ahead of their turn.
+
+    Args:
+        system: Functions of the problem.
+        state: The plan.
+        guesses: The guesses.
+    """
+
+    def __init__(
+        self, system: ProblemFunctions, state: PlanState, guesses: Iterator[Guess]
+    ) -> None:
+        self.system, self.state, self.guesses = system, state, guesses
+        cores = max(available_processes(), LEAST_PROCESSES)
+        self.processes = min(state.options.processes, cores)
+        self.ready: list[Guess] = []
+        self.made = self.first = 0
+        self.run: Iterator[tuple[int, Result]] = iter(())
+        self.results: dict[int, Result] = {}
+
+    def next(self, wanted: int) -> Guess | None:
+        """The next guess; so many are wanted ahead, or one for each process."""
+        if not self.ready:
+            size = min(wanted or self.processes, BATCH * self.processes)
+            self.ready = list(itertools.islice(self.guesses, size))
+            self.first, self.made = self.made, self.made + len(self.ready)
+            left = self.state.left
+            alone = replace(self.state.options, callback=None, processes=1)
+            ends = time.time() + (1.0 - HANDOVER_SHARE) * left - HANDOVER
+            task = partial(solve_alone, self.system, alone, ends)
+            self.run = run_parallel(
+                task, list(enumerate(self.ready)), self.processes, left
+            )
+        return self.ready.pop(0) if self.ready else None
+
+    def result(self, number: int, *_: object) -> Candidate | None:
+        """The candidate of a guess, when its turn has come."""
+        while number not in self.results:
+            following = next(self.run, None)
+            if following is None:
+                raise Stop(requested=False)  # it was late, and is not waited for
+            self.results[self.first + following[0]] = following[1]
+        candidate, failures = self.results.pop(number)
+        self.state.failures.extend(failures)
+        if candidate is not None:
+            for record in candidate.history:
+                self.state.show(record)
+        return self._as_here(candidate)
+
+    def left(self) -> list[Candidate]:
+        """Candidates that were made and not asked for, the fastest first."""
+        for number, result in self.run:
+            self.results[self.first + number] = result
+        made = [self._as_here(candidate) for candidate, _ in self.results.values()]
+        found = [candidate for candidate in made if candidate is not None]
+        return sorted(found, key=lambda candidate: candidate.duration)
+
+    def _as_here(self, candidate: Candidate | None) -> Candidate | None:
+        """A candidate of a process with the reason why it ended.
+
+        A process is asked to stop at the end of the time, too: nobody interrupted the
+        planning then.
+        """
+        asked = candidate is not None and candidate.status is Status.INTERRUPTED
+        if candidate is None or not asked or self.state.deadline.interrupted:
+            return candidate
+        return replace(candidate, status=Status.TIME_LIMIT)
+
+
+Result = tuple[Candidate | None, list[Exception]]
+
+
+def solve_alone(
+    system: ProblemFunctions,
+    options: Options,
+    ends: float,
+    numbered: tuple[int, Guess],
+) -> Result:
+    """Improve a guess in a process of its own.
+
+    Args:
+        system: Functions of the problem.
+        options: Options of the plan.
+        ends: When the planning time is used up, on the clock of ``time.time`` [s].
+        numbered: Number of the guess, and the guess.
+
+    Returns:
+        The candidate, if it led to any motion, and the errors it ended with.
+    """
+    _, guess = numbered
+    options = replace(options, max_planning_time=max(ends - time.time(), 1e-3))
+    state = PlanState(system.problem, options, asked=asked_to_stop)
+    with state.deadline.in_force():
+        candidate = run(state, descent(system, options, guess, state))
+    return candidate, state.failures
+
+
+# -- warm starts -----------------------------------------------------------------------
+
+
+def _warm_start(system: ProblemFunctions, former: Former, state: PlanState) -> Work:
+    """Work that improves a former motion."""
+    near = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
+    if isinstance(former, SegmentedGuess):
+        return descent(system, near, former, state)
+    if near.method in ("adjoint", "penalty"):
+        shares = interval_shares(near.grid, near.intervals)
+        return shooting(system, near, state, former.torque_program(system, shares))
+    hopeless = stop_if_hopeless(former.duration, WARM_FAR)
+    return descent(system, near, former, state, hopeless)
+
+
+def _keep_former(
+    system: ProblemFunctions, former: Former, state: PlanState, candidate: Candidate
+) -> bool:
+    """Keep a former motion that led to no faster one; whether it is a motion."""
+    if isinstance(former, SegmentedGuess):
+        return False
+    kept = former.remainder(system)
+    if kept is None or not _arrives(system, kept, state.options):
+        return False
+    same = replace(
+        candidate, feasible=True, trajectory=kept, violations={}, layout=None
+    )
+    same = same.verified(system.problem, state.options)
+    if same.duration < candidate.duration:
+        state.candidates.append(replace(same, history=()))
+    return same.found
+
+
+def _arrives(system: ProblemFunctions, motion: Trajectory, options: Options) -> bool:
+    """Whether a former motion ends where the problem wants it to."""
+    q, v = motion.q[-1], motion.v[-1]
+    goal = system.problem.goal.nearest(system.kinematics, q, v)
+    lack, _ = goal.place_residual(system.kinematics, q)
+    return bool(np.max(np.abs(lack), initial=0.0) <= options.goal_tolerance)
+
+
+def _outdone(system: ProblemFunctions, state: PlanState) -> bool:
+    """Whether a former motion has led to one that a search may well beat.
+
+    Past an obstacle, or to another configuration, it may lead the long way round.
+    First guesses take their paths as fast as can be, and better motions cut corners.
+    """
+    fixed = system.in_free_space and system.final_configuration is not None
+    if fixed or system.parts or system.problem.scene.moving:
+        return False
+    options = state.options
+    rng = np.random.default_rng(options.seed)
+    guesses = initial_guesses(system, 1, rng, options.initial_duration, state.ends)
+    guess = next(guesses, None)
+    if guess is None or not guess.timed:
+        return False
+    return bool(state.best > OUTDONE * guess.duration)

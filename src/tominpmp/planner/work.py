@@ -1,0 +1,241 @@
+"""Work of a plan: what makes a candidate, replays it, repairs it, and saves it."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from tominpmp.exceptions import TominpmpError
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.plan_state import Kept, PlanState
+from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.objective import TIME_SCALINGS
+from tominpmp.status import STOPPED, Status
+from tominpmp.stopping import Stop
+from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.verification.verification import LONGEST
+
+logger = logging.getLogger(__name__)
+
+# Doublings of the grid of a motion whose replay does not hold.
+REPAIRS = 2
+# How much slower a guess is made to be a motion, where there is nothing better, and
+# what violation will do: of none of the limits does it use more than it may.
+SLOWER = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
+SLOW_ENOUGH = 1e-6
+# Largest violation of a coarse motion that is near to one.
+NEARLY = 1e-2
+
+# What is said of a motion that is kept, as something failed that followed.
+KEPT = "A later stage failed ({}), and this was kept."
+# What numerics may end with. A failure after a motion was found does not lose it.
+NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
+
+# Makes a candidate from the functions of the problem, the number of doublings of its
+# grid, and the candidate whose replay did not hold.
+Make = Callable[[ProblemFunctions, int, Candidate | None], Candidate | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """One candidate to be made.
+
+    Attributes:
+        system: Functions of the problem it solves, which has one goal.
+        name: Name of the motion it begins with.
+        make: Makes the candidate.
+        repairs: How often the grid is doubled at most where its replay does not hold.
+        apart: Whether rows keep the links of a single arm apart from the first program
+            on; else they join if the links touch in the replay.
+        replay: Whether the candidate is replayed; those of coarse grids are not, and
+            are kept as a spare only.
+        follows: The candidate that it goes on from.
+        worth: Duration that it has to beat to be kept [s].
+    """
+
+    system: ProblemFunctions
+    name: str
+    make: Make
+    repairs: int = 0
+    apart: bool = False
+    replay: bool = True
+    follows: Candidate | None = None
+    worth: float = np.inf
+
+    @classmethod
+    def from_best(cls, state: PlanState, best: Candidate, make: Make) -> Work:
+        """Work that goes on from the best motion, with the goal that it meets."""
+        system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
+        return cls(system, best.name, make, apart=best.apart)
+
+
+T = TypeVar("T")
+# Tells what is done next, and is sent the candidate that it has led to, or None.
+Policy = Generator[Work, Candidate | None, T]
+
+
+def run(state: PlanState, work: Work) -> Candidate | None:
+    """Make a candidate; cut short, or failed, it is what it has found by then.
+
+    Returns:
+        The candidate, which ``state`` knows; None if there is no motion at all.
+    """
+    state.begin()
+    try:
+        state.deadline.check()
+        candidate = _made(state, work)
+    except (Stop, KeyboardInterrupt) as stop:
+        candidate = _rescued(state, work, state.stopped(stop))
+    except (*NUMERICAL, TominpmpError) as error:
+        candidate = _failed(state, work, error)
+    if candidate is None:
+        return None
+    if candidate.status in STOPPED:
+        state.cut_short = state.cut_short or candidate.status
+    if work.follows is not None:
+        candidate = candidate.after(work.follows)
+    if not (work.replay or candidate.found):
+        _spare(state, work, candidate)
+    elif candidate.duration < work.worth or work.worth == np.inf:
+        state.candidates.append(candidate)
+    return candidate
+
+
+def _made(state: PlanState, work: Work) -> Candidate | None:
+    """Make a candidate, and again with what its replay shows to be missing.
+
+    Where links of a single arm touch, that is rows for them; else a finer grid.
+    """
+    complete = work.system
+    system = complete if work.apart else complete.without_self_collision
+    best, doublings = None, 0
+    while True:
+        candidate = work.make(system, doublings, best)
+        if candidate is None:
+            return best
+        if work.replay and candidate.verification is None:
+            candidate = candidate.verified(complete.problem, state.options)
+        if candidate.verification is not None:
+            state.replayed(candidate.verification.seconds)
+        if doublings and best is not None:
+            if not candidate.feasible or candidate.excess > best.excess:
+                return best  # shorter intervals break more by rounding than they mend
+        best = candidate if best is None else candidate.after(best)
+        if not best.refuted or best.status in STOPPED or best.dropped:
+            return best
+        if best.trajectory.duration > LONGEST:
+            return best
+        if best.touches and system is not complete:
+            system, state.links_touched = complete, True
+        elif doublings == work.repairs or (best.touches and system.clearance is None):
+            return best
+        else:
+            doublings += 1
+
+
+def _failed(state: PlanState, work: Work, error: Exception) -> Candidate | None:
+    """What has been found by work that ended with an error."""
+    logger.warning("start %d failed: %r", state.start, error)
+    if not any(item.feasible for item in state.kept):
+        state.failures.append(error)
+        return None
+    candidate = _rescued(state, work, Status.NUMERICAL_FAILURE)
+    if candidate is None or not candidate.found:
+        return candidate
+    kept = KEPT.format(type(error).__name__)
+    return replace(candidate, status=Status.FEASIBLE, remark=kept)
+
+
+def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
+    """The best of what a candidate has found, replayed in a little time.
+
+    Returns:
+        The newest motion that its replay confirms. Without one, what it began with, if
+        it need only be slowed down and nothing else is known; else the newest that was
+        found. None if there is nothing.
+    """
+    if not state.kept:
+        return None
+    first, *_ = state.kept
+    initial = first.program.trajectory(first.iterate.z)
+    feasible = [item for item in reversed(state.kept) if item.feasible]
+    last: Candidate | None = None
+    with state.saving():
+        if not feasible and state.best == np.inf and state.begun is not None:
+            with contextlib.suppress(Stop, *NUMERICAL):
+                slow = _slowed_down(state.begun)
+                feasible = [] if slow is None else [slow]
+        for item in feasible or state.kept[-1:]:
+            best = item.iterate if item.feasible else None
+            records = tuple(state.records)
+            result = SlpResult(status, item.iterate, best, records, item.program)
+            try:
+                candidate = Candidate.of(work.name, item.program, initial, result)
+                last = last or candidate
+                candidate = candidate.verified(work.system.problem, state.options)
+            except (Stop, KeyboardInterrupt) as again:
+                state.stopped(again)
+                # That one was refuted says nothing of those there was no time for.
+                return last and replace(last, verification=None)
+            except (*NUMERICAL, TominpmpError) as error:
+                logger.warning("what was found could not be replayed: %r", error)
+                continue
+            if candidate.found:
+                return candidate
+            last = candidate
+    return last
+
+
+def _slowed_down(begun: Kept) -> Kept | None:
+    """A motion, as slow as its limits ask for; None if that is no cure."""
+    program, iterate, _ = begun
+    for factor in SLOWER:
+        z = program.time_scale(iterate.z, factor)
+        slow = replace(iterate, z=z, values=program.evaluate(z))
+        if slow.violation <= SLOW_ENOUGH:
+            return Kept(program, slow, True)
+    return None
+
+
+def _spare(state: PlanState, work: Work, candidate: Candidate) -> None:
+    """Keep the best motion of a coarse grid."""
+
+    def order(one: Candidate) -> tuple[bool, float]:
+        return one.violation > NEARLY, one.trajectory.duration
+
+    if state.spare is None or order(candidate) < order(state.spare[0]):
+        state.spare = candidate, state.kept[-1], work.system.problem
+
+
+def use_spare(state: PlanState, status: Status) -> None:
+    """Have the best motion of a coarse grid replayed, as slow as it has to be.
+
+    Args:
+        state: The plan, which was stopped before it had found another motion.
+        status: How it was stopped.
+    """
+    if state.spare is None:
+        return
+    candidate, kept, problem = state.spare
+    candidate = replace(candidate, status=status)
+    with state.saving():
+        try:
+            slow = _slowed_down(kept)
+            if slow is not None:
+                candidate = replace(candidate, layout=None, feasible=True)
+                for factor in TIME_SCALINGS:
+                    z = slow.program.time_scale(slow.iterate.z, factor)
+                    motion = slow.program.trajectory(z)
+                    candidate = replace(candidate, trajectory=motion)
+                    candidate = candidate.verified(problem, state.options)
+                    if candidate.found:
+                        break
+        except (Stop, KeyboardInterrupt) as stop:
+            state.stopped(stop)
+            candidate = replace(candidate, verification=None)
+    state.candidates.append(candidate)
