@@ -78,7 +78,7 @@ def _without(*names: str) -> Variant:
 
 
 NEITHER = _without("finer grid", "certificate")
-COARSE = Variant(parts={f"{PLANNER}.multistart.coarse_grids_apply": _false})
+COARSE = Variant(parts={f"{PLANNER}.starts.coarse_grids_apply": _false})
 QUICK = Variant({"effort": "quick"})
 ONCE = Variant({"effort": "quick", "refine": None}) | COARSE
 CONSTANT = Variant({"control": "constant"})
@@ -105,13 +105,13 @@ VARIANTS: dict[str, Variant] = {
         }
     ),
     "starts not judged": Variant(
-        parts={f"{PLANNER}.coarse_search.CoarseSearch._let_go": _none}
+        parts={f"{PLANNER}.coarse_search.CoarseSearch._drop_early": lambda _: _none}
     ),
     "no exchange on the way": Variant(
         parts={f"{SOLVERS}.exchange.RowExchange.due": _false}
     ),
     "no torque starts": Variant(
-        parts={f"{PLANNER}.search.random_torque_starts": _nothing}
+        parts={f"{PLANNER}.coarse_search.random_torque_starts": _nothing}
     ),
     "quick": QUICK,
     "quick, no finer grid and no certificate": QUICK | NEITHER,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -183,15 +182,17 @@ def test_a_motion_of_segments_becomes_no_slower():
 
 
 def test_a_plan_that_is_cut_short_brings_no_more_than_a_longer_one(monkeypatch):
-    """What a whole stage would let go of is let go of, and the plan was cut short."""
+    """A gain that a whole stage would drop is dropped, and the plan was cut short."""
 
-    def cut_short(problem, options, progress, best, work):
-        progress.cut_short = Status.TIME_LIMIT
-        before.append(progress.best)
-        return SimpleNamespace(duration=(1.0 - 0.5 * STANDARD_BUDGET.gain) * before[0])
+    def cut_short(options, candidate, *_):
+        before.append(candidate.duration)
+        little = 1.0 - 0.5 * STANDARD_BUDGET.gain
+        motion = candidate.trajectory
+        faster = replace(motion, t=little * motion.t)
+        return replace(candidate, trajectory=faster, status=Status.TIME_LIMIT)
 
     before = []
-    monkeypatch.setattr(finer_grid, "improvement_of", cut_short)
+    monkeypatch.setattr(finer_grid, "_refined", cut_short)
     solution = tm.plan(planar(), **MODES["auto"])
     assert [solution.T] == before
     assert solution.status is Status.TIME_LIMIT

@@ -9,9 +9,10 @@ import pytest
 from two_link_cases import all_cases
 
 import tominpmp as tm
+from tests.policies import carried_out
 from tominpmp.initial_guess.bumps import HEIGHT, bumped, bumps
 from tominpmp.initial_guess.guess import SAMPLED, straight_guess
-from tominpmp.planner import search, thorough
+from tominpmp.planner import coarse_search, thorough
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import torques_rule
@@ -62,25 +63,30 @@ def search_of(problem):
     system = ProblemFunctions.of(problem)
     guess = straight_guess(system, problem.goal.configuration)
     torques = torques_rule(system, guess)
-    return CoarseSearch(system, options, PlanState(options), torques=torques), guess
+    state = PlanState(problem, options)
+    return CoarseSearch(system, options, state, torques=torques), guess
+
+
+def rough_of(coarse, guess):
+    return carried_out(coarse.state, coarse.rough(guess))
 
 
 def test_a_start_that_leads_to_a_known_motion_is_let_go_early():
     coarse, guess = search_of(reach())
-    first = coarse.rough(guess)
+    first = rough_of(coarse, guess)
     assert first is not None
-    count = len(coarse.progress.records)
+    count = len(coarse.state.records)
     near = bumped(coarse.system, guess, np.full((1, 3), 1e-3))
-    assert coarse.rough(near) is None
-    assert len(coarse.progress.records) <= count
+    assert rough_of(coarse, near) is None
+    assert len(coarse.state.records) <= count
     assert coarse.known == [first]
 
 
 def test_a_coarse_motion_promises_what_the_finished_one_keeps():
     coarse, guess = search_of(reach())
-    rough = coarse.rough(guess)
+    rough = rough_of(coarse, guess)
     assert rough is not None
-    finished = coarse.finished(rough)
+    finished = carried_out(coarse.state, coarse.finished(rough))
     assert finished is not None
     assert finished.found
     assert finished.duration < rough.duration < 1.1 * finished.duration
@@ -120,8 +126,8 @@ def test_starts_are_compared_by_what_the_finished_one_gained():
     assumed = coarse.loss
     coarse.compare()
     assert coarse.loss == assumed
-    rough = coarse.rough(guess)
-    finished = coarse.finished(rough)
+    rough = rough_of(coarse, guess)
+    finished = carried_out(coarse.state, coarse.finished(rough))
     coarse.compare()
     assert 0.0 < coarse.loss < assumed
     gain = rough.duration / finished.duration - 1.0
@@ -138,7 +144,7 @@ def test_among_obstacles_further_starts_are_judged_by_what_the_first_gained(
     def told(coarse):
         assumed = coarse.loss
         compare(coarse)
-        judged.append((assumed, coarse.loss, coarse.progress.best))
+        judged.append((assumed, coarse.loss, coarse.state.best))
 
     monkeypatch.setattr(CoarseSearch, "compare", told)
     solution = tm.plan(reach(scene=tm.Scene([post])))
@@ -163,7 +169,7 @@ def test_a_motion_at_its_lower_bound_is_not_searched_on_from(monkeypatch):
     def none(*_):
         pytest.fail("nothing can be much faster")
 
-    monkeypatch.setattr(search, "bumps", none)
+    monkeypatch.setattr(coarse_search, "bumps", none)
     case = all_cases()["rail"]
     assert tm.plan(case.problem()).T < 1.002 * case.minimum
 
@@ -185,10 +191,9 @@ def test_among_obstacles_a_sampled_path_comes_before_the_straight_line():
         (False, 1, [line, other], [line, other]),
         (False, 1, [line], [line]),
     ):
-        remembered = search.CachedGuesses(iter(guesses))
+        cached = coarse_search.CachedGuesses(iter(guesses))
         system = SimpleNamespace(in_free_space=alone)
-        made = search.Search(system, None, None, remembered, wanted, swings=False)
-        assert list(made._from_paths()) == order
+        assert list(coarse_search._paths_first(system, cached, wanted)) == order
 
 
 def test_among_moving_obstacles_other_ways_are_tried():
@@ -219,9 +224,9 @@ def test_among_moving_obstacles_other_ways_are_tried():
 def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
     waves = []
 
-    def seen(self, number, best, wave=thorough.Waves.wave):
+    def seen(self, number, wave=thorough.Waves.wave):
         waves.append(number)
-        yield from wave(self, number, best)
+        return wave(self, number)
 
     monkeypatch.setattr(thorough.Waves, "wave", seen)
     monkeypatch.setattr(thorough, "WAVES", 1)

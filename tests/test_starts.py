@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import tominpmp as tm
+from tests.policies import carried_out
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.planner import multistart as starts
+from tominpmp.planner import starts
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.work import Work
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
@@ -33,7 +37,7 @@ class Table:
         self.shot = float(rng.choice([np.inf, rng.uniform(1.0, 3.0)]))
         self.tried = []
         monkeypatch.setattr(starts, "guesses_of", self.guesses)
-        monkeypatch.setattr(starts, "descended", self.solve)
+        monkeypatch.setattr(starts, "descent", self.descent)
         monkeypatch.setattr(starts, "random_torque_starts", self.random_torque_starts)
         # Nothing is judged on coarse grids before.
         monkeypatch.setattr(starts, "coarse_grids_apply", lambda system, options: False)
@@ -44,22 +48,30 @@ class Table:
             q = np.array([START, END])
             yield Guess(str(number), t, q, bool(number % 2))
 
-    def solve(self, system, options, guess, progress):
-        self.tried.append(guess.name)
-        return Made(float(self.outcomes[int(guess.name)]))
+    def descent(self, system, options, guess, state, stop):
+        def make(*_):
+            self.tried.append(guess.name)
+            return Made(float(self.outcomes[int(guess.name)]))
 
-    def random_torque_starts(self, system, options, progress):
+        return Work(system, guess.name, make)
+
+    def random_torque_starts(self, system, options, state):
         assert options.starts is None
-        self.tried.append("shot")
-        progress.best = min(progress.best, self.shot)
-        yield Made(self.shot)
+
+        def make(*_):
+            self.tried.append("shot")
+            return Made(self.shot)
+
+        yield Work(system, "shot", make)
 
 
 class Made:
-    """An attempt as far as its order is concerned."""
+    """A candidate as far as its order is concerned."""
 
-    verification = None
+    verification = SimpleNamespace(seconds=0.0)
     history = ()
+    status = tm.Status.CONVERGED
+    refuted = dropped = False
 
     def __init__(self, duration):
         self.duration = duration
@@ -70,11 +82,9 @@ def tries(monkeypatch, seed, finds, number, scene):
     """Names of the attempts that are made, and the least duration."""
     table = Table(monkeypatch, seed, finds)
     options = tm.Options(starts=number)
-    progress = starts.PlanState(options)
-    system = ProblemFunctions.of(reach(scene=scene))
-    made = starts.make_candidates(system, None, options, progress)
-    durations = [attempt.duration for attempt in made if attempt is not None]
-    return table.tried, min(durations)
+    state = PlanState(reach(scene=scene), options)
+    carried_out(state, starts.starts(ProblemFunctions.of(state.problem), None, state))
+    return table.tried, state.best
 
 
 @pytest.mark.parametrize("scene", [tm.Scene(), AROUND], ids=["alone", "among"])

@@ -108,7 +108,7 @@ def test_interrupted_before_there_is_anything(monkeypatch):
         press()
         stopping.check()
 
-    monkeypatch.setattr("tominpmp.planner.multistart.guesses_of", pressed)
+    monkeypatch.setattr("tominpmp.planner.starts.guesses_of", pressed)
     solution = tm.plan(reach(), effort="quick")
     assert solution.status is tm.Status.INTERRUPTED
     assert not solution.success and solution.trajectory is None
@@ -169,11 +169,11 @@ def test_a_later_stage_that_fails_keeps_the_motion(monkeypatch, error):
 def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
     usual, calls = descent.descend, []
 
-    def failing(*arguments):
+    def failing(*arguments, **named):
         calls.append(1)
         if len(calls) == 1:
             raise ZeroDivisionError
-        return usual(*arguments)
+        return usual(*arguments, **named)
 
     monkeypatch.setattr(descent, "descend", failing)
     assert tm.plan(reach(), tm.Options(effort="quick", starts=2)).success

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import tominpmp as tm
+from tests.policies import carried_out, loop_with
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import initial_guesses, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
@@ -27,25 +29,34 @@ def coarse():
     problem = tm.Problem(robot, START, tm.JointGoal(END), scene=tm.Scene([post]))
     options = resolve_options(problem, tm.Options())
     system = ProblemFunctions.of(problem)
-    search = CoarseSearch(system, options, PlanState(options), torques=False)
+    search = CoarseSearch(system, options, PlanState(problem, options), torques=False)
     guess = straight_guess(system, problem.goal.configuration)
-    assert search.rough(guess) is not None
+    assert carried_out(search.state, search.rough(guess)) is not None
     return search, guess
 
 
 def test_no_guess_is_tried_twice(coarse):
     search, guess = coarse
-    before = search.progress.records
+    before = search.state.records
     assert before
-    assert search.rough(guess) is None
-    assert search.progress.records is before
+    assert carried_out(search.state, search.rough(guess)) is None
+    assert search.state.records is before
 
 
 def record(search, **changes):
-    T = search.progress.kept[-1].iterate.duration
+    T = search.known[-1].candidate.trajectory.duration
     values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
     values |= {"duration": T, "violation": 0.0, "radius": 1.0, "accepted": True}
     return IterationRecord(**(values | changes))
+
+
+def loop(search, records, rows=10):
+    """A loop with records, at the motion that the search has found last."""
+    _, (program, iterate, _), *_ = search.state.spare
+    there = SimpleNamespace(
+        rows=np.zeros(rows), trajectory=lambda z: program.trajectory(iterate.z)
+    )
+    return loop_with(records, program=there, best=None, state=iterate)
 
 
 def test_a_start_ends_where_it_is_stuck_and_far_from_any_motion(judged):
@@ -58,22 +69,22 @@ def test_a_start_ends_where_it_is_stuck_and_far_from_any_motion(judged):
 
 @pytest.fixture
 def judged(coarse, monkeypatch):
-    """What is said of a record as one of so many, in a program of so many rows."""
+    """The status that a record is given, by the numbers of records and of rows."""
     search, _ = coarse
-    progress, last = search.progress, search.progress.kept[-1]
-    monkeypatch.setattr(search, "known", [])
+    known, rule = search.known, search._drop_early()
 
     def say(record, count, rows):
-        program = type("Rows", (), {"rows": np.zeros(rows)})()
-        monkeypatch.setattr(progress, "kept", [last._replace(program=program)])
-        monkeypatch.setattr(progress, "records", [record] * count)
-        return search._let_go(record)
+        looked_at = loop(search, [record] * count, rows)
+        monkeypatch.setattr(search, "known", [])
+        status = rule(looked_at)
+        monkeypatch.setattr(search, "known", known)
+        return status
 
     return search, say
 
 
 def test_rows_that_join_a_start_get_iterations_of_their_own(judged):
-    """It was let go in the very iteration that the rows had joined."""
+    """It was dropped in the very iteration that the rows had joined."""
     search, say = judged
     far = record(search, violation=0.1)
     assert [say(far, count, 10) for count in (1, PATIENCE)] == [None, None]
@@ -81,26 +92,23 @@ def test_rows_that_join_a_start_get_iterations_of_their_own(judged):
     most = 2 * PATIENCE
     assert [say(far, count, 12) for count in (PATIENCE, most - 1)] == [None, None]
     assert say(far, most, 12) is Status.STALLED
-    assert say(far, 1, 10) is None
-    assert say(far, PATIENCE + 1, 10) is Status.STALLED  # another start
 
 
 def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, START, tm.PositionGoal("tip", (1.5, 3.0, 0.0)))
     options = resolve_options(problem, tm.Options())
-    system, progress = ProblemFunctions.of(problem), PlanState(options)
-    search = CoarseSearch(system, options, progress, torques=True)
+    system, state = ProblemFunctions.of(problem), PlanState(problem, options)
+    search = CoarseSearch(system, options, state, torques=True)
     lines = list(initial_guesses(system, 2, np.random.default_rng(0)))
-    best = search.rough(lines[0])
-    search.rough(lines[1])
+    best = carried_out(state, search.rough(lines[0]))
+    carried_out(state, search.rough(lines[1]))
     monkeypatch.setattr(search, "_knows", lambda shape: False)
 
     def judged(before, now):
-        progress.records = [
-            record(search, duration=factor * best.duration) for factor in (before, now)
-        ]
-        return search._let_go(progress.records[-1])
+        durations = [factor * best.duration for factor in (before, now)]
+        records = [record(search, duration=duration) for duration in durations]
+        return search._drop_early()(loop(search, records))
 
     assert judged(1.3, 1.2) is None  # it still falls fast enough to get there
     assert judged(1.21, 1.2) is Status.STALLED
@@ -127,7 +135,8 @@ def test_torques_carry_no_weight_on_fine_grids_where_they_rule():
         (True, {"smoothing": 0.01}, 0.01),
     ):
         options = resolve_options(problem, tm.Options(**changes))
-        search = CoarseSearch(system, options, PlanState(options), torques=torques)
+        state = PlanState(problem, options)
+        search = CoarseSearch(system, options, state, torques=torques)
         assert search.fine.smoothing == smoothing
         assert search.coarse.smoothing == options.smoothing
 
@@ -148,16 +157,20 @@ def test_a_motion_that_was_finished_is_not_finished_again(caplog):
 def test_one_that_comes_back_but_is_faster_is_finished(coarse, monkeypatch):
     search, _ = coarse
     known = search.known[-1]
+
+    def comes_back(**changes):
+        return search._comes_back(loop(search, [record(search, **changes)]))
+
     monkeypatch.setattr(search, "ends", [known.shape])
-    assert not search._comes_back(record(search))  # among obstacles
+    assert not comes_back()  # among obstacles
     alone = ProblemFunctions.of(replace(search.system.problem, scene=tm.Scene()))
     monkeypatch.setattr(search, "system", alone)
-    T = search.progress.kept[-1].iterate.duration
-    monkeypatch.setattr(search.progress, "best", T)
-    assert search._comes_back(record(search))
-    assert not search._comes_back(record(search, violation=0.1))
-    monkeypatch.setattr(search.progress, "best", 1.01 * T)
-    assert not search._comes_back(record(search))
-    monkeypatch.setattr(search.progress, "best", T)
+    monkeypatch.setattr(search, "state", SimpleNamespace(spare=search.state.spare))
+    search.state.best = known.duration
+    assert comes_back()
+    assert not comes_back(violation=0.1)
+    search.state.best = 1.01 * known.duration
+    assert not comes_back()
+    search.state.best = known.duration
     monkeypatch.setattr(search, "ends", [known.shape + 0.1])
-    assert not search._comes_back(record(search))
+    assert not comes_back()

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from tests.policies import carried_out
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.work import use_spare
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -78,11 +80,13 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
-    search = CoarseSearch(system, options, PlanState(options), torques=True)
-    rough = search.rough(guess)
+    state = PlanState(problem, options)
+    search = CoarseSearch(system, options, state, torques=True)
+    assert carried_out(state, search.rough(guess)) is not None
 
     def stopped(*_, **__):
         raise Stop(requested=False)
 
     monkeypatch.setattr(Candidate, "verified", stopped)
-    assert not search._replayed(rough, tm.Status.TIME_LIMIT).found
+    use_spare(state, tm.Status.TIME_LIMIT)
+    assert state.candidates and not state.candidates[-1].found

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from tests.policies import loop_with
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import initial_guesses
 from tominpmp.initial_guess.inverse_kinematics import (
@@ -111,10 +112,12 @@ def test_guesses_that_end_in_collision_say_so() -> None:
 
 
 def test_iterations_that_only_become_slower_are_ended() -> None:
-    judge = stop_if_hopeless(1.0)
-    assert judge(record(0.9 * EVER_SLOWER, 0.1)) is None
-    assert judge(record(2.0 * EVER_SLOWER, 1e-5)) is None
-    assert judge(record(2.0 * EVER_SLOWER, 0.1)) is Status.STALLED
+    def judged(duration: float, violation: float) -> Status | None:
+        return stop_if_hopeless(1.0)(loop_with([record(duration, violation)]))
+
+    assert judged(0.9 * EVER_SLOWER, 0.1) is None
+    assert judged(2.0 * EVER_SLOWER, 1e-5) is None
+    assert judged(2.0 * EVER_SLOWER, 0.1) is Status.STALLED
 
 
 def record(duration: float, violation: float) -> IterationRecord:

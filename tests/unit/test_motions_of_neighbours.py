@@ -10,12 +10,13 @@ import pytest
 
 import tests.sample_arms as arms
 import tominpmp as tm
+from tests.policies import loop_with
 from tominpmp.arrays import Array
 from tominpmp.cell.batch.neighbours import Rounds
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import candidate
 from tominpmp.planner.descent import PATIENCE, stop_if_hopeless
-from tominpmp.planner.former_motion import FAR
+from tominpmp.planner.starts import WARM_FAR
 from tominpmp.status import Status
 
 HOME, TURN = np.array([0.3, 0.9]), np.array([1.0, -0.4])
@@ -108,7 +109,8 @@ def test_starts_that_come_to_no_motion_are_given_up(
     violations: list[float], over: bool
 ) -> None:
     records = [SimpleNamespace(violation=value, duration=1.0) for value in violations]
-    judge = stop_if_hopeless(1.0, FAR)
-    statuses = [judge(record) for record in records]  # type: ignore[arg-type]
+    rule = stop_if_hopeless(1.0, WARM_FAR)
+    counts = range(1, len(records) + 1)
+    statuses = [rule(loop_with(records[:count])) for count in counts]
     assert statuses[-1] is (Status.STALLED if over else None)
     assert not any(statuses[:-1])

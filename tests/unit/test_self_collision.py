@@ -14,7 +14,7 @@ from sample_arms import DOWNWARD, describe
 import tominpmp as tm
 from tominpmp.collision import CollisionChecker
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.multistart import torques_may_lead
+from tominpmp.planner.torque_starts import torques_may_lead
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # The straight line between these leads the wrist of a Panda through its base.

@@ -17,11 +17,11 @@ from parallel_work import PATIENCE, begin_and_wait, square, until_asked
 
 import tominpmp as tm
 from tominpmp.initial_guess import parallel
-from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.initial_guess.guess import initial_guesses
 from tominpmp.initial_guess.parallel import ready, run_parallel
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.multistart import _SourceOfMany, solve_alone
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.starts import Ahead, solve_alone
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -119,15 +119,15 @@ def test_a_plan_in_two_processes_ends_in_time(
 ) -> None:
     """What processes are at when the time is used up, they hand over."""
     limit, starts = 600.0, 200
-    usual, handed = _SourceOfMany.solve, []
+    usual, handed = Ahead.result, []
 
-    def solve(source: _SourceOfMany, number: int, guess: Guess) -> Candidate | None:
-        attempt = usual(source, number, guess)
+    def result(ahead: Ahead, number: int, *_: object) -> Candidate | None:
+        attempt = usual(ahead, number)
         clock.advance(0.0 if handed else 1.05 * limit)
         handed.append(number)
         return attempt
 
-    monkeypatch.setattr(_SourceOfMany, "solve", solve)
+    monkeypatch.setattr(Ahead, "result", result)
     options = tm.Options(processes=2, starts=starts, intervals=20, tolerance=1e-9)
     begin = time.monotonic()
     solution = tm.plan(reach(), options, max_planning_time=limit)
@@ -163,14 +163,12 @@ def test_processes_that_were_asked_at_the_end_of_the_time_were_not_interrupted(
     asked: bool,
 ) -> None:
     options = tm.Options(processes=2)
-    progress = PlanState(options)
-    system = ProblemFunctions.of(reach())
-    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
-    source = _SourceOfMany(system, options, progress, iter(()))
+    state = PlanState(reach(), options)
+    source = Ahead(ProblemFunctions.of(state.problem), state, iter(()))
     source.results = {0: (ended_by_request(), []), 1: (ended_by_request(), [])}
-    progress.deadline.requested = asked
-    with progress.deadline.grace(float("inf")):
-        first = source.solve(0, guess)
+    state.deadline.requested = asked
+    with state.deadline.grace(float("inf")):
+        first = source.result(0)
         others = source.left()
     expected = tm.Status.INTERRUPTED if asked else tm.Status.TIME_LIMIT
     assert first is not None
@@ -183,7 +181,7 @@ def test_processes_are_not_started_where_there_is_no_time_for_it(
     def started(*_: object) -> None:
         raise AssertionError("processes were started")
 
-    monkeypatch.setattr("tominpmp.planner.multistart.ready", lambda: False)
-    monkeypatch.setattr("tominpmp.planner.multistart.run_parallel", started)
+    monkeypatch.setattr("tominpmp.planner.starts.ready", lambda: False)
+    monkeypatch.setattr("tominpmp.planner.starts.run_parallel", started)
     solution = tm.plan(reach(), processes=2, starts=2, max_planning_time=4.9)
     assert solution.success

@@ -162,14 +162,20 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
 
 
 def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkeypatch):
-    import tominpmp.planner.multistart as starts
+    from tominpmp.planner import starts
 
-    solve = starts.solve_from_warm_start
+    warm_start = starts._warm_start
 
-    def fails(system, options, former, watch):
-        return replace(solve(system, options, former, watch), feasible=False)
+    def fails(*arguments):
+        work = warm_start(*arguments)
 
-    monkeypatch.setattr(starts, "solve_from_warm_start", fails)
+        def make(*arguments):
+            return replace(work.make(*arguments), feasible=False)
+
+        return replace(work, make=make)
+
+    monkeypatch.setattr(starts, "_warm_start", fails)
+    monkeypatch.setattr(starts, "_keep_former", lambda *_: False)
     problem = tm.Problem(planar3r, START, tm.JointGoal(END))
     again = tm.plan(problem, start=around)
     assert again.success

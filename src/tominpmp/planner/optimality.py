@@ -98,8 +98,8 @@ def certified(state: PlanState) -> Policy[None]:
 
     settled = yield Work.from_best(state, best, make)
     if settled is None and best.status is Status.CONVERGED:
-        # The test has failed: nothing is known of the motion.
-        best = replace(best, status=Status.STALLED)
+        # The test was cut short, or failed: nothing is known of the motion.
+        best = replace(best, status=state.cut_short or Status.STALLED)
     if settled is None or settled.duration > best.duration:
         state.candidates.append(replace(best, history=()))
 

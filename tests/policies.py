@@ -1,0 +1,30 @@
+"""Policies of the planner, carried out without a plan round them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, TypeVar
+
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.work import Policy, run
+from tominpmp.status import Status
+
+T = TypeVar("T")
+
+
+def carried_out(state: PlanState, policy: Policy[T]) -> T:
+    """Do all that a policy says; returns what it ends with."""
+    answer = None
+    while True:
+        try:
+            work = policy.send(answer)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        answer = run(state, work)
+
+
+def loop_with(records: list[Any], **attributes: Any) -> Any:
+    """A loop of a solver as far as rules look at it."""
+    drop = {"drop": lambda: Status.STALLED}
+    return SimpleNamespace(history=records, **drop, **attributes)
