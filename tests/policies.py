@@ -6,13 +6,13 @@ from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import Policy, run
+from tominpmp.planner.work import Schedule, run
 from tominpmp.status import Status
 
 T = TypeVar("T")
 
 
-def carried_out(state: PlanState, policy: Policy[T]) -> T:
+def carried_out(state: PlanState, policy: Schedule[T]) -> T:
     """Do all that a policy says; returns what it ends with."""
     answer = None
     while True:

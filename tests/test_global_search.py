@@ -68,7 +68,7 @@ def search_of(problem):
 
 
 def rough_of(coarse, guess):
-    return carried_out(coarse.state, coarse.rough(guess))
+    return carried_out(coarse.state, coarse.solve_coarse(guess))
 
 
 def test_a_start_that_leads_to_a_known_motion_is_let_go_early():
@@ -86,7 +86,7 @@ def test_a_coarse_motion_promises_what_the_finished_one_keeps():
     coarse, guess = search_of(reach())
     rough = rough_of(coarse, guess)
     assert rough is not None
-    finished = carried_out(coarse.state, coarse.finished(rough))
+    finished = carried_out(coarse.state, coarse.finish(rough))
     assert finished is not None
     assert finished.found
     assert finished.duration < rough.duration < 1.1 * finished.duration
@@ -124,11 +124,11 @@ def test_detours_from_the_base_begin_with_its_joint():
 def test_starts_are_compared_by_what_the_finished_one_gained():
     coarse, guess = search_of(reach())
     assumed = coarse.loss
-    coarse.compare()
+    coarse.calibrate_loss()
     assert coarse.loss == assumed
     rough = rough_of(coarse, guess)
-    finished = carried_out(coarse.state, coarse.finished(rough))
-    coarse.compare()
+    finished = carried_out(coarse.state, coarse.finish(rough))
+    coarse.calibrate_loss()
     assert 0.0 < coarse.loss < assumed
     gain = rough.duration / finished.duration - 1.0
     assert coarse.loss == pytest.approx(gain)
@@ -139,14 +139,14 @@ def test_among_obstacles_further_starts_are_judged_by_what_the_first_gained(
 ):
     """A second start that led to the same motion was finished, too."""
     post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
-    judged, compare = [], CoarseSearch.compare
+    judged, compare = [], CoarseSearch.calibrate_loss
 
     def told(coarse):
         assumed = coarse.loss
         compare(coarse)
-        judged.append((assumed, coarse.loss, coarse.state.best))
+        judged.append((assumed, coarse.loss, coarse.state.best_duration))
 
-    monkeypatch.setattr(CoarseSearch, "compare", told)
+    monkeypatch.setattr(CoarseSearch, "calibrate_loss", told)
     solution = tm.plan(reach(scene=tm.Scene([post])))
     assert solution.success
     [(assumed, loss, best)] = judged

@@ -37,7 +37,7 @@ class Table:
         self.shot = float(rng.choice([np.inf, rng.uniform(1.0, 3.0)]))
         self.tried = []
         monkeypatch.setattr(starts, "guesses_of", self.guesses)
-        monkeypatch.setattr(starts, "descent", self.descent)
+        monkeypatch.setattr(starts, "descent_work", self.descent)
         monkeypatch.setattr(starts, "random_torque_starts", self.random_torque_starts)
         # Nothing is judged on coarse grids before.
         monkeypatch.setattr(starts, "coarse_grids_apply", lambda system, options: False)
@@ -84,7 +84,7 @@ def tries(monkeypatch, seed, finds, number, scene):
     options = tm.Options(starts=number)
     state = PlanState(reach(scene=scene), options)
     carried_out(state, starts.starts(ProblemFunctions.of(state.problem), None, state))
-    return table.tried, state.best
+    return table.tried, state.best_duration
 
 
 @pytest.mark.parametrize("scene", [tm.Scene(), AROUND], ids=["alone", "among"])

@@ -31,7 +31,7 @@ def coarse():
     system = ProblemFunctions.of(problem)
     search = CoarseSearch(system, options, PlanState(problem, options), torques=False)
     guess = straight_guess(system, problem.goal.configuration)
-    assert carried_out(search.state, search.rough(guess)) is not None
+    assert carried_out(search.state, search.solve_coarse(guess)) is not None
     return search, guess
 
 
@@ -39,7 +39,7 @@ def test_no_guess_is_tried_twice(coarse):
     search, guess = coarse
     before = search.state.records
     assert before
-    assert carried_out(search.state, search.rough(guess)) is None
+    assert carried_out(search.state, search.solve_coarse(guess)) is None
     assert search.state.records is before
 
 
@@ -52,7 +52,7 @@ def record(search, **changes):
 
 def loop(search, records, rows=10):
     """A loop with records, at the motion that the search has found last."""
-    _, (program, iterate, _), *_ = search.state.spare
+    _, (program, iterate, _), *_ = search.state.fallback
     there = SimpleNamespace(
         rows=np.zeros(rows), trajectory=lambda z: program.trajectory(iterate.z)
     )
@@ -101,8 +101,8 @@ def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     system, state = ProblemFunctions.of(problem), PlanState(problem, options)
     search = CoarseSearch(system, options, state, torques=True)
     lines = list(initial_guesses(system, 2, np.random.default_rng(0)))
-    best = carried_out(state, search.rough(lines[0]))
-    carried_out(state, search.rough(lines[1]))
+    best = carried_out(state, search.solve_coarse(lines[0]))
+    carried_out(state, search.solve_coarse(lines[1]))
     monkeypatch.setattr(search, "_knows", lambda shape: False)
 
     def judged(before, now):
@@ -165,12 +165,12 @@ def test_one_that_comes_back_but_is_faster_is_finished(coarse, monkeypatch):
     assert not comes_back()  # among obstacles
     alone = ProblemFunctions.of(replace(search.system.problem, scene=tm.Scene()))
     monkeypatch.setattr(search, "system", alone)
-    monkeypatch.setattr(search, "state", SimpleNamespace(spare=search.state.spare))
-    search.state.best = known.duration
+    monkeypatch.setattr(search, "state", SimpleNamespace(fallback=search.state.fallback))
+    search.state.best_duration = known.duration
     assert comes_back()
     assert not comes_back(violation=0.1)
-    search.state.best = 1.01 * known.duration
+    search.state.best_duration = 1.01 * known.duration
     assert not comes_back()
-    search.state.best = known.duration
+    search.state.best_duration = known.duration
     monkeypatch.setattr(search, "ends", [known.shape + 0.1])
     assert not comes_back()

@@ -13,7 +13,7 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import use_spare
+from tominpmp.planner.work import use_fallback
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -82,11 +82,11 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
     state = PlanState(problem, options)
     search = CoarseSearch(system, options, state, torques=True)
-    assert carried_out(state, search.rough(guess)) is not None
+    assert carried_out(state, search.solve_coarse(guess)) is not None
 
     def stopped(*_, **__):
         raise Stop(requested=False)
 
     monkeypatch.setattr(Candidate, "verified", stopped)
-    use_spare(state, tm.Status.TIME_LIMIT)
+    use_fallback(state, tm.Status.TIME_LIMIT)
     assert state.candidates and not state.candidates[-1].found

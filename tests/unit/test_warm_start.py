@@ -164,7 +164,7 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
 def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkeypatch):
     from tominpmp.planner import starts
 
-    warm_start = starts._warm_start
+    warm_start = starts._warm_start_work
 
     def fails(*arguments):
         work = warm_start(*arguments)
@@ -174,7 +174,7 @@ def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkey
 
         return replace(work, make=make)
 
-    monkeypatch.setattr(starts, "_warm_start", fails)
+    monkeypatch.setattr(starts, "_warm_start_work", fails)
     monkeypatch.setattr(starts, "_keep_former", lambda *_: False)
     problem = tm.Problem(planar3r, START, tm.JointGoal(END))
     again = tm.plan(problem, start=around)

@@ -13,7 +13,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.starts import starts
-from tominpmp.planner.work import Policy
+from tominpmp.planner.work import Schedule
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -21,8 +21,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 def candidates_of_alternatives(
     state: PlanState, former: Trajectory | Samples | None = None
-) -> Policy[None]:
-    """Begin for each goal of a set, a start each before the second one for any.
+) -> Schedule[None]:
+    """Multi-start over the goals of a set: round robin, one start per goal.
 
     The goals that might be reached soonest come first. As long as there is no motion,
     a start may take no more than its share of the planning time: one goal may be out of
@@ -56,7 +56,7 @@ def candidates_of_alternatives(
     while order:
         again: list[int] = []
         for place, i in enumerate(order):
-            if bounds[i] >= state.best:
+            if bounds[i] >= state.best_duration:
                 continue
             state.share(len(order) - place + len(again))
             try:
@@ -84,7 +84,7 @@ def candidates_of_alternatives(
 
 def _starts(
     part: Problem, former: Trajectory | Samples | None, state: PlanState
-) -> Policy[None]:
+) -> Schedule[None]:
     """Starts for one goal, with a former motion as the first guess if there is one."""
     system = ProblemFunctions.of(part)
     if former is None:

@@ -35,8 +35,8 @@ class Candidate:
         verification: Replay of the torques, if the motion is feasible.
         remark: A sentence for the user, if there is something to say.
         layout: How the motion was parameterised; None where only torques are.
-        apart: Whether rows kept bodies, or links, from touching.
-        rows: Times of its rows of distances [s], by what they are called.
+        clearance_rows: Whether its program had clearance rows.
+        rows: Times of its clearance rows [s], by the name of their block.
         dropped: Whether a rule of its iteration has given it up.
     """
 
@@ -50,7 +50,7 @@ class Candidate:
     verification: Verification | None = None
     remark: str = ""
     layout: Layout | None = None
-    apart: bool = False
+    clearance_rows: bool = False
     rows: Mapping[str, Array] = field(default_factory=dict)
     dropped: bool = False
 
@@ -71,10 +71,10 @@ class Candidate:
             kind: float(np.max(violation[rows.kind == index], initial=0.0))
             for index, kind in enumerate(rows.kinds)
         }
-        layout, apart, times = None, False, {}
+        layout, clearance_rows, times = None, False, {}
         if isinstance(program, NonlinearProgram):
             layout = Layout.of(program.transcription, iterate.z)
-            apart = program.system.clearance is not None
+            clearance_rows = program.system.clearance is not None
             times = times_of_rows(program, iterate.z)
         return cls(
             name,
@@ -85,7 +85,7 @@ class Candidate:
             violations,
             result.history,
             layout=layout,
-            apart=apart,
+            clearance_rows=clearance_rows,
             rows=times,
             dropped=result.dropped,
         )
@@ -96,7 +96,7 @@ class Candidate:
         return max(self.violations.values(), default=0.0)
 
     def after(self, former: Candidate) -> Candidate:
-        """This candidate as what another one that it goes on from has led to."""
+        """This candidate, with initial motion and history of its predecessor."""
         count = len(former.history)
         more = (replace(r, iteration=r.iteration + count) for r in self.history)
         history = (*former.history, *more)
@@ -150,7 +150,7 @@ class Candidate:
 def fastest(candidates: Iterable[Candidate]) -> Candidate | None:
     """The fastest motion that was found; None if there is none.
 
-    Of those that are as fast it is the last one, which knows best what it is.
+    Among equally fast ones it is the last, whose status and remark are the newest.
     """
     found = [candidate for candidate in candidates if candidate.found]
     return min(reversed(found), key=lambda candidate: candidate.duration, default=None)

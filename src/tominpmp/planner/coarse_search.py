@@ -30,14 +30,14 @@ from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.descent import MANY_INTERVALS, descend, descent, torques_rule
+from tominpmp.planner.descent import MANY_INTERVALS, descend, descent_work, torques_rule
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
     TORQUE_START_OPTIONS,
     random_torque_starts,
     torques_may_lead,
 )
-from tominpmp.planner.work import NEARLY, Policy, Work
+from tominpmp.planner.work import NEARLY, Schedule, Work
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -64,7 +64,7 @@ TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
 PATIENCE = 12
 # While a motion is not near it stands still where its trust region is this small.
 STUCK = 0.02
-# What further iterations may gain altogether, in gains of the last one.
+# Extrapolated gain of all further iterations, in multiples of the last gain.
 LEFT = 3.0
 # A motion goes astray on the asked grid that becomes so many times as slow: one
 # that passes something between the nodes, where rows join it, becomes ever slower.
@@ -77,7 +77,7 @@ TOO_SLOW = 1.4
 # [rad, or shares of the reach].
 SAMPLES = 12
 SAME = 0.05
-# A motion is not searched on from that is at most this much above what none can beat.
+# The search ends where the gap of the incumbent to the lower bound is at most this.
 GAP = 0.03
 # Arms with so many joints at most are searched on where nothing is in their way: they
 # may swing, or turn their elbow over. How many detours are tried at least.
@@ -90,8 +90,8 @@ FAR_ABOVE, MOST_JOINTS = 2.0, 10
 # that none can beat by much; else coarse grids are tried. It leads astray that is ever
 # so much above that.
 DIRECT, FAR_ASTRAY = 8, 0.1
-# After so many starts in a row that promise nothing more it is enough: with few joints,
-# and with many.
+# Stop rule of probes: number of consecutive starts without promise, for arms of few
+# joints, and of many.
 IN_VAIN, MANY_IN_VAIN = 4, 8
 # Further paths among obstacles, and for arms of few joints, whose bounds say little: of
 # 42 problems of a planar arm seven ended 0.2 to 45 % faster by the seventh to
@@ -143,17 +143,17 @@ class CachedGuesses:
 
 
 def search(
-    system: ProblemFunctions, state: PlanState, guesses: CachedGuesses, wanted: int
-) -> Policy[None]:
+    system: ProblemFunctions, state: PlanState, guesses: CachedGuesses, compared: int
+) -> Schedule[None]:
     """Search for the best motion of a problem with one goal.
 
     Args:
         system: The functions of the problem.
         state: The plan.
         guesses: Guesses, the most promising first.
-        wanted: How many of them are compared before one of them is finished.
+        compared: Number of them that are compared before one of them is finished.
     """
-    first_ones = list(itertools.islice(guesses.since(0), wanted))
+    first_ones = list(itertools.islice(guesses.since(0), compared))
     first = next((guess for guess in first_ones if guess.timed), first_ones[0])
     torques = torques_rule(system, first)
     coarse = CoarseSearch(system, state.options, state, torques=torques)
@@ -161,18 +161,20 @@ def search(
         # Where speed limits rule and little is in the way, a descent on the grid that
         # is asked for takes a few iterations, and ends near what none can beat.
         stop = None if system.in_free_space else partial(_leads_astray, state, system)
-        yield descent(system, state.options, first, state, stop)
-        if state.best < np.inf and (system.in_free_space or not coarse.promising):
+        yield descent_work(system, state.options, first, state, stop)
+        if state.best_duration < np.inf and (
+            system.in_free_space or not coarse.promising
+        ):
             return
-    yield from coarse.descents(_paths_first(system, guesses, wanted), wanted)
+    yield from coarse.descents(_paths_first(system, guesses, compared), compared)
     if state.options.effort == "quick" or not coarse.promising:
         return
     patience = MANY_IN_VAIN if coarse.many_joints else IN_VAIN
     if not system.in_free_space:
         patience = further_paths(system)  # all of them
     if coarse.many_joints or not system.in_free_space:
-        coarse.compare()
-    further = _further(coarse, guesses, first, wanted)
+        coarse.calibrate_loss()
+    further = _further(coarse, guesses, first, compared)
     yield from coarse.probes(further, patience)
     if torques_may_lead(system) and not first.timed:
         # Weights that cannot be held on the way have to be swung over it.
@@ -181,7 +183,7 @@ def search(
 
 
 def _paths_first(
-    system: ProblemFunctions, guesses: CachedGuesses, wanted: int
+    system: ProblemFunctions, guesses: CachedGuesses, compared: int
 ) -> Iterator[Guess]:
     """The guesses, a sampled path before the one straight line among obstacles.
 
@@ -189,7 +191,7 @@ def _paths_first(
     straight line is not near one.
     """
     first, *second = itertools.islice(guesses.since(0), 2)
-    swap = wanted == 1 and not system.in_free_space
+    swap = compared == 1 and not system.in_free_space
     if not (swap and second and second[0].name == SAMPLED):
         return guesses.since(0)
     return itertools.chain(second, [first], guesses.since(2))
@@ -198,7 +200,7 @@ def _paths_first(
 def _leads_astray(
     state: PlanState, system: ProblemFunctions, loop: Loop
 ) -> Status | None:
-    """End a descent among obstacles that is not near the best motion soon."""
+    """Stop rule among obstacles: the gap to the lower bound stays too large."""
     record = loop.history[-1]
     bound = state.lower_bound(system.problem).T
     above = record.duration / max(bound, 1e-12) - 1.0
@@ -208,12 +210,12 @@ def _leads_astray(
 
 
 def _further(
-    coarse: CoarseSearch, guesses: CachedGuesses, first: Guess, wanted: int
+    coarse: CoarseSearch, guesses: CachedGuesses, first: Guess, compared: int
 ) -> Iterator[Guess]:
     """Guesses that are tried beyond the first descents."""
     system = coarse.system
     if not system.in_free_space:
-        return itertools.islice(guesses.since(wanted), further_paths(system))
+        return itertools.islice(guesses.since(compared), further_paths(system))
     rng = np.random.default_rng(coarse.options.seed)
     detours = bumps(system, first, rng, from_base=coarse.many_joints)
     return itertools.islice(detours, max(2 * system.n, DETOURS))
@@ -315,7 +317,7 @@ class CoarseSearch:
     @property
     def promising(self) -> bool:
         """Whether there may be a motion that is a good deal faster."""
-        system, best = self.system, self.state.best
+        system, best = self.system, self.state.best_duration
         if system.final_configuration is None:
             return False
         if self.many_joints and system.n > MOST_JOINTS:
@@ -328,7 +330,7 @@ class CoarseSearch:
 
     # -- on the coarse grid ------------------------------------------------------------
 
-    def rough(self, guess: Guess) -> Policy[CoarseMotion | None]:
+    def solve_coarse(self, guess: Guess) -> Schedule[CoarseMotion | None]:
         """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
         if any(guess is one for one in self._tried):
             return None
@@ -394,7 +396,7 @@ class CoarseSearch:
 
     # -- on the grid that is asked for -------------------------------------------------
 
-    def finished(self, rough: CoarseMotion) -> Policy[Candidate | None]:
+    def finish(self, rough: CoarseMotion) -> Schedule[Candidate | None]:
         """Go on from a coarse motion on the grid that is asked for."""
         system, former = self.system, rough.candidate
         guess = warm_start(system, former.trajectory)
@@ -404,7 +406,9 @@ class CoarseSearch:
             slow = loop.history[-1].duration > ASTRAY * rough.duration
             return loop.drop() if slow or self._comes_back(loop) else None
 
-        candidate = yield descent(system, self.fine, guess, self.state, astray, former)
+        candidate = yield descent_work(
+            system, self.fine, guess, self.state, astray, former
+        )
         if candidate is None or (candidate.dropped and self.ends):
             return None
         if candidate.found:
@@ -420,14 +424,14 @@ class CoarseSearch:
         Among obstacles it may still get away from there, and past them.
         """
         record = loop.history[-1]
-        faster = record.duration < (1.0 - PROMISE) * self.state.best
+        faster = record.duration < (1.0 - PROMISE) * self.state.best_duration
         if faster or record.violation > NEARLY or not self.system.in_free_space:
             return False
         return bool(self.ends) and _is_among(self._present_shape(loop), self.ends)
 
     # -- what is compared --------------------------------------------------------------
 
-    def descents(self, guesses: Iterator[Guess], wanted: int) -> Policy[None]:
+    def descents(self, guesses: Iterator[Guess], wanted: int) -> Schedule[None]:
         """The first motions of a plan.
 
         Args:
@@ -438,24 +442,24 @@ class CoarseSearch:
         for guess in itertools.islice(guesses, wanted):
             best = min((one.duration for one in self.known), default=np.inf)
             if not (guess.timed and guess.duration > TOO_SLOW * best):
-                yield from self.rough(guess)
+                yield from self.solve_coarse(guess)
         tried: list[CoarseMotion] = []
         while True:
             left = [rough for rough in self.known if rough not in tried]
             for rough in sorted(left, key=lambda one: one.duration):
                 tried.append(rough)
-                candidate = yield from self.finished(rough)
+                candidate = yield from self.finish(rough)
                 if candidate is not None and candidate.found:
                     return
             further = next(guesses, None)
             if further is None:
                 return
-            yield from self.rough(further)
+            yield from self.solve_coarse(further)
 
-    def compare(self) -> None:
-        """Have starts promise only what is less than the coarse motions so far.
+    def calibrate_loss(self) -> None:
+        """Calibrate the loss of the coarse grid on the motions finished so far.
 
-        The loss of the coarse grid is that of the motions that were finished then.
+        Further starts then promise a gain only if their coarse motion is faster.
         """
         if self._gains:
             self.loss = min(self.loss, max(0.0, *self._gains))
@@ -464,21 +468,21 @@ class CoarseSearch:
         self,
         guesses: Iterable[Guess],
         patience: int,
-        prepared: Callable[[Guess], Policy[Guess]] | None = None,
-    ) -> Policy[None]:
+        prepared: Callable[[Guess], Schedule[Guess]] | None = None,
+    ) -> Schedule[None]:
         """Try further guesses, and finish those that promise a faster motion.
 
         Args:
             guesses: The guesses.
             patience: After so many of them in a row that promise nothing it is enough.
-            prepared: Makes another guess of each before it is tried.
+            prepared: Coroutine that transforms each guess before it is tried.
         """
         found: list[CoarseMotion] = []
         in_vain, best = 0, np.inf
         for guess in guesses:
             if prepared is not None:
                 guess = yield from prepared(guess)
-            rough = yield from self.rough(guess)
+            rough = yield from self.solve_coarse(guess)
             in_vain += 1
             if rough is not None and self._promises(rough):
                 found.append(rough)
@@ -489,9 +493,9 @@ class CoarseSearch:
         for rough in sorted(found, key=lambda one: one.duration):
             if not self._promises(rough):
                 return
-            yield from self.finished(rough)
+            yield from self.finish(rough)
 
     def _promises(self, rough: CoarseMotion) -> bool:
         """Whether a motion may be faster than the best one, once it is finished."""
         promised = rough.duration / (1.0 + self.loss)
-        return promised < (1.0 - PROMISE) * self.state.best
+        return promised < (1.0 - PROMISE) * self.state.best_duration

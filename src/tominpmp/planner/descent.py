@@ -47,10 +47,10 @@ MANY_INTERVALS = 24
 # A guess is held by speed limits where a joint is at one for this share of the time,
 # from this share of it on: torques do not rule it then.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
-# An iteration is hopeless after so many steps if it breaks limits by more than is near
-# to a motion, and that has not fallen to this share of it in the last ones.
+# Stop rule: from PATIENCE iterations on, the violation is above the threshold, and the
+# last LATELY ones have not reduced its minimum to the share FALLING.
 PATIENCE, LATELY, FALLING = 10, 5, 0.9
-# Or once it has become so many times as slow, and breaks limits by more than this.
+# Or T has grown by the factor EVER_SLOWER, and the violation is above FAR.
 EVER_SLOWER, FAR = 10.0, 1e-3
 
 
@@ -96,7 +96,7 @@ def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
     return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
 
 
-def descent(
+def descent_work(
     system: ProblemFunctions,
     options: Options,
     guess: Guess,
@@ -126,12 +126,12 @@ def descent(
 
 
 def near_to_it(options: Options, radius: float, iterations: int) -> Options:
-    """Options for going on with a motion that is near to what is looked for.
+    """Options for a warm start near an optimum: small trust region, few steps.
 
     Args:
         options: Options of the plan.
         radius: Share of the usual trust region.
-        iterations: So many are enough.
+        iterations: Upper limit of the iterations.
     """
     return replace(
         options,
@@ -181,7 +181,7 @@ def descend(
         stop: Ends the iteration early; None for the usual rules alone.
         system: Functions of the problem.
         doublings: How often the grid is doubled.
-        former: The candidate whose replay did not hold, which is gone on from.
+        former: The refuted candidate that serves as warm start.
         effort_tolerance: Excess of torques that is tolerated between rows.
     """
     if former is not None:

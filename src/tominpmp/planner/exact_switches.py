@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import Policy, Work
+from tominpmp.planner.work import Schedule, Work
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -19,20 +19,20 @@ SMOOTH = "Its switches were not placed exactly: that is not done for control {!r
 
 def with_exact_switches(
     state: PlanState, options: Options | None = None
-) -> Policy[None]:
+) -> Schedule[None]:
     """Place the switches of the best motion exactly, or say why that is not done.
 
     Args:
         state: The plan.
-        options: Other options than those of the plan, which may go on from motions
-            that are not faster then only.
+        options: Replace the options of the plan; the result is then kept only if it is
+            faster than the motion it begins with.
     """
 
     def order(candidate: Candidate) -> tuple[float, bool, float]:
         return candidate.duration, not candidate.feasible, candidate.trajectory.duration
 
     best = min(state.candidates, key=order, default=None)
-    worth = np.inf if options is None or best is None else best.duration
+    cutoff = np.inf if options is None or best is None else best.duration
     options = options or state.options
     if best is None:
         return
@@ -48,4 +48,4 @@ def with_exact_switches(
         return placed
 
     work = Work.from_best(state, best, make)
-    yield replace(work, apart=True, worth=worth)
+    yield replace(work, self_collision_rows=True, cutoff=cutoff)

@@ -21,7 +21,7 @@ from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import near_to_it, total_variation_weight
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import KEPT, Policy, Work
+from tominpmp.planner.work import KEPT, Schedule, Work
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, solve
@@ -37,7 +37,7 @@ from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# What further rounds promise together is half of what this one did, at most.
+# A round is the last whose predicted decrease is below FALLS times the worth of one.
 FALLS = 2.0
 # Slowing down cures a violation of this much, and costs no more than half of it.
 CURABLE = 3e-4
@@ -79,14 +79,14 @@ STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 1e-3, 5, 1.5, BENDS)
 GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
 
 
-def on_finer_grid(state: PlanState, options: Options | None = None) -> Policy[None]:
+def on_finer_grid(state: PlanState, options: Options | None = None) -> Schedule[None]:
     """Go on with the best motion on a grid of its own, if that pays.
 
     Args:
         state: The plan.
         options: Other options than those of the plan.
     """
-    best, options = state.leader, options or state.options
+    best, options = state.incumbent, options or state.options
     if best is None:
         return
     if best.layout is None:
@@ -105,7 +105,7 @@ def on_finer_grid(state: PlanState, options: Options | None = None) -> Policy[No
     work = Work.from_best(state, best, partial(_refined, options, best, state, enough))
     # A motion that is cut short brings as much as one that is not, or is dropped: a
     # plan with more time would have dropped it.
-    found = yield replace(work, worth=(1.0 - budget.gain) * best.duration)
+    found = yield replace(work, cutoff=(1.0 - budget.gain) * best.duration)
     if found is None:
         _remark(state, best, KEPT.format(type(state.failures[-1]).__name__))
 

@@ -43,7 +43,7 @@ Begun = tuple[NonlinearProgram, Array]
 
 
 def rested(program: NonlinearProgram, z: Array) -> Begun:
-    """A program with rows between the nodes that a former motion rests on."""
+    """Program with the rows between knots that are active at a warm start."""
     return exchanged(program, z, -NEARLY) or program, z
 
 

@@ -25,7 +25,7 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import near_to_it
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import Policy, Work
+from tominpmp.planner.work import Schedule, Work
 from tominpmp.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
@@ -40,8 +40,8 @@ from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# Rounds of going on, each of which ends with a look at the motion; their iterations,
-# and their trust region as a share of the usual one.
+# Rounds of improvement, each ended by a certificate; iterations of a round, and its
+# trust region as a share of the usual one.
 ROUNDS, ITERATIONS, RADIUS = 4, 25, 0.1
 # Iterations that there may be in any case.
 FEWEST = 60
@@ -56,16 +56,16 @@ CLOSER_LOOKS = 3
 LITTLE = 5e-4
 # What small changes may promise, as a share of T, where effort is "thorough".
 THOROUGH = 1e-3
-# A motion is gone on with that small changes promise more than this share of T of,
-# though the certificate would have it: two of 120 motions in clutter are, and what is
-# gained there is what other orders of obstacles and other solvers find at once.
+# A motion that the certificate accepts is improved all the same if its predicted
+# decrease exceeds this share of T: two of 120 motions in clutter, for which other
+# orders of obstacles and other solvers find the gain at once.
 WORTH_A_TRY = 5e-3
 # Where nothing comes near, a last step that promised less than this share of the
 # tolerance, if it is taken as far as the certificate does, is proof enough.
 CLEARLY = 0.3
 
 
-def certified(state: PlanState) -> Policy[None]:
+def certified(state: PlanState) -> Schedule[None]:
     """Go on with the best motion until it keeps the first-order conditions.
 
     Motions that stay where obstacles move have no certificate, and are left as they
@@ -74,7 +74,7 @@ def certified(state: PlanState) -> Policy[None]:
     Args:
         state: The plan.
     """
-    best, options, problem = state.leader, state.options, state.problem
+    best, options, problem = state.incumbent, state.options, state.problem
     tolerance = tolerance_of(options)
     if best is None or stays_where_it_moves(problem):
         return

@@ -19,14 +19,14 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import Program
 
-# Of what a candidate has found so many motions are kept, should it be cut short.
+# Iterates kept per candidate, one a program, besides its newest.
 KEPT = 4
-# Time that is left for the replay of a motion, as shares of the limit: at least, and at
-# most; and how many times what the last replay took.
+# Time reserved for the replay of a motion: least and most, as shares of the limit; and
+# in between, as a multiple of the longest replay so far.
 RESERVE, MOST_RESERVE, REPLAYS = 0.03, 0.25, 1.5
-# The same while there is no motion, and nobody knows what a replay takes.
+# The same while there is no incumbent, and no replay has been timed.
 FIRST_RESERVE = 0.06
-# What a step may take beyond the limit, and what the end may: shares of it, and [s].
+# Overrun allowed to one step, and to the conclusion: share of the limit, and [s].
 STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
 # Time for the replay of the best motion once planning was interrupted [s].
@@ -57,7 +57,7 @@ class PlanState:
         problem: The problem.
         options: Options of the plan.
         first: Number of the first start.
-        asked: Tells whether another process asks to stop.
+        asked: Predicate: whether the parent process has requested a stop.
 
     Attributes:
         problem: The problem.
@@ -71,8 +71,8 @@ class PlanState:
         links_touched: Whether links of a single arm have touched each other in the
             present candidate.
         cut_short: How the present candidate was stopped; None if it was not.
-        spare: The best motion of a coarse grid and the problem it solves, should there
-            be no other in the end.
+        fallback: The best candidate of a coarse grid, its last iterate, and the problem
+            it solves: the solution if there is no incumbent in the end.
         complete: Whether all is done that a plan has to do: the end of its time is the
             end of a search that would never end by itself.
         failures: Errors of candidates that have led to no motion.
@@ -95,7 +95,7 @@ class PlanState:
         self.begun: Kept | None = None
         self.links_touched = False
         self.cut_short: Status | None = None
-        self.spare: tuple[Candidate, Kept, Problem] | None = None
+        self.fallback: tuple[Candidate, Kept, Problem] | None = None
         self.complete = False
         self.failures: list[Exception] = []
         self._bounds: list[tuple[Problem, LowerBound]] = []
@@ -109,13 +109,13 @@ class PlanState:
     # -- candidates --------------------------------------------------------------------
 
     @property
-    def leader(self) -> Candidate | None:
-        """The fastest motion that was found; None if there is none."""
+    def incumbent(self) -> Candidate | None:
+        """The incumbent: the fastest candidate whose replay holds, or None."""
         return fastest(self.candidates)
 
     @property
-    def best(self) -> float:
-        """Duration of the fastest motion [s]; infinite if there is none."""
+    def best_duration(self) -> float:
+        """Duration of the incumbent [s]; infinite without an incumbent."""
         return min((one.duration for one in self.candidates), default=np.inf)
 
     def begin(self) -> None:
@@ -135,8 +135,7 @@ class PlanState:
                 return
             self.kept[-1] = new
         else:
-            # The motion that it began with stays: it is the solution's initial one.
-            self.kept = [*self.kept[:1], *self.kept[1:][-KEPT:], new]
+            self.kept = [*self.kept[-KEPT:], new]
         self._set_deadline()
 
     def lower_bound(self, problem: Problem) -> LowerBound:
@@ -177,12 +176,12 @@ class PlanState:
         return None if goes_on else self.cut_short
 
     def share(self, parts: int) -> None:
-        """Allow the next candidate one of so many parts of the time that is left.
+        """Give the next candidate 1 / ``parts`` of the remaining time.
 
-        All of it once there is a motion: what comes after it can only be better.
+        With an incumbent it gets all of the remaining time.
         """
         self._until = self._limit
-        if self.best == np.inf:
+        if self.best_duration == np.inf:
             self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
         self._set_deadline()
 
@@ -222,8 +221,8 @@ class PlanState:
         if limit == np.inf:
             return 0.0
         if not any(item.feasible for item in self.kept):
-            # If there is nothing at all, what the candidate began with is slowed down.
-            nothing = self.best == np.inf and self.begun is not None
+            # Without any motion the initial guess of the candidate is time-scaled.
+            nothing = self.best_duration == np.inf and self.begun is not None
             return FIRST_RESERVE * limit if nothing else 0.0
         return min(max(RESERVE * limit, REPLAYS * self._replay), MOST_RESERVE * limit)
 
@@ -244,7 +243,7 @@ class PlanState:
         return self.see(record)
 
     def see(self, record: IterationRecord) -> Status | None:
-        """See a record of something on the side.
+        """Check the deadline on a record that stays out of the history.
 
         Raises:
             Stop: If planning is to end.

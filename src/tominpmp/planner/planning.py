@@ -1,4 +1,19 @@
-"""Planning: candidates from initial guesses, and improvements of the best of them."""
+"""Planning: candidates from initial guesses, and improvements of the incumbent.
+
+A plan is a schedule, a coroutine that yields :class:`~tominpmp.planner.work.Work` and
+is sent the candidate that came of it, and a loop in :func:`plan` that does the work:
+
+- :func:`everything`: starts, improvements, and the thorough search;
+- :mod:`~tominpmp.planner.alternatives`: the goals of a set take turns;
+- :mod:`~tominpmp.planner.starts`: guesses for one goal, and how many;
+- :mod:`~tominpmp.planner.coarse_search`: guesses compared on a coarse grid;
+- :mod:`~tominpmp.planner.descent`: a guess becomes a locally optimal motion;
+- :mod:`~tominpmp.planner.finer_grid`, :mod:`~tominpmp.planner.optimality`: improvements
+  of the incumbent, the fastest candidate whose replay holds;
+- :func:`~tominpmp.planner.work.run`: makes, replays and repairs one candidate, and
+  saves it where planning is stopped;
+- :mod:`~tominpmp.planner.conclusion`: the incumbent becomes a solution.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +45,7 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.thorough import thorough_search
-from tominpmp.planner.work import Policy, run, use_spare
+from tominpmp.planner.work import Schedule, run, use_fallback
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
@@ -74,7 +89,7 @@ def plan(
     if stands is not None:
         return stands
     if asked.energy_weight:
-        # The fastest motion is where the search for the best one begins, no more.
+        # The time-optimal motion only warm-starts the search for the energy optimum.
         options = replace(options, energy_weight=0.0, refine=None, effort="quick")
     former = None if start is None else motion_of(problem, start)
     state = PlanState(problem, searching(options))
@@ -100,15 +115,15 @@ def plan(
 
 
 def _ended(state: PlanState, options: Options, status: Status | None) -> Solution:
-    """The solution when all is tried, or it is time to stop.
+    """The solution once the schedule is exhausted or planning was stopped.
 
     Args:
         state: The plan.
         options: Options of the plan, with the whole of its time.
         status: How it was stopped; None if all is tried.
     """
-    if status is not None and state.best == np.inf:
-        use_spare(state, status)
+    if status is not None and state.best_duration == np.inf:
+        use_fallback(state, status)
     if not state.candidates and state.failures:
         raise state.failures[0]
     if state.complete and status is Status.TIME_LIMIT:
@@ -126,8 +141,8 @@ def _ended(state: PlanState, options: Options, status: Status | None) -> Solutio
 
 def everything(
     state: PlanState, former: Trajectory | Samples | None = None
-) -> Policy[None]:
-    """All that is tried for a problem.
+) -> Schedule[None]:
+    """The schedule of a plan: starts, improvements, thorough search.
 
     Args:
         state: The plan.
@@ -137,7 +152,7 @@ def everything(
     if state.options.objective == "feasible":
         answer = None
         with contextlib.suppress(StopIteration):
-            while state.leader is None:
+            while state.incumbent is None:
                 answer = yield for_each_goal.send(answer)
         return
     yield from for_each_goal
@@ -154,12 +169,12 @@ class Improvement(NamedTuple):
     Attributes:
         name: Its name.
         wanted: Whether options ask for it.
-        improve: Goes on with the best motion, or gives it the status it deserves.
+        improve: Coroutine that improves the incumbent, or updates its status.
     """
 
     name: str
     wanted: Callable[[Options], bool]
-    improve: Callable[[PlanState], Policy[None]]
+    improve: Callable[[PlanState], Schedule[None]]
 
 
 IMPROVEMENTS = (
@@ -181,7 +196,7 @@ IMPROVEMENTS = (
 )
 
 
-def improvements(state: PlanState) -> Policy[None]:
+def improvements(state: PlanState) -> Schedule[None]:
     """Improve the best motion in all ways that the options ask for."""
     state.share(1)
     for improvement in IMPROVEMENTS:
@@ -202,7 +217,7 @@ def _interrupted(solution: Solution) -> Solution:
 def motion_of(
     problem: Problem, start: Solution | Trajectory | Samples
 ) -> Trajectory | Samples | None:
-    """Motion to begin with; None if it takes no time, which leads nowhere.
+    """The motion to warm-start from; None if its duration is zero.
 
     Raises:
         ProblemError: If the solution has no motion, or that is one of other joints.

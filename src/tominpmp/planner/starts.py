@@ -36,16 +36,16 @@ from tominpmp.planner.coarse_search import (
     further_paths,
     search,
 )
-from tominpmp.planner.descent import descent, stop_if_hopeless
+from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
     FEW_MOTORS,
     TORQUE_START_OPTIONS,
     random_torque_starts,
-    shooting,
+    shooting_work,
     torques_may_lead,
 )
-from tominpmp.planner.work import Policy, Work, run
+from tominpmp.planner.work import Schedule, Work, run
 from tominpmp.status import Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
@@ -84,7 +84,7 @@ WARM_RADIUS = 0.3
 # A warm start that stays this far from any motion is dropped: what was near goes on in
 # a few iterations, or a search is the shorter way.
 WARM_FAR = 0.05
-# Nor is one enough that takes longer than this share of what a first guess takes.
+# A search follows a warm start whose T exceeds this share of the first guess's T.
 OUTDONE = 0.95
 
 Former = WarmStart | SegmentedGuess
@@ -94,9 +94,9 @@ class Count(NamedTuple):
     """How many guesses are tried.
 
     Attributes:
-        wanted: So many in any case.
-        usual: So many where that is left to the planner.
-        rescues: So many while no motion is found.
+        wanted: Number of guesses tried in any case.
+        usual: Default of ``wanted``, where ``options.starts`` is None.
+        rescues: Upper limit while there is no incumbent.
     """
 
     wanted: int
@@ -124,13 +124,13 @@ class Count(NamedTuple):
         """The number that is left after a search on coarse grids."""
         wanted = self.wanted - found
         if found and self.usual > 1 and self.wanted == self.usual:
-            wanted = 0  # they were compared
+            wanted = 0  # the coarse search has compared these guesses
         return self._replace(wanted=wanted, rescues=self.rescues - found)
 
 
 def starts(
     system: ProblemFunctions, former: Former | None, state: PlanState
-) -> Policy[None]:
+) -> Schedule[None]:
     """Begin with one guess after the other, a former motion being the first.
 
     Args:
@@ -143,7 +143,7 @@ def starts(
     """
     options = state.options
     if former is not None:
-        candidate = yield _warm_start(system, former, state)
+        candidate = yield _warm_start_work(system, former, state)
         found = candidate is not None and candidate.found
         if candidate is not None and candidate.duration >= former.duration:
             found = _keep_former(system, former, state, candidate) or found
@@ -177,7 +177,7 @@ def starts(
         if first.blocked:
             return
         # Where that has led to no motion, everything is tried in full.
-        found = state.best < np.inf
+        found = state.best_duration < np.inf
         guesses, count = cached.since(int(found)), count.after_search(found)
     yield from _in_full(system, state, guesses, count)
 
@@ -187,7 +187,7 @@ def _in_full(
     state: PlanState,
     guesses: Iterator[Guess],
     count: Count,
-) -> Policy[None]:
+) -> Schedule[None]:
     """Improve guesses on the grid that is asked for."""
     options = state.options
     shots = replace(options, **TORQUE_START_OPTIONS)
@@ -196,11 +196,11 @@ def _in_full(
     ahead = Ahead(system, state, guesses) if several else None
     try:
         for number in itertools.count():
-            if number >= count.rescues and swings and state.best == np.inf:
+            if number >= count.rescues and swings and state.best_duration == np.inf:
                 # Fewer starts than are asked for would try them now.
                 swings = False
                 yield from random_torque_starts(system, shots, state)
-            enough = state.best < np.inf or number >= count.rescues
+            enough = state.best_duration < np.inf or number >= count.rescues
             if number >= count.wanted and enough:
                 return
             # To make one may take a search: not before it is known to be wanted.
@@ -208,17 +208,17 @@ def _in_full(
             guess = ahead.next(wanted) if ahead else next(guesses, None)
             if guess is None:
                 break
-            if guess.timed and guess.duration > TOO_SLOW * state.best:
+            if guess.timed and guess.duration > TOO_SLOW * state.best_duration:
                 continue
             # The last one may take as long as it likes.
             stop = None
             if number + 1 < count.rescues and isinstance(guess, SegmentedGuess):
                 stop = stop_if_hopeless(guess.duration)
-            work = descent(system, options, guess, state, stop)
+            work = descent_work(system, options, guess, state, stop)
             if ahead is not None:
                 work = replace(work, make=partial(ahead.result, number), repairs=0)
             yield work
-        if swings and state.best == np.inf:
+        if swings and state.best_duration == np.inf:
             yield from random_torque_starts(system, shots, state)
     finally:
         if ahead is not None and state.cut_short:
@@ -246,7 +246,7 @@ class Ahead:
         self.results: dict[int, Result] = {}
 
     def next(self, wanted: int) -> Guess | None:
-        """The next guess; so many are wanted ahead, or one for each process."""
+        """The next guess; batches hold ``wanted`` guesses, or one a process."""
         if not self.ready:
             size = min(wanted or self.processes, BATCH * self.processes)
             self.ready = list(itertools.islice(self.guesses, size))
@@ -318,23 +318,25 @@ def solve_alone(
     options = replace(options, max_planning_time=max(ends - time.time(), 1e-3))
     state = PlanState(system.problem, options, asked=asked_to_stop)
     with state.deadline.in_force():
-        candidate = run(state, descent(system, options, guess, state))
+        candidate = run(state, descent_work(system, options, guess, state))
     return candidate, state.failures
 
 
 # -- warm starts -----------------------------------------------------------------------
 
 
-def _warm_start(system: ProblemFunctions, former: Former, state: PlanState) -> Work:
+def _warm_start_work(
+    system: ProblemFunctions, former: Former, state: PlanState
+) -> Work:
     """Work that improves a former motion."""
     near = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
     if isinstance(former, SegmentedGuess):
-        return descent(system, near, former, state)
+        return descent_work(system, near, former, state)
     if near.method in ("adjoint", "penalty"):
         shares = interval_shares(near.grid, near.intervals)
-        return shooting(system, near, state, former.torque_program(system, shares))
+        return shooting_work(system, near, state, former.torque_program(system, shares))
     hopeless = stop_if_hopeless(former.duration, WARM_FAR)
-    return descent(system, near, former, state, hopeless)
+    return descent_work(system, near, former, state, hopeless)
 
 
 def _keep_former(
@@ -378,4 +380,4 @@ def _outdone(system: ProblemFunctions, state: PlanState) -> bool:
     guess = next(guesses, None)
     if guess is None or not guess.timed:
         return False
-    return bool(state.best > OUTDONE * guess.duration)
+    return bool(state.best_duration > OUTDONE * guess.duration)

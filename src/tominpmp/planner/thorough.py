@@ -33,7 +33,7 @@ from tominpmp.planner.torque_starts import (
     random_torque_starts,
     torques_may_lead,
 )
-from tominpmp.planner.work import Policy
+from tominpmp.planner.work import Schedule
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Starts of a wave, how many waves there are without a time limit, and at most.
@@ -45,8 +45,8 @@ DETOUR, GUESS, AGAIN = 1, 2, 3
 
 
 def thorough_search(
-    state: PlanState, improvements: Callable[[PlanState], Policy[None]]
-) -> Policy[None]:
+    state: PlanState, improvements: Callable[[PlanState], Schedule[None]]
+) -> Schedule[None]:
     """Search on for faster motions.
 
     Args:
@@ -67,22 +67,22 @@ def thorough_search(
     state.complete = True
     most = WAVES if options.max_planning_time is None else MOST_WAVES
     for number, search in itertools.product(range(most), searches):
-        if state.best <= (1.0 + PROVEN) * state.lower_bound(problem).T:
+        if state.best_duration <= (1.0 + PROVEN) * state.lower_bound(problem).T:
             return
-        before = state.best
+        before = state.best_duration
         yield from search.wave(number)
-        if state.best < before:
+        if state.best_duration < before:
             yield from improvements(state)
             yield from _further_improved(state)
 
 
-def _further_improved(state: PlanState) -> Policy[None]:
+def _further_improved(state: PlanState) -> Schedule[None]:
     """Improve the best motion by exact switches, and by a finer grid.
 
     Exact switches are for small arms with nothing around them. Their structure is
     looked at only: other ones come from other starts.
     """
-    best, options = state.leader, state.options
+    best, options = state.incumbent, state.options
     if best is None:
         return
     system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
@@ -91,10 +91,10 @@ def _further_improved(state: PlanState) -> Policy[None]:
     plain = plain and options.refine == "auto"
     if small and plain and not options.control_period:
         yield from with_exact_switches(state, replace(options, starts=1))
-    before = state.best
+    before = state.best_duration
     lavish = options if options.refine is None else replace(options, refine="grid")
     yield from on_finer_grid(state, lavish)
-    if state.best < before:
+    if state.best_duration < before:
         yield from certified(state)
 
 
@@ -117,7 +117,7 @@ class Waves:
     def _rng(self, kind: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, kind])
 
-    def wave(self, number: int) -> Policy[None]:
+    def wave(self, number: int) -> Schedule[None]:
         """Make the candidates of a wave.
 
         Args:
@@ -166,19 +166,19 @@ class Waves:
         rng = self._rng(AGAIN)
         for spread in itertools.cycle(SPREADS):
             heights = spread * rng.normal(size=(2, self.system.n))
-            best = self.state.leader
+            best = self.state.incumbent
             if best is not None:
                 guess = Guess.of_motion(best.name, best.trajectory)
                 yield bumped(self.system, guess, heights)
 
-    def _weightless(self, guess: Guess) -> Policy[Guess]:
+    def _weightless(self, guess: Guess) -> Schedule[Guess]:
         """The motion that a guess leads to where nothing has a weight."""
-        system, spare = self.system.without_self_collision, self.state.spare
+        system, spare = self.system.without_self_collision, self.state.fallback
         robot = system.problem.robot.with_changes(gravity=np.zeros(3))
         light = replace(system, dynamics=RobotDynamics(robot, dry=False))
         search = CoarseSearch(light, self.options, self.state, torques=True)
-        rough = yield from search.rough(guess)
-        self.state.spare = spare  # that one has its weight
+        rough = yield from search.solve_coarse(guess)
+        self.state.fallback = spare  # that one has its weight
         if rough is None:
             return guess
         return Guess.of_motion(guess.name, rough.candidate.trajectory, len(guess.t))

@@ -1,4 +1,4 @@
-"""Torque starts: torques that need not reach the goal, improved as in the paper."""
+"""Torque starts: shooting from torques that need not reach the goal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import REPAIRS, Policy, Work
+from tominpmp.planner.work import REPAIRS, Schedule, Work
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.fixed_step import fixed_steps
 from tominpmp.solvers.loop import Rule, Step, solve
@@ -52,7 +52,7 @@ LONGER = 2.0
 
 def random_torque_starts(
     system: ProblemFunctions, options: Options, state: PlanState, least: int = 1
-) -> Policy[None]:
+) -> Schedule[None]:
     """Improve the torques to begin with, then random ones.
 
     Args:
@@ -67,12 +67,12 @@ def random_torque_starts(
     if options.method == "adjoint":
         most = max(wanted, RESCUE_SHOTS)
     for number in range(most):
-        if number >= wanted and state.best < np.inf:
+        if number >= wanted and state.best_duration < np.inf:
             return
         z = _given_torques(system, options)
         if number:
             z = _random_torques(system, options, rng)
-        yield shooting(system, options, state, z)
+        yield shooting_work(system, options, state, z)
 
 
 def torques_may_lead(system: ProblemFunctions) -> bool:
@@ -107,7 +107,7 @@ def _random_torques(
     return np.append(pieces[piece].ravel(), duration)
 
 
-def shooting(
+def shooting_work(
     system: ProblemFunctions, options: Options, state: PlanState, z: Array
 ) -> Work:
     """Work that improves torques and a duration.

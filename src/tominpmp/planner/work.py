@@ -24,8 +24,8 @@ logger = logging.getLogger(__name__)
 
 # Doublings of the grid of a motion whose replay does not hold.
 REPAIRS = 2
-# How much slower a guess is made to be a motion, where there is nothing better, and
-# what violation will do: of none of the limits does it use more than it may.
+# Time-scaling factors tried to make an initial guess feasible where there is no
+# incumbent, and the largest violation that counts as feasible then.
 SLOWER = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 SLOW_ENOUGH = 1e-6
 # Largest violation of a coarse motion that is near to one.
@@ -50,37 +50,37 @@ class Work:
         name: Name of the motion it begins with.
         make: Makes the candidate.
         repairs: How often the grid is doubled at most where its replay does not hold.
-        apart: Whether rows keep the links of a single arm apart from the first program
-            on; else they join if the links touch in the replay.
+        self_collision_rows: Whether the first program has them already; else they are
+            added once links of a single arm touch in the replay.
         replay: Whether the candidate is replayed; those of coarse grids are not, and
             are kept as a spare only.
         follows: The candidate that it goes on from.
-        worth: Duration that it has to beat to be kept [s].
+        cutoff: The candidate is kept only if its duration is shorter [s].
     """
 
     system: ProblemFunctions
     name: str
     make: Make
     repairs: int = 0
-    apart: bool = False
+    self_collision_rows: bool = False
     replay: bool = True
     follows: Candidate | None = None
-    worth: float = np.inf
+    cutoff: float = np.inf
 
     @classmethod
     def from_best(cls, state: PlanState, best: Candidate, make: Make) -> Work:
         """Work that goes on from the best motion, with the goal that it meets."""
         system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
-        return cls(system, best.name, make, apart=best.apart)
+        return cls(system, best.name, make, self_collision_rows=best.clearance_rows)
 
 
 T = TypeVar("T")
-# Tells what is done next, and is sent the candidate that it has led to, or None.
-Policy = Generator[Work, Candidate | None, T]
+# A coroutine: yields the next work, and is sent the candidate made of it, or None.
+Schedule = Generator[Work, Candidate | None, T]
 
 
 def run(state: PlanState, work: Work) -> Candidate | None:
-    """Make a candidate; cut short, or failed, it is what it has found by then.
+    """Make a candidate; after a stop or a failure, from its kept iterates.
 
     Returns:
         The candidate, which ``state`` knows; None if there is no motion at all.
@@ -100,8 +100,8 @@ def run(state: PlanState, work: Work) -> Candidate | None:
     if work.follows is not None:
         candidate = candidate.after(work.follows)
     if not (work.replay or candidate.found):
-        _spare(state, work, candidate)
-    elif candidate.duration < work.worth or work.worth == np.inf:
+        _keep_fallback(state, work, candidate)
+    elif candidate.duration < work.cutoff or work.cutoff == np.inf:
         state.candidates.append(candidate)
     return candidate
 
@@ -112,7 +112,7 @@ def _made(state: PlanState, work: Work) -> Candidate | None:
     Where links of a single arm touch, that is rows for them; else a finer grid.
     """
     complete = work.system
-    system = complete if work.apart else complete.without_self_collision
+    system = complete if work.self_collision_rows else complete.without_self_collision
     best, doublings = None, 0
     while True:
         candidate = work.make(system, doublings, best)
@@ -155,18 +155,18 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     """The best of what a candidate has found, replayed in a little time.
 
     Returns:
-        The newest motion that its replay confirms. Without one, what it began with, if
-        it need only be slowed down and nothing else is known; else the newest that was
-        found. None if there is nothing.
+        The newest feasible iterate whose replay holds. Without a feasible iterate and
+        an incumbent, the initial guess if time scaling makes it feasible; else the
+        newest iterate. None if no iterate was kept.
     """
     if not state.kept:
         return None
-    first, *_ = state.kept
+    first = state.begun or state.kept[0]
     initial = first.program.trajectory(first.iterate.z)
     feasible = [item for item in reversed(state.kept) if item.feasible]
     last: Candidate | None = None
     with state.saving():
-        if not feasible and state.best == np.inf and state.begun is not None:
+        if not feasible and state.best_duration == np.inf and state.begun is not None:
             with contextlib.suppress(Stop, *NUMERICAL):
                 slow = _slowed_down(state.begun)
                 feasible = [] if slow is None else [slow]
@@ -180,7 +180,7 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
                 candidate = candidate.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
                 state.stopped(again)
-                # That one was refuted says nothing of those there was no time for.
+                # A refuted iterate says nothing about those not replayed yet.
                 return last and replace(last, verification=None)
             except (*NUMERICAL, TominpmpError) as error:
                 logger.warning("what was found could not be replayed: %r", error)
@@ -202,26 +202,26 @@ def _slowed_down(begun: Kept) -> Kept | None:
     return None
 
 
-def _spare(state: PlanState, work: Work, candidate: Candidate) -> None:
+def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
     """Keep the best motion of a coarse grid."""
 
     def order(one: Candidate) -> tuple[bool, float]:
         return one.violation > NEARLY, one.trajectory.duration
 
-    if state.spare is None or order(candidate) < order(state.spare[0]):
-        state.spare = candidate, state.kept[-1], work.system.problem
+    if state.fallback is None or order(candidate) < order(state.fallback[0]):
+        state.fallback = candidate, state.kept[-1], work.system.problem
 
 
-def use_spare(state: PlanState, status: Status) -> None:
-    """Have the best motion of a coarse grid replayed, as slow as it has to be.
+def use_fallback(state: PlanState, status: Status) -> None:
+    """Replay the best coarse motion, time-scaled until its replay holds.
 
     Args:
         state: The plan, which was stopped before it had found another motion.
         status: How it was stopped.
     """
-    if state.spare is None:
+    if state.fallback is None:
         return
-    candidate, kept, problem = state.spare
+    candidate, kept, problem = state.fallback
     candidate = replace(candidate, status=status)
     with state.saving():
         try:
