@@ -20,7 +20,7 @@ LP_SOLVERS = {
 
 
 def resolve_options(problem: Problem, options: Options) -> Options:
-    """Replace "auto" and None by what fits the problem.
+    """Replace "auto" and None by values that fit the problem.
 
     Raises:
         OptionsError: If an option does not fit the problem.

@@ -19,13 +19,13 @@ from tominpmp.problem import Problem
 
 # Positions of a joint that are looked at between start and goal.
 PLACES = 128
-# What a pair has to lack beyond what motions are forgiven [m].
+# Lack of clearance of a barrier beyond the lack that motions are forgiven [m].
 DEEP = 1e-4
 
 
 @dataclass(frozen=True)
 class Barrier:
-    """What a joint cannot pass.
+    """A pair of bodies that a joint cannot pass.
 
     Attributes:
         joint: Name of the joint.
@@ -52,14 +52,14 @@ class Barrier:
 
 
 def find_barrier(problem: Problem, forgiven: float) -> Barrier | None:
-    """Look for what no motion can pass; None if there is no such proof.
+    """Look for a barrier to all motions; None if there is no proof of one.
 
     Every way to meet the goal must be barred. Goals on a frame, and obstacles that
     move, prove nothing.
 
     Args:
         problem: The problem.
-        forgiven: What pairs of a motion may lack all the same [m].
+        forgiven: Lack of clearance that a motion is forgiven [m].
     """
     found = [_barred(part, forgiven) for part in problem.alternatives]
     return found[0] if all(found) else None
@@ -83,7 +83,7 @@ def _barred(problem: Problem, forgiven: float) -> Barrier | None:
 def _between(
     problem: Problem, begin: Array, end: Array, forgiven: float, segment: int | None
 ) -> Barrier | None:
-    """What bars the way from one configuration to another."""
+    """The barrier between two configurations, if there is one."""
     checker, robot = problem.checker, problem.robot
     joint = checker.lone_joints
     pairs = np.flatnonzero((joint >= 0) & (begin != end)[joint])

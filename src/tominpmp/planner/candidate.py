@@ -1,4 +1,4 @@
-"""Candidates: what one initial guess leads to."""
+"""Candidates: motions made from initial guesses, with their replays."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from tominpmp.verification.verification import Verification, verify
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """What one initial guess led to.
+    """The motion that one initial guess led to.
 
     Attributes:
-        name: What it began with.
+        name: Name of the guess.
         status: How the iteration ended.
         feasible: Whether the motion keeps all constraints.
         trajectory: The best motion.

@@ -2,13 +2,13 @@
 
 A descent on a few intervals takes a fraction of the time, and is less apt to end in a
 poor local optimum than one on the grid that is asked for: obstacles and torque limits
-bind at fewer instants. So starts are judged by what they lead to there, and those that
+bind at fewer instants. So starts are compared by their motions there, and those that
 lead to the same motion as others before, or to slower ones, are dropped.
 
-What is worth a try is decided by how far a motion is above what none can beat: most
-motions that speed limits rule are within a per cent of that, and need nothing else.
-Every decision depends on what came before it alone. So whoever asks for more gets what
-less would have found, and then more.
+Further starts are tried if the incumbent is far above the lower bound: most motions
+that speed limits rule are within a per cent of it, and need no other start. Every
+decision depends on the candidates before it alone, so that a search of more starts
+finds the motions of one of fewer starts, and then others.
 """
 
 from __future__ import annotations
@@ -49,15 +49,15 @@ INTERVALS = 16
 # How exactly a coarse motion is found, and in how many iterations.
 TOLERANCE, ITERATIONS = 2e-3, 30
 # Excess of torques between the rows of coarse grids that is tolerated, where the asked
-# grid is refined by what is left; 3e-2 would be too much to slow down. Exact switching
-# begins with what the coarse grid leads to.
+# grid removes the rest of it; 3e-2 would be too much to slow down. Exact switching
+# begins with the motion of the coarse grid.
 COARSE_EFFORT_TOLERANCE = 1e-2
 # Trust region for finishing a coarse motion, as a share of the usual one.
 RADIUS = 0.5
 # Intervals to finish one with, at most, where torques rule and the grid may follow the
 # motion, and joints times intervals: programs of thirty joints take a second each.
 TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
-# What a coarse grid costs, as a share of T, where torques rule and where speeds do.
+# Loss of a coarse grid, as a share of T, where torques rule and where speeds do.
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
 # Iterations after which a start is dropped that is not near a motion, since rows
 # between the nodes have joined it last: these break a motion that was all right before.
@@ -66,10 +66,10 @@ PATIENCE = 12
 STUCK = 0.02
 # Extrapolated gain of all further iterations, in multiples of the last gain.
 LEFT = 3.0
-# A motion goes astray on the asked grid that becomes so many times as slow: one
-# that passes something between the nodes, where rows join it, becomes ever slower.
+# A motion is dropped on the asked grid once T has grown by this factor: one that passes
+# through an obstacle between the knots, where rows join it, becomes ever slower.
 ASTRAY = 3.0
-# What a motion has to promise beyond the best one to be finished, as a share of T.
+# Least gain over the incumbent that a coarse motion promises, as a share of T.
 PROMISE = 0.003
 # A timed guess this much slower than a motion that was found is not worth its time.
 TOO_SLOW = 1.4
@@ -79,12 +79,12 @@ SAMPLES = 12
 SAME = 0.05
 # The search ends where the gap of the incumbent to the lower bound is at most this.
 GAP = 0.03
-# Arms with so many joints at most are searched on where nothing is in their way: they
-# may swing, or turn their elbow over. How many detours are tried at least.
+# Arms of at most FEW_JOINTS joints are searched on in free space, too: they may swing,
+# or turn their elbow over. Least number of detours that are tried.
 FEW_JOINTS, DETOURS = 3, 6
-# Arms of more joints, up to so many, are where a motion takes more than so many times
-# what none can beat: of 70 random goals (speeds times four) five did, and three of them
-# were 1 to 4 % longer than need be. Of whole robots a start takes seconds.
+# Arms of more joints, up to MOST_JOINTS, are searched on where T is more than FAR_ABOVE
+# times the lower bound: of 70 random goals (speeds times four) five were, and three of
+# them were 1 to 4 % longer than need be. A start of a whole robot takes seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
 # Iterations on the asked grid after which a motion among obstacles has to be near one
 # that none can beat by much; else coarse grids are tried. It leads astray that is ever
@@ -159,7 +159,7 @@ def search(
     coarse = CoarseSearch(system, state.options, state, torques=torques)
     if system.final_configuration is not None and not torques:
         # Where speed limits rule and little is in the way, a descent on the grid that
-        # is asked for takes a few iterations, and ends near what none can beat.
+        # is asked for takes a few iterations, and ends near the lower bound.
         stop = None if system.in_free_space else partial(_leads_astray, state, system)
         yield descent_work(system, state.options, first, state, stop)
         if state.best_duration < np.inf and (
@@ -238,8 +238,8 @@ class CoarseMotion:
     """A motion on a coarse grid.
 
     Attributes:
-        candidate: What led to it.
-        guess: What that began with.
+        candidate: Its candidate.
+        guess: The guess it began with.
         shape: Its shape.
     """
 
@@ -255,7 +255,7 @@ class CoarseMotion:
 
 
 class CoarseSearch:
-    """Starts on coarse grids, and what is made of them.
+    """Starts on coarse grids, and the descents that finish them.
 
     Where torques rule, even intervals lose least; where speeds and obstacles do, short
     ones at both ends. A weight on the variation of torques leads to better optima on
@@ -272,7 +272,7 @@ class CoarseSearch:
     Attributes:
         known: Motions on coarse grids, all different.
         ends: Shapes of the motions that were finished.
-        loss: What the coarse grid costs, as a share of T.
+        loss: Loss of the coarse grid, as a share of T.
     """
 
     def __init__(
@@ -311,7 +311,7 @@ class CoarseSearch:
 
     @property
     def many_joints(self) -> bool:
-        """Whether an arm has so many joints that its bounds say much."""
+        """Whether the arm has more than FEW_JOINTS joints."""
         return self.system.n > FEW_JOINTS
 
     @property
@@ -429,7 +429,7 @@ class CoarseSearch:
             return False
         return bool(self.ends) and _is_among(self._present_shape(loop), self.ends)
 
-    # -- what is compared --------------------------------------------------------------
+    # -- comparisons -------------------------------------------------------------------
 
     def descents(self, guesses: Iterator[Guess], wanted: int) -> Schedule[None]:
         """The first motions of a plan.
@@ -474,7 +474,7 @@ class CoarseSearch:
 
         Args:
             guesses: The guesses.
-            patience: After so many of them in a row that promise nothing it is enough.
+            patience: Stop rule: number of consecutive guesses without promise.
             prepared: Coroutine that transforms each guess before it is tried.
         """
         found: list[CoarseMotion] = []

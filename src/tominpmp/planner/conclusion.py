@@ -1,4 +1,4 @@
-"""Conclusion of a plan: what its candidates have led to, as a solution."""
+"""Conclusion of a plan: its best candidate as a solution, with a message."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
     )
     if not candidates:
         return without_motion(state, options, status or Status.INFEASIBLE)
-    # Of those that are as good the last one, which knows best what it is.
+    # Among equally good ones the last, whose status and remark are the newest.
     order = list(reversed(candidates))
     best = min(order, key=lambda a: (a.duration, not a.feasible, a.violation))
     ended = best.status
@@ -105,7 +105,7 @@ def without_motion(
 
 
 def with_remarks(solution: Solution, state: PlanState) -> Solution:
-    """A solution with what a user should know of its motion in its message.
+    """A solution with remarks on its motion in its message.
 
     That it was planned without limits of accelerations, and which links touch though
     an SRDF says that they never do.
@@ -128,7 +128,7 @@ def _bound(state: PlanState) -> LowerBound | None:
 
 
 def _advice(options: Options, status: Status, best: Candidate) -> str:
-    """What else to try where a method has found nothing; empty where there is a motion.
+    """Advice where a method has found no motion; empty where there is one.
 
     Methods whose torques are constant over the intervals need short ones, where an arm
     leaves its path by itself.
@@ -147,7 +147,7 @@ def _advice(options: Options, status: Status, best: Candidate) -> str:
 def _more_time(
     problem: Problem, options: Options, status: Status, best: Candidate
 ) -> str:
-    """What would help where the planning time was used up; else empty."""
+    """Advice where the planning time was used up; else empty."""
     if status is not Status.TIME_LIMIT:
         return ""
     advice = f" {options.time_limit:.3g} s were allowed; max_planning_time allows more"

@@ -58,7 +58,7 @@ def stop_if_hopeless(duration: float, near: float = FAR) -> Rule:
     """Rule that drops an iteration which comes no nearer to a motion, or ever slower.
 
     Args:
-        duration: T of what it began with [s].
+        duration: T of the guess [s].
         near: Violations up to this share are near; infinite judges the time alone.
     """
 
@@ -199,7 +199,7 @@ def descend(
             program, z = _smooth_start(system, options, guess, state)
     step, usual = _method(system, options)
     exchange = RowExchange(
-        # What the last violations cost is less than a finer grid brings.
+        # The last violations cost less than a finer grid brings.
         light=LIGHT if options.refine == "auto" else 0.0,
         revise=partial(with_missing_rows, effort_tolerance=effort_tolerance),
     )

@@ -37,8 +37,7 @@ def with_exact_switches(
     if best is None:
         return
     if options.refine == "switching" and options.control in DEGREES:
-        remark = SMOOTH.format(options.control)
-        state.candidates.append(replace(best, history=(), remark=remark))
+        state.amend(best, remark=SMOOTH.format(options.control))
         return
     # An add-on: loaded by name, so that the core works without it.
     exact = import_module("tominpmp.exact.switching_refinement")

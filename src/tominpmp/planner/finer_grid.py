@@ -1,10 +1,10 @@
 """Finer grids: the grid of the best motion follows its bends.
 
 A grid that was chosen before anything was known of the motion costs time where torques
-switch inside an interval, where what runs to its limit gets there at one instant of it
-only, and where obstacles bend the path. Intervals are halved where the controls bend;
-the motion is the same on the new grid, and the first linear program there tells what is
-to be had. Where that is little it is left at that, else a few programs get nearly all
+switch inside an interval, where a quantity reaches its limit at one instant of it only,
+and where obstacles bend the path. Intervals are halved where the controls bend;
+the motion is the same on the new grid, and the first linear program there tells the
+possible gain. Where that is little the round ends, else a few programs get nearly all
 of it, and the next round looks where controls bend now.
 """
 
@@ -46,22 +46,22 @@ LEAST_PROGRAMS = 16
 # Iterations on a grid; and at most, where violations are left that slowing down does
 # not cure: without them all that was gained would be lost.
 ITERATIONS, MOST_ITERATIONS = 8, 20
-# Trust region, as a share of the usual one: the motion is near to what it comes from.
+# Trust region, as a share of the usual one: the new motion is near the former one.
 RADIUS = 0.3
 
 
 @dataclass(frozen=True)
 class RefinementBudget:
-    """What finer grids must bring, and may take.
+    """The gain that finer grids must bring, and the programs they may take.
 
     Attributes:
         worth: A round is worth while if it promises this share of T.
-        enough: An iteration goes on while it has not kept more of what it promised than
-            this share of T: most of the gain comes with the first step.
+        enough: An iteration goes on while the predicted gain that its last step left is
+            more than this share of T: most of the gain comes with the first step.
         gain: Motions that gain less than this share of T are not worth a replay.
         rounds: Rounds of halving.
         work: Programs of all rounds together, to those of the search. A round that has
-            used them up ends with what it has, and is the last.
+            used them up ends with its motion, and is the last.
         bends: Intervals are halved that have this share of all bends, with their
             lengths, together.
     """
@@ -113,7 +113,7 @@ def on_finer_grid(state: PlanState, options: Options | None = None) -> Schedule[
 def _remark(state: PlanState, best: Candidate, remark: str) -> None:
     """Have the best motion say more of itself."""
     remark = f"{best.remark} {remark}".strip()
-    state.candidates.append(replace(best, history=(), remark=remark))
+    state.amend(best, remark=remark)
 
 
 def _refined(
@@ -173,7 +173,7 @@ class Enough:
     """Rule that ends the iterations of a round when no more is promised.
 
     Attributes:
-        budget: What finer grids must bring, and may take.
+        budget: The gain that finer grids must bring, and their programs.
         duration: T of the motion that has to be beaten [s].
         spent: Tells whether the programs of all rounds are used up.
     """
@@ -183,7 +183,7 @@ class Enough:
     spent: Callable[[], bool]
 
     def first(self, history: Sequence[IterationRecord]) -> float:
-        """What the first step of a round has promised, as a share of T."""
+        """Gain predicted by the first step of a round, as a share of T."""
         return history[0].predicted / self.duration
 
     def __call__(self, loop: Loop) -> Status | None:

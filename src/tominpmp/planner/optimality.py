@@ -3,9 +3,9 @@
 An iteration ends when it makes no more progress, which proves nothing: rows of
 distances beside the nearest instants may hold it, a small trust region, or a padding
 that costs time. So the best motion is put to the test of its certificate. Where small
-changes of it promise too much it is improved, with less padding where that is what is
-to be gained. Only what passes is called locally optimal; else the status says which
-limit was reached, and the message how much small changes promise still.
+changes of it promise too much it is improved, with less padding where the padding is
+the gain. Only a motion that passes is called locally optimal; else the status says
+which limit was reached, and the message how much small changes promise still.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ PADDING_SHARE, LESS_PADDING = 0.3, 0.3
 CLOSER_LOOKS = 3
 # A round has brought next to nothing that brings no more than this share of T.
 LITTLE = 5e-4
-# What small changes may promise, as a share of T, where effort is "thorough".
+# Gain that small changes may promise, as a share of T, where effort is "thorough".
 THOROUGH = 1e-3
 # A motion that the certificate accepts is improved all the same if its predicted
 # decrease exceeds this share of T: two of 120 motions in clutter, for which other
@@ -83,7 +83,7 @@ def certified(state: PlanState) -> Schedule[None]:
     bound = state.lower_bound(problem).T
     if (1.0 - tolerance) * best.duration <= bound:
         # No motion at all is faster by more than that.
-        state.candidates.append(replace(best, status=Status.CONVERGED, history=()))
+        state.amend(best, status=Status.CONVERGED)
         return
     # As many iterations as the search has had, some at least, and none too many.
     had = sum(len(candidate.history) for candidate in state.candidates)
@@ -101,11 +101,11 @@ def certified(state: PlanState) -> Schedule[None]:
         # The test was cut short, or failed: nothing is known of the motion.
         best = replace(best, status=state.cut_short or Status.STALLED)
     if settled is None or settled.duration > best.duration:
-        state.candidates.append(replace(best, history=()))
+        state.amend(best)
 
 
 def tolerance_of(options: Options) -> float:
-    """What small changes of a motion that is called optimal may promise, in T."""
+    """Gain that small changes of an optimal motion may promise, as a share of T."""
     return THOROUGH if options.effort == "thorough" else TOLERANCE
 
 
@@ -114,8 +114,8 @@ def clearly(
 ) -> bool:
     """Whether the last step of an iteration was proof enough.
 
-    What a linear program promises within a trust region is at least that share of what
-    it would promise within one that is larger, of which the region is that share.
+    The gain that a linear program predicts within a trust region is at least the share
+    of its gain within a larger one that the region is of the larger one.
     """
     judged = candidate.verification
     if len(candidate.history) < 2 or judged is None or candidate.layout is None:
@@ -154,7 +154,7 @@ class CertifiedDescent:
     Args:
         system: The functions of the problem.
         state: The plan.
-        tolerance: What small changes may promise, as a share of T.
+        tolerance: Gain that small changes may promise, as a share of T.
         iterations: How many there may be.
     """
 
@@ -174,7 +174,7 @@ class CertifiedDescent:
         return len(self.state.records) >= self.limit
 
     def _allow(self, more: int) -> None:
-        """Have so many iterations left at least, as far as options allow."""
+        """Allow a number of further iterations, as far as options do."""
         more = min(more, self.options.max_iterations)
         self.limit = max(self.limit, len(self.state.records) + more)
 
@@ -204,7 +204,7 @@ class CertifiedDescent:
         return seen.certificate.ok and promise <= min(self.tolerance, WORTH_A_TRY)
 
     def examine(self, candidate: Candidate) -> Findings:
-        """What the certificate says of a motion."""
+        """The certificate of a motion, and its findings."""
         problem, judged = self.system.problem, candidate.verification
         near = _anything_near(problem, candidate)
         motion = candidate.trajectory
@@ -216,7 +216,7 @@ class CertifiedDescent:
         return seen
 
     def _spend_padding(self, seen: Findings) -> bool:
-        """Leave less padding where that is what is to be gained; whether it is."""
+        """Reduce the padding where that is the gain; whether it is."""
         if seen.found is None:
             return False
         given = seen.found.multipliers
@@ -238,7 +238,7 @@ class CertifiedDescent:
             candidate = self._replayed(best, result)
             if candidate is None or candidate.found:
                 return candidate or best
-            # What passes fast may come too close between all rows.
+            # Bodies that pass fast may come too close between all rows.
             z = result.best.z
             assert isinstance(result.program, NonlinearProgram)  # noqa: S101
             program = result.program
@@ -268,7 +268,7 @@ class CertifiedDescent:
         )
 
     def _replayed(self, best: Candidate, result: SlpResult) -> Candidate | None:
-        """What has come of a motion, replayed; None if it is no faster."""
+        """The candidate of a result, replayed; None if it is no faster."""
         found = Candidate.of(best.name, result.program, best.initial, result)
         found = replace(found, remark=best.remark, history=())
         if not (found.feasible and found.trajectory.duration < best.duration):

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -118,6 +118,15 @@ class PlanState:
         """Duration of the incumbent [s]; infinite without an incumbent."""
         return min((one.duration for one in self.candidates), default=np.inf)
 
+    def amend(self, candidate: Candidate, **changes: Any) -> None:
+        """Have a candidate say more of itself: among equally fast ones the last counts.
+
+        Args:
+            candidate: The candidate.
+            changes: Other values of its attributes.
+        """
+        self.candidates.append(replace(candidate, history=(), **changes))
+
     def begin(self) -> None:
         """Begin with another candidate."""
         self.start += 1
@@ -186,7 +195,7 @@ class PlanState:
         self._set_deadline()
 
     def extend(self, limit: float) -> None:
-        """Set another limit for what is still to be done, from the beginning on [s]."""
+        """Set another time limit, counted from the beginning of the plan [s]."""
         self._limit = self._until = limit
         self.records, self.kept = [], []
         self._set_deadline()
@@ -205,7 +214,7 @@ class PlanState:
 
     @contextmanager
     def saving(self) -> Iterator[None]:
-        """Go on for a little, to save what was found although it is time to stop."""
+        """Time of grace, to save the motions found although it is time to stop."""
         until = time.perf_counter() + SAVING
         if not self.deadline.requested:
             until = self._end()
@@ -216,7 +225,7 @@ class PlanState:
         return self._begin + (1.0 + END_SHARE) * self._limit + END_SECONDS
 
     def _reserve(self) -> float:
-        """Time to be left for the replay of what was found [s]."""
+        """Time to be left for the replay of the motions found [s]."""
         limit = self._limit
         if limit == np.inf:
             return 0.0

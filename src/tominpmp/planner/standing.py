@@ -25,7 +25,7 @@ from tominpmp.verification import verify
 
 # A goal at a distance of just the feasibility is met, however the distance is rounded.
 ROUNDING = 1e-6
-# What is said of it.
+# Sentence of its message.
 STANDS = "The start already satisfies the goal: nothing has to move."
 
 

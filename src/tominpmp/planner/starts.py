@@ -77,12 +77,12 @@ TO_START = 5.0
 # take a while.
 BATCH = 4
 # Processes end before the time is over by this share of it, and by so much, to hand
-# over what they have found [s].
+# over their candidates [s].
 HANDOVER_SHARE, HANDOVER = 0.02, 0.05
 # Trust region of a warm start, in shares of the usual one.
 WARM_RADIUS = 0.3
-# A warm start that stays this far from any motion is dropped: what was near goes on in
-# a few iterations, or a search is the shorter way.
+# A warm start that stays this far from any motion is dropped: one near a motion reaches
+# it in a few iterations, else a search is the shorter way.
 WARM_FAR = 0.05
 # A search follows a warm start whose T exceeds this share of the first guess's T.
 OUTDONE = 0.95
@@ -353,7 +353,7 @@ def _keep_former(
     )
     same = same.verified(system.problem, state.options)
     if same.duration < candidate.duration:
-        state.candidates.append(replace(same, history=()))
+        state.amend(same)
     return same.found
 
 

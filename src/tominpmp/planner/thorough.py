@@ -1,10 +1,10 @@
 """Thorough search: waves of starts of all kinds, while there is time for them.
 
-What a plan with less effort finds is found first, to its last stage; then come waves of
-starts on coarse grids: detours, paths around obstacles, other configurations at the
-goal, motions of the arm without its weight, and torques from nowhere. What promises to
-be faster than the best motion is finished, and if it is faster it has the last stages
-too. So a longer search never ends with a slower motion.
+The motion of a plan with less effort is found first, to its last stage; then come waves
+of starts on coarse grids: detours, paths around obstacles, other configurations at the
+goal, motions of the arm without its weight, and random torques. A coarse motion that
+promises to be faster than the incumbent is finished, and if it is faster it has the
+last stages too. So a longer search never ends with a slower motion.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Starts of a wave, how many waves there are without a time limit, and at most.
 WAVE, WAVES, MOST_WAVES = 8, 4, 1000
-# A motion this close to what none can beat is not searched on from.
+# The search ends where the gap to the lower bound is at most this.
 PROVEN = 1e-3
 # Seeds of the kinds of starts, which do not depend on each other.
 DETOUR, GUESS, AGAIN = 1, 2, 3
@@ -50,7 +50,7 @@ def thorough_search(
     """Search on for faster motions.
 
     Args:
-        state: The plan, which has found what less effort leads to.
+        state: The plan, whose incumbent is that of a plan with less effort.
         improvements: Improves the best motion in all ways that the options ask for.
     """
     options, problem = state.options, state.problem

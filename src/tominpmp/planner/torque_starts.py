@@ -41,10 +41,10 @@ TORQUE_START_OPTIONS: dict[str, Any] = {
 }
 # Duration that shooting begins with: the paper's T^0 [s].
 FIRST_DURATION = 1.5
-# Starts that are made while none has led to a motion, and what random torques are: a
-# few pieces of a share of the limits, for up to so many times the first duration.
+# Starts that are made while there is no incumbent; random torques are constant on
+# PIECES pieces, and last up to LONGER times the first duration.
 RESCUE_SHOTS = 4
-# Arms of so many joints may have to swing.
+# Arms of at most this number of joints may have to swing.
 FEW_MOTORS = 3
 PIECES = 4
 LONGER = 2.0
@@ -130,7 +130,7 @@ def shoot(
     z: Array,
     substeps: int,
 ) -> tuple[Candidate, Array]:
-    """Improve torques and duration with so many integration steps an interval."""
+    """Improve torques and duration with a number of integration steps an interval."""
     shares = interval_shares(options.grid, options.intervals)
     paper = options.step_rule == "paper" and options.method == "adjoint"
     transcription = AdjointTranscription(

@@ -1,4 +1,4 @@
-"""Work of a plan: what makes a candidate, replays it, repairs it, and saves it."""
+"""Work of a plan: a candidate is made, replayed, repaired, and saved on a stop."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ SLOW_ENOUGH = 1e-6
 # Largest violation of a coarse motion that is near to one.
 NEARLY = 1e-2
 
-# What is said of a motion that is kept, as something failed that followed.
+# Remark on a motion that is kept, as a later stage failed.
 KEPT = "A later stage failed ({}), and this was kept."
-# What numerics may end with. A failure after a motion was found does not lose it.
+# Errors of numerics. A failure after a motion was found does not lose it.
 NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 
 # Makes a candidate from the functions of the problem, the number of doublings of its
@@ -107,7 +107,7 @@ def run(state: PlanState, work: Work) -> Candidate | None:
 
 
 def _made(state: PlanState, work: Work) -> Candidate | None:
-    """Make a candidate, and again with what its replay shows to be missing.
+    """Make a candidate, and again with the rows or knots that its replay lacks.
 
     Where links of a single arm touch, that is rows for them; else a finer grid.
     """
@@ -139,7 +139,7 @@ def _made(state: PlanState, work: Work) -> Candidate | None:
 
 
 def _failed(state: PlanState, work: Work, error: Exception) -> Candidate | None:
-    """What has been found by work that ended with an error."""
+    """The motion found by work that ended with an error."""
     logger.warning("start %d failed: %r", state.start, error)
     if not any(item.feasible for item in state.kept):
         state.failures.append(error)
@@ -152,7 +152,7 @@ def _failed(state: PlanState, work: Work, error: Exception) -> Candidate | None:
 
 
 def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
-    """The best of what a candidate has found, replayed in a little time.
+    """The best kept iterate of a candidate, replayed in the time of grace.
 
     Returns:
         The newest feasible iterate whose replay holds. Without a feasible iterate and
@@ -183,7 +183,7 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
                 # A refuted iterate says nothing about those not replayed yet.
                 return last and replace(last, verification=None)
             except (*NUMERICAL, TominpmpError) as error:
-                logger.warning("what was found could not be replayed: %r", error)
+                logger.warning("a kept motion could not be replayed: %r", error)
                 continue
             if candidate.found:
                 return candidate
