@@ -86,6 +86,8 @@ FEW_JOINTS, DETOURS = 3, 6
 # times the lower bound: of 70 random goals (speeds times four) five were, and three of
 # them were 1 to 4 % longer than need be. A start of a whole robot takes seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
+# The same among obstacles, where each way round them is another optimum.
+ABOVE_AMONG_OBSTACLES = 1.2
 # Iterations on the asked grid after which a motion among obstacles has to be near one
 # that none can beat by much; else coarse grids are tried. It leads astray that is ever
 # so much above that.
@@ -93,12 +95,13 @@ DIRECT, FAR_ASTRAY = 8, 0.1
 # Stop rule of probes: number of consecutive starts without promise, for arms of few
 # joints, and of many.
 IN_VAIN, MANY_IN_VAIN = 4, 8
-# Further paths among obstacles, and for arms of few joints, whose bounds say little: of
-# 42 problems of a planar arm seven ended 0.2 to 45 % faster by the seventh to
-# fourteenth, two 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
-PATHS, PATHS_OF_FEW = 2, 14
+# Stop rule of further paths among obstacles, and for arms of few joints, whose bounds
+# say little: of 42 problems of a planar arm 7 ended 0.2 to 45 % faster by the 7th to
+# 14th path, two 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
 # And where obstacles move, beside which a path may be gone along sooner or later.
-PATHS_WHILE_MOVING = 6
+PATHS_IN_VAIN, PATHS_OF_FEW_IN_VAIN, PATHS_IN_VAIN_WHILE_MOVING = 2, 14, 6
+# Further paths at most: each that promises a gain allows for others.
+MOST_PATHS = 14
 # Random torques that are tried where a motion has to swing.
 SHOTS = 3
 
@@ -111,13 +114,6 @@ def coarse_grids_apply(system: ProblemFunctions, options: Options) -> bool:
         and options.intervals >= MANY_INTERVALS
         and not system.parts
     )
-
-
-def further_paths(system: ProblemFunctions) -> int:
-    """How many paths among obstacles are tried beyond the first descents."""
-    if system.n <= FEW_JOINTS:
-        return PATHS_OF_FEW
-    return PATHS_WHILE_MOVING if system.problem.scene.moving else PATHS
 
 
 class CachedGuesses:
@@ -169,13 +165,10 @@ def search(
     yield from coarse.descents(_paths_first(system, guesses, compared), compared)
     if state.options.effort == "quick" or not coarse.promising:
         return
-    patience = MANY_IN_VAIN if coarse.many_joints else IN_VAIN
-    if not system.in_free_space:
-        patience = further_paths(system)  # all of them
     if coarse.many_joints or not system.in_free_space:
         coarse.calibrate_loss()
     further = _further(coarse, guesses, first, compared)
-    yield from coarse.probes(further, patience)
+    yield from coarse.probes(further, coarse.patience)
     if torques_may_lead(system) and not first.timed:
         # Weights that cannot be held on the way have to be swung over it.
         options = replace(state.options, **TORQUE_START_OPTIONS)
@@ -215,7 +208,7 @@ def _further(
     """Guesses that are tried beyond the first descents."""
     system = coarse.system
     if not system.in_free_space:
-        return itertools.islice(guesses.since(compared), further_paths(system))
+        return itertools.islice(guesses.since(compared), MOST_PATHS)
     rng = np.random.default_rng(coarse.options.seed)
     detours = bumps(system, first, rng, from_base=coarse.many_joints)
     return itertools.islice(detours, max(2 * system.n, DETOURS))
@@ -315,6 +308,16 @@ class CoarseSearch:
         return self.system.n > FEW_JOINTS
 
     @property
+    def patience(self) -> int:
+        """Number of consecutive starts without promise that end the search."""
+        if self.system.in_free_space:
+            return MANY_IN_VAIN if self.many_joints else IN_VAIN
+        if not self.many_joints:
+            return PATHS_OF_FEW_IN_VAIN
+        moving = self.system.problem.scene.moving
+        return PATHS_IN_VAIN_WHILE_MOVING if moving else PATHS_IN_VAIN
+
+    @property
     def promising(self) -> bool:
         """Whether there may be a motion that is a good deal faster."""
         system, best = self.system, self.state.best_duration
@@ -326,6 +329,8 @@ class CoarseSearch:
             # Among obstacles all guesses were tried.
             return system.in_free_space and not self.many_joints
         above = FAR_ABOVE if self.many_joints else 1.0 + GAP
+        if not system.in_free_space and self.many_joints:
+            above = ABOVE_AMONG_OBSTACLES
         return best > above * self.state.lower_bound(system.problem).T
 
     # -- on the coarse grid ------------------------------------------------------------

@@ -31,9 +31,9 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
+    MOST_PATHS,
     CachedGuesses,
     coarse_grids_apply,
-    further_paths,
     search,
 )
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
@@ -157,7 +157,7 @@ def starts(
     searched = coarse_grids_apply(system, options)
     most = max(count.wanted, count.rescues)
     if searched and not system.in_free_space:
-        most = max(most, count.usual + further_paths(system))
+        most = max(most, count.usual + MOST_PATHS)
     make = guesses_of
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
