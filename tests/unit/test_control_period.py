@@ -20,9 +20,10 @@ from scipy.interpolate import BPoly, CubicHermiteSpline
 
 import tominpmp as tm
 from tominpmp.exceptions import OptionsError
+from tominpmp.planner import candidate
 from tominpmp.planner import control_period as clock
 from tominpmp.planner.planning import plan
-from tominpmp.transcription.grid import Ticks, ticks_of
+from tominpmp.transcription.grid import knots_near, ticks_of
 from tominpmp.verification.limit_violations import LimitViolation
 
 PERIODS = (0.001, 0.004, 0.008)
@@ -384,10 +385,10 @@ def test_a_motion_that_was_interrupted_is_brought_to_the_clock(ur5, how):
 
 
 def test_an_interrupt_while_the_clock_is_sought(planar3r, monkeypatch):
-    def interrupt(*given):
+    def interrupt(*given, **named):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tominpmp.planner.control_period._solve", interrupt)
+    monkeypatch.setattr("tominpmp.planner.control_period.solve", interrupt)
     solution = plan_quickly(planar_problem(planar3r), control_period=0.01)
     assert not solution.success
     assert solution.status is tm.Status.INTERRUPTED
@@ -411,9 +412,9 @@ def test_part_of_the_time_is_kept_for_the_clock(planar3r, request, looks):
 
 def test_where_no_number_of_periods_will_do(planar3r, monkeypatch):
     """The message says that the motion is not on the clock; success is not claimed."""
-    monkeypatch.setattr("tominpmp.planner.control_period.TRIES", 1)
+    monkeypatch.setattr("tominpmp.planner.control_period.TRIALS", 1)
     monkeypatch.setattr(
-        "tominpmp.planner.control_period_segments.ticks_of",
+        "tominpmp.planner.control_period.ticks_of",
         lambda T, period: int(0.8 * T / period),
     )
     solution = plan_quickly(planar_problem(planar3r), control_period=0.01)
@@ -433,13 +434,11 @@ def test_scenario_files_keep_the_period(planar3r, tmp_path: Path):
 
 def test_knots_near_nodes():
     nodes = np.array([0.0, 0.001, 0.4, 0.404, 0.9, 1.0])
-    ticks = Ticks.near(0.1, 10, nodes)
-    assert ticks.knots.tolist() == [0, 4, 9, 10]
-    assert ticks.duration == pytest.approx(1.0)
-    np.testing.assert_allclose(ticks.shares[:, 0], [0.4, 0.5, 0.1])
+    assert knots_near(nodes, 10).tolist() == [0, 4, 9, 10]
+    assert knots_near(2.0 + 0.3 * nodes, 10).tolist() == [0, 4, 9, 10]
     # Filled up where more intervals are wanted, to one a tick at most.
-    assert Ticks.near(0.1, 10, nodes, 5).knots.tolist() == [0, 2, 4, 6, 9, 10]
-    assert Ticks.near(0.1, 10, nodes, 99).knots.tolist() == list(range(11))
+    assert knots_near(nodes, 10, 5).tolist() == [0, 2, 4, 6, 9, 10]
+    assert knots_near(nodes, 10, 99).tolist() == list(range(11))
     assert ticks_of(1.0, 0.1) == 10
     assert ticks_of(1.0 + 1e-9, 0.1) == 10
     assert ticks_of(1.0 + 1e-4, 0.1) == 11
@@ -462,25 +461,23 @@ def test_dry_friction(control):
 
 def test_links_that_touch_on_the_clock_are_kept_apart(ur5, monkeypatch):
     """Rows for links are taken once a motion on the clock touches."""
-    seen = []
-    before = clock._solve
+    seen, touching = [], iter([True])
+    solved, judged = clock.solve, candidate.verify
 
-    def solve(system, *rest):
-        seen.append(system.clearance is not None)
-        return before(system, *rest)
+    def solve(program, *given, **named):
+        seen.append(program.system.clearance is not None)
+        return solved(program, *given, **named)
 
-    touching = iter([True])
-    monkeypatch.setattr(clock, "_solve", solve)
-    judged = clock.verify
-
-    def verify(*given, **named):
-        found = judged(*given, **named)
-        if not next(touching, False):
+    def verify(problem, motion, *given, **named):
+        found, ticks = judged(problem, motion, *given, **named), motion.t / 0.008
+        free = np.any(np.abs(ticks - np.rint(ticks)) > 1e-9)
+        if free or not next(touching, False):
             return found
         touch = LimitViolation("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
         return replace(found, ok=False, violations=(touch,))
 
-    monkeypatch.setattr(clock, "verify", verify)
+    monkeypatch.setattr(clock, "solve", solve)
+    monkeypatch.setattr(candidate, "verify", verify)
     solution = tm.plan(ur5_problem(ur5), control_period=0.008)
     check(solution, 0.008)
     assert seen[0] is False and seen[-1] is True

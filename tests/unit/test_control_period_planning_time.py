@@ -17,38 +17,43 @@ from record_samples import record
 from scipy.interpolate import BSpline
 
 import tominpmp as tm
-from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.planner import candidate as attempts
 from tominpmp.planner import control_period as clock
-from tominpmp.planner import control_period_segments
-from tominpmp.planner.control_period import ClockCallback
-from tominpmp.stopping import Deadline
+from tominpmp.planner.control_period import ReachesTicks, layout_on_clock
+from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.curve import KnotVector, SplineMotion
-from tominpmp.transcription.grid import Ticks, ticks_of
+from tominpmp.transcription.grid import ticks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import TRACE
+from tominpmp.transcription.program import TRACE, NonlinearProgram
 from tominpmp.verification.limit_violations import LimitViolation
 
 # A small problem, solved fast.
 QUICK: dict[str, Any] = {"control": "constant", "starts": 1, "intervals": 20}
 
 
+def on_ticks(motion, period):
+    """Whether all nodes of a motion are ticks of a clock."""
+    ticks = motion.t / period
+    return bool(np.all(np.abs(ticks - np.rint(ticks)) < 1e-9))
+
+
 @pytest.fixture
 def calls(monkeypatch):
-    """Replays of the search and of the clock, and programs of the clock, counted."""
-    seen = SimpleNamespace(search=0, clock=0, tries=0)
+    """Motions that were replayed, and the number of programs of the clock."""
+    seen = SimpleNamespace(replayed=[], trials=0)
+    judged, solved = attempts.verify, clock.solve
 
-    def counted(name, function):
-        def count(*given, **named):
-            setattr(seen, name, getattr(seen, name) + 1)
-            return function(*given, **named)
+    def verify(problem, motion, *rest, **named):
+        seen.replayed.append(motion)
+        return judged(problem, motion, *rest, **named)
 
-        return count
+    def solve(*given, **named):
+        seen.trials += 1
+        return solved(*given, **named)
 
-    monkeypatch.setattr(attempts, "verify", counted("search", attempts.verify))
-    monkeypatch.setattr(clock, "verify", counted("clock", clock.verify))
-    monkeypatch.setattr(clock, "_solve", counted("tries", clock._solve))
+    monkeypatch.setattr(attempts, "verify", verify)
+    monkeypatch.setattr(clock, "solve", solve)
     return seen
 
 
@@ -58,11 +63,13 @@ def not_right(verification):
     return replace(verification, ok=False, violations=(fault,))
 
 
-def clocked_program(problem, trajectory, period):
+def clocked_program(problem, motion, period):
     system = ProblemFunctions.of(problem).without_self_collision
-    count = ticks_of(trajectory.duration, period) + 1
-    ticks = Ticks.near(period, count, trajectory.t, trajectory.t.size - 1)
-    return warm_start(system, trajectory).clocked_program(system, ticks)
+    count = ticks_of(motion.duration, period) + 1
+    layout = layout_on_clock(motion, spans_of(motion, ()), period, [count], 0)
+    of, z = layout.represented(system, motion)
+    program = NonlinearProgram.of(of).at(z)
+    return replace(program, least_duration=float(layout.eta[0])), z
 
 
 @pytest.mark.parametrize("control", ["constant", "linear", "spline"])
@@ -85,31 +92,30 @@ def test_a_trace_of_time_is_no_period(planar3r, control):
         assert np.any(program.evaluate(off) != program.evaluate(exact))
 
 
-def told(duration, violation, predicted):
-    numbers = {"objective": duration, "predicted": predicted, "actual": predicted}
-    return record(1, duration=duration, violation=violation, **numbers)
+def ended(*told):
+    """How a rule ends iterations with these durations, violations and predictions."""
+    history = [
+        record(1, duration=T, violation=v, objective=T, predicted=p, actual=p)
+        for T, v, p in told
+    ]
+    return ReachesTicks(1.0, 1e-6)(SimpleNamespace(history=history))
 
 
-def callback():
-    progress = SimpleNamespace(start=0, seconds=0.0)
-    return ClockCallback(tm.Options(), progress, Deadline(), goal=1.0)
-
-
-def test_the_iteration_ends_at_the_goal_but_for_a_trace():
-    assert callback()(told(1.0 + 1e-8, 0.0, 1.0)) is tm.Status.FEASIBLE
-    assert callback()(told(1.0 + 1e-8, 1e-3, 1.0)) is None
-    assert callback()(told(1.0 + 1e-4, 0.0, 1.0)) is None
+def test_the_iteration_ends_at_the_last_tick_but_for_a_trace():
+    assert ended((1.0 + 1e-8, 0.0, 1.0)) is tm.Status.FEASIBLE
+    assert ended((1.0 + 1e-8, 1e-3, 1.0)) is None
+    assert ended((1.0 + 1e-4, 0.0, 1.0)) is None
 
 
 def test_the_iteration_ends_where_the_duration_stays_above():
     """Removing what violates limits is no progress of the duration."""
-    see = callback()
-    assert see(told(1.005, 5e-3, 10.0)) is None
-    assert see(told(1.0051, 1e-6, 0.1)) is tm.Status.STALLED
-    see = callback()
-    assert see(told(1.005, 5e-3, 10.0)) is None
-    assert see(told(1.003, 1e-3, 1.0)) is None  # it still falls
-    assert see(told(1.003, 0.5, 1.0)) is None  # and may be far from admissible
+    first = (1.005, 5e-3, 10.0)
+    assert ended(first) is None
+    assert ended(first, (1.0051, 1e-6, 0.1)) is tm.Status.STALLED
+    falling = (1.003, 1e-3, 1.0)
+    assert ended(first, falling) is None
+    assert ended(first, falling, (1.003, 0.5, 1.0)) is None  # far from feasible
+    assert ended(first, falling, (1.003, 1e-3, 1.0)) is tm.Status.STALLED
 
 
 @pytest.mark.parametrize("period", [0.001, 0.004, 0.008])
@@ -117,8 +123,8 @@ def test_one_replay_on_the_clock_and_few_programs(ur5, calls, period):
     problem, few = ur5_problem(ur5, motion_limits=LIMITS), {"intervals": 20}
     solution = tm.plan(problem, control_period=period, **few)
     assert solution.success and solution.verification.ok
-    assert calls.clock == 1
-    assert calls.tries <= 2
+    assert sum(on_ticks(motion, period) for motion in calls.replayed) == 1
+    assert calls.trials <= 2
     records = [item for item in solution.history if item.programs]
     free = tm.plan(problem, **few)
     assert len(records) - len(free.history) <= 4
@@ -127,9 +133,9 @@ def test_one_replay_on_the_clock_and_few_programs(ur5, calls, period):
 
 def test_a_motion_off_the_clock_is_one_that_was_replayed(planar3r, monkeypatch):
     """Where none on the clock is found, what is kept is known to hold."""
-    monkeypatch.setattr(clock, "TRIES", 1)
+    monkeypatch.setattr(clock, "TRIALS", 1)
     less = lambda T, period: int(0.8 * T / period)  # noqa: E731
-    monkeypatch.setattr(control_period_segments, "ticks_of", less)
+    monkeypatch.setattr(clock, "ticks_of", less)
     solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert not solution.success
     assert solution.verification is not None and solution.verification.ok
@@ -138,16 +144,14 @@ def test_a_motion_off_the_clock_is_one_that_was_replayed(planar3r, monkeypatch):
 
 def test_nothing_on_the_clock_is_right_though_the_motion_is(planar3r, monkeypatch):
     """What is kept was replayed."""
-    judged = clock.verify
+    judged = attempts.verify
 
     def verify(problem, motion, *rest, **named):
         found = judged(problem, motion, *rest, **named)
-        ticks = motion.t / 0.01
-        on_clock = np.all(np.abs(ticks - np.rint(ticks)) < 1e-9)
-        return not_right(found) if on_clock else found
+        return not_right(found) if on_ticks(motion, 0.01) else found
 
-    monkeypatch.setattr(clock, "TRIES", 2)
-    monkeypatch.setattr(clock, "verify", verify)
+    monkeypatch.setattr(clock, "TRIALS", 2)
+    monkeypatch.setattr(attempts, "verify", verify)
     solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert not solution.success
     assert solution.status is tm.Status.UNVERIFIED

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import tominpmp as tm
 from tests.energy_derivatives import check_gradient
 from tests.sample_arms import make_arm, slide, swinging_arm
-from tominpmp.initial_guess.segments import solved_guess
-from tominpmp.planner.first_program import segmented_program
 from tominpmp.solvers.time_and_energy import PositiveWork, SquaredTorques
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification import verify
 
 RAIL = make_arm(slide(1.0), effort=np.array([100.0]))
@@ -132,26 +134,29 @@ def test_less_is_spent_and_the_motion_is_verified(two_links, measure):
     assert solution.certificate.message.startswith("This is about the duration alone")
 
 
+def program_of(fastest, degree, breaks):
+    """Program of splines whose accelerations may jump where segments end."""
+    problem, motion = fastest.problem, fastest.trajectory
+    layout = Layout.of_motion(motion, problem.segments).with_intervals(24)
+    where = layout.segment_ends[:-1] if breaks else ()
+    layout = replace(layout, degree=degree, breaks=where)
+    of, z = layout.represented(ProblemFunctions.of(problem), motion)
+    return NonlinearProgram.of(of).at(z), z
+
+
 @pytest.mark.parametrize("measure", [SquaredTorques, PositiveWork])
-@pytest.mark.parametrize("control", ["constant", "linear"])
-@pytest.mark.parametrize("breaks", [False, True])
-def test_gradients_against_differences(two_links, control, breaks, measure):
-    problem, quick, fastest = two_links
-    guess = solved_guess("former motion", fastest.trajectory, problem.segments)
-    options = quick.changed({"control": control})
-    system = ProblemFunctions.of(problem)
-    program, z = segmented_program(system, options, guess, breaks=breaks)
+@pytest.mark.parametrize(
+    ("degree", "breaks"), [(2, False), (3, False), (3, True)], ids=str
+)
+def test_gradients_against_differences(two_links, degree, breaks, measure):
+    program, z = program_of(two_links[2], degree, breaks)
     rng = np.random.default_rng(1)
     z = z + 1e-3 * rng.standard_normal(z.size)
     check_gradient(measure(program), z, rng, step=1e-7, rel=1e-4)
 
 
 def test_accelerations_jump_at_breaks_only(two_links):
-    problem, quick, fastest = two_links
-    guess = solved_guess("former motion", fastest.trajectory, problem.segments)
-    system = ProblemFunctions.of(problem)
-    options = quick.changed({"control": "linear"})
-    program, z = segmented_program(system, options, guess, breaks=True)
+    program, z = program_of(two_links[2], 3, True)
     rng = np.random.default_rng(2)
     of = program.transcription
     z = z + 1e-2 * rng.standard_normal(z.size)

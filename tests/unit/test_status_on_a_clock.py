@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.certificate.allowances import clock_share, with_bound
 from tominpmp.certificate.minimum_principle import certify
-from tominpmp.planner.control_period_outcome import Clocked, status_on_clock
+from tominpmp.planner.control_period import status_on_clock
 
 START = np.array([0.5, 1.7, -1.7])
 
@@ -48,12 +48,12 @@ def test_what_takes_more_than_a_period_is_not_called_optimal(
 ) -> None:
     slow = tm.plan(problem, objective="feasible")
     assert slow.trajectory is not None
-    outcome = Clocked(tm.Status.CONVERGED, slow.trajectory, slow.verification)
-    status, remark = status_on_clock(free, outcome, 0.004)
+    status, remark = status_on_clock(free, slow.trajectory, slow.verification, 0.004)
     assert status is tm.Status.STALLED
     assert "Small changes promise" in remark
-    same = Clocked(tm.Status.CONVERGED, free.trajectory, free.verification)
-    assert status_on_clock(free, same, 0.004) == (tm.Status.CONVERGED, "")
+    assert free.trajectory is not None
+    same = status_on_clock(free, free.trajectory, free.verification, 0.004)
+    assert same == (tm.Status.CONVERGED, "")
 
 
 def test_the_share_of_a_clock(free: tm.Solution) -> None:

@@ -26,7 +26,7 @@ from tominpmp.transcription.bends import to_be_split
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
-from tominpmp.transcription.grid import Ticks, interval_shares
+from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -160,29 +160,15 @@ class WarmStart(Guess):
             )
             z = transcription.start(self.position, T, np.array([T]))
             return _program(transcription, z)
-        program, z = self._inverse_on(system, np.diff(nodes)[:, None] / T, T)
+        transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
+        z = transcription.interpolated(np.array([T]), self.position)
+        program, z = _program(transcription, z)
         of = program.transcription
         if not self.halved or nodes.size - 1 > intervals:
             return program, z
         assert isinstance(of, InverseTranscription)  # noqa: S101
         finer, z = split_intervals(of, z, to_be_split(of, z))
         return NonlinearProgram.of(finer).at(z), z
-
-    def _inverse_on(
-        self, system: ProblemFunctions, shares: Array, duration: float
-    ) -> tuple[NonlinearProgram, Array]:
-        """Program in constant accelerations on intervals of given shares."""
-        nodes = self._ends(shares)
-        transcription = InverseTranscription(system, shares, duration)
-        q = self.position(nodes)
-        middle = self.position(0.5 * (nodes[1:] + nodes[:-1]))
-        points = self.within(2.0 * middle - 0.5 * (q[1:] + q[:-1]))
-        v_end = system.final_velocity
-        if v_end is None:
-            v_end = self.trajectory(self.trajectory.duration).v
-        points[-1] = q[-1] - 0.5 * duration * shares[-1, 0] * v_end
-        z = transcription.pack(points, q[-1], np.array([duration]))
-        return _program(transcription, z)
 
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
@@ -194,7 +180,13 @@ class WarmStart(Guess):
         even = finer is None or own.min() >= SHORTEST * own.mean()
         if own.shape == shares.shape and even:
             shares = own
-        return self._spline_on(system, shares, self.duration, degree)
+        transcription = BSplineTranscription(system, shares, degree)
+        # As many samples in each interval, however short: each has a control point.
+        starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
+        fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
+        wanted = self.position(fit * self.duration)
+        z = transcription.fitted(fit, wanted, self.duration)
+        return _program(transcription, z)
 
     def _finer(self, intervals: int) -> int | None:
         """Number of intervals of a spline whose grid is finer than the one asked for.
@@ -206,34 +198,6 @@ class WarmStart(Guess):
         if not self.continuous or own <= intervals:
             return None
         return min(own, FINER * intervals)
-
-    def _spline_on(
-        self, system: ProblemFunctions, shares: Array, duration: float, degree: int
-    ) -> tuple[NonlinearProgram, Array]:
-        """Program in a B-spline on intervals of given shares."""
-        transcription = BSplineTranscription(system, shares, degree)
-        # As many samples in each interval, however short: each has a control point.
-        starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
-        fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
-        wanted = self.position(fit * self.duration)
-        return _program(transcription, transcription.fitted(fit, wanted, duration))
-
-    def clocked_program(
-        self, system: ProblemFunctions, ticks: Ticks
-    ) -> tuple[NonlinearProgram, Array]:
-        """Program on the clock of a controller, and an iterate near to the motion.
-
-        The program is in a B-spline if the accelerations of the motion are continuous,
-        else in constant accelerations; the motion is stretched to the time of the
-        ticks.
-        """
-        motion, T = self.trajectory, ticks.duration
-        if self.continuous:
-            degree = 3 if motion.a is None else 5
-            program, z = self._spline_on(system, ticks.shares, T, degree)
-        else:
-            program, z = self._inverse_on(system, ticks.shares, T)
-        return replace(program, least_duration=T), z
 
     def lifted_program(
         self, system: ProblemFunctions, intervals: int, kind: str

@@ -1,65 +1,66 @@
 """Motions on the clock of a controller: the last stage of a plan with a period.
 
-The motion that was found freely lasts so many periods and a bit. Its knots are moved to
-ticks, and a few linear programs find a motion on these knots that lasts one period
-more at most, or a few where that cannot be. What a controller makes of its samples is
-this motion itself, see :mod:`~tominpmp.transcription.grid`, and so its replay judges
-what the controller will do.
+The motion that was found freely lasts a number of periods and a bit. Its knots are
+moved to ticks, and a few linear programs find a motion on these knots that lasts one
+period more at most, or a few where that cannot be. Each segment takes a whole number of
+periods, and so does each dwell, which is as long as was asked for or longer by less
+than a period; a motion without segments is one segment. What a controller makes of its
+samples is this motion itself, see :mod:`~tominpmp.transcription.grid`, and so its
+replay judges what the controller will do.
 """
 
 from __future__ import annotations
 
+import contextlib
 import logging
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.certificate.allowances import clock_share
+from tominpmp.certificate.minimum_principle import TOLERANCE, certify
+from tominpmp.certificate.stays import stays_where_it_moves, with_stays
 from tominpmp.exceptions import OptionsError
-from tominpmp.initial_guess.segments import SegmentedGuess
-from tominpmp.initial_guess.warm_start import WarmStart
+from tominpmp.motion.samples import multiples
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
-from tominpmp.options import Options
+from tominpmp.options import FEWEST_PERIODS, Options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.control_period_outcome import (
-    Clocked,
-    failed,
-    status_on_clock,
-    succeeded,
-)
-from tominpmp.planner.control_period_segments import Course, Knots
 from tominpmp.planner.descent import SMOOTHING_SHARE, near_to_it
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.work import Work, made
 from tominpmp.problem import Problem
+from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import FAR, RowExchange
-from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.loop import solve
+from tominpmp.solvers.loop import Callback, Loop, solve
 from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
-from tominpmp.stopping import Deadline, Stop
-from tominpmp.transcription.grid import Ticks, ticks_of
+from tominpmp.stopping import Stop
+from tominpmp.transcription.grid import at_ticks, knots_near, ticks_of, whole_periods
+from tominpmp.transcription.layout import QUADRATIC, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
-from tominpmp.verification.verification import Verification, verify
+from tominpmp.verification.verification import Verification
 
 logger = logging.getLogger(__name__)
 
 # Share of the planning time after which a motion without a clock is made do.
 SEARCH_SHARE = 0.7
-# Time for this stage once planning was interrupted [s].
-PATIENCE = 1.0
 # The motion is near to what it comes from: share of the usual trust region, iterations.
 RADIUS = 0.1
 ITERATIONS = 15
-# Numbers of periods that are tried, and by how much more of them the next try has
-# where nothing tells: by one, and by shares of the number later on.
-TRIES = 12
+# Trials, and by what share of its periods the next trial has more of them than one more
+# where nothing tells how many it takes.
+TRIALS = 12
 LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
+# Violations of rows below this are left to the replay, which lets pass far more: one
+# more period is no cure for what rounding has left.
+SLIGHT = 1e-5
 # An iteration goes on while its last step has promised this share of what is missing,
 # and the duration still changes by that share.
 HOPE = 0.5
@@ -67,10 +68,13 @@ MOVING = 0.1
 # Gap of its linear programs, as a share of T: what they leave of that above the
 # duration that is wanted must be a trace.
 EXACT = 0.1 * TRACE
-# Intervals are halved where it takes more periods than so many more, by their share.
+# Intervals are halved where it takes more periods than the trial has, by this share.
 DEAR = 0.01
-# They are as well where the replay of a motion is not all right, up to so many.
+# They are as well where nothing tells how many periods it takes, up to this number.
 MOST_INTERVALS = 400
+# A motion on the clock that takes this share of the tolerance more than rounding is
+# put to the test again.
+TESTED_AGAIN = 0.5
 
 
 def searching(options: Options) -> Options:
@@ -89,267 +93,424 @@ def on_clock(
         solution: What planning without the clock has led to.
         candidates: All that it has tried: where the fastest motion cannot be brought to
             the clock, another one may.
-        progress: Time that was spent.
+        progress: Time that was spent, and the callback.
 
     Returns:
-        The solution on the clock; what was given where there is no motion. Where none
-        on the clock is found, it is no success, and the message says so.
+        The solution on the clock; the solution itself where it has no motion, or no
+        clock. Where no motion on the clock is found, it is no success, and the message
+        says so.
 
     Raises:
         OptionsError: If the period does not suit the duration of the motion.
     """
-    options, period = solution.options, solution.options.control_period
+    period = solution.options.control_period
     if period is None or not solution.success:
         return solution
-    assert solution.trajectory is not None  # noqa: S101
-    check_period(period, solution.trajectory.duration)
-    callback = ClockCallback.of(options, solution.status, progress)
-    found = sorted((a for a in candidates if a.found), key=lambda a: a.duration)
-    outcome = Clocked(Status.INFEASIBLE)
-    history, remark = list(solution.history), ""
-    try:
-        for candidate in found:
-            outcome = _bring(solution.problem, options, candidate.trajectory, callback)
-            remark = candidate.remark
-            history += _numbered(
-                outcome.history, candidates.index(candidate), candidate
-            )
-            if outcome.trajectory is not None or outcome.status in STOPPED:
-                break
-    except (Stop, KeyboardInterrupt) as stop:
-        outcome = Clocked(progress.stopped(stop))
-    solution = replace(solution, history=tuple(history), planning_time=progress.seconds)
-    if outcome.trajectory is None:
-        return failed(solution, outcome, period)
-    try:
-        status, promise = status_on_clock(solution, outcome, period)
-    except (Stop, KeyboardInterrupt) as stop:
-        status, promise = progress.stopped(stop), ""
-    solution = replace(solution, planning_time=progress.seconds)
-    better = status is Status.CONVERGED and solution.status is not status
-    remark = "" if better else f"{remark} {promise}".strip()
-    return succeeded(solution, outcome, remark, period, status)
-
-
-def _numbered(
-    records: Sequence[IterationRecord], start: int, former: Candidate
-) -> list[IterationRecord]:
-    """Records of this stage as those of the candidate that it goes on from."""
-    first = len(former.history)
-    return [
-        replace(record, start=start, iteration=first + number)
-        for number, record in enumerate(records)
-    ]
-
-
-def check_period(period: float, duration: float) -> None:
-    """Refuse a period that is far too short for a motion.
-
-    Raises:
-        OptionsError: If it is.
-    """
-    if not duration / period <= MAX_SAMPLES:
+    if not solution.T / period <= MAX_SAMPLES:
         raise OptionsError(
             f"control_period is {period:g} s, too short for a motion of "
-            f"{duration:.4g} s: more than {MAX_SAMPLES} samples",
+            f"{solution.T:.4g} s: more than {MAX_SAMPLES} samples",
             "control_period",
         )
+    interrupted = solution.status is Status.INTERRUPTED
+
+    def shown(record: IterationRecord) -> None:
+        if not interrupted:  # who has interrupted is shown no more iterations
+            progress.see(record)
+
+    history, clocked, status = list(solution.history), None, None
+    found = sorted((a for a in candidates if a.found), key=lambda a: a.duration)
+
+    def bring() -> None:
+        nonlocal clocked
+        for former in found:
+            clocked = _brought(solution, period, former, progress, shown)
+            number, before = candidates.index(former), len(former.history)
+            history.extend(replace(r, start=number) for r in clocked.history[before:])
+            if clocked.found:
+                break
+
+    try:
+        bring()
+    except (Stop, KeyboardInterrupt) as stop:
+        clocked, status = None, progress.stopped(stop)
+        if status is Status.INTERRUPTED and not interrupted:
+            # A motion that is not on the clock is no motion: there is time of grace.
+            interrupted = True
+            with progress.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
+                bring()
+    solution = replace(solution, history=tuple(history), planning_time=progress.seconds)
+    if clocked is None or not clocked.found:
+        return _without_clock(solution, period, clocked, status)
+    return _with_clock(solution, period, clocked, progress)
 
 
-@dataclass
-class ClockCallback:
-    """Callback of this stage: ends it in time, or when no more is to be had.
+def _with_clock(
+    solution: Solution, period: float, clocked: Candidate, progress: PlanState
+) -> Solution:
+    """The solution with a motion on the clock, and the status that it deserves."""
+    motion, judged = clocked.trajectory, clocked.verification
+    try:
+        status, promise = status_on_clock(solution, motion, judged, period)
+    except (Stop, KeyboardInterrupt) as stop:
+        status, promise = progress.stopped(stop), ""
+    T, bound = motion.duration, solution.lower_bound
+    message = (
+        f"{status.value} T = {T:.4f} s, {ticks_of(T, period)} periods of "
+        f"{period:g} s, {100 * (T / solution.T - 1.0):.2f} % above the motion "
+        "without such a clock"
+    )
+    near = "" if bound is None else bound.comparison(T)
+    if near:
+        message += f" and {near}"
+    better = status is Status.CONVERGED and solution.status is not status
+    remark = "" if better else f"{clocked.remark} {promise}".strip()
+    return replace(
+        solution,
+        status=status,
+        message=f"{message}. {remark}".rstrip(),
+        trajectory=motion,
+        verification=judged,
+        violations={},
+        planning_time=progress.seconds,
+    )
 
-    Attributes:
-        options: The user's callback, and feasibility.
-        progress: Time that was spent.
-        deadline: When this stage ends.
-        goal: Duration that need not be improved [s].
-        last: Duration after the last iteration [s]; infinite before the first.
+
+def _without_clock(
+    solution: Solution, period: float, last: Candidate | None, status: Status | None
+) -> Solution:
+    """The solution as a failure: the motion that it keeps knows no clock.
+
+    Args:
+        solution: The solution.
+        period: The period [s].
+        last: The last motion that was tried; None where planning was stopped.
+        status: How planning was stopped; None if it was not.
     """
+    replay = solution.verification
+    if status is Status.TIME_LIMIT:
+        reason = "the planning time was used up"
+    elif status is Status.INTERRUPTED:
+        reason = "the planning was interrupted"
+    elif last is not None and last.verification is not None:
+        status, reason = Status.UNVERIFIED, last.verification.message.rstrip(".")
+    else:
+        status, reason = (
+            Status.INFEASIBLE,
+            "none of the numbers of periods tried would do",
+        )
+    rest = "keeps all else, but its knots are not on the clock"
+    if replay is None:
+        rest = "is not on the clock, and there was no time to verify it"
+    elif not replay.ok:
+        rest = f"is not on the clock, nor right: {replay.message.rstrip('.')}"
+    message = (
+        f"{status.value} No motion on a clock of {period:g} s was found: {reason}. The "
+        f"motion that is kept, T = {solution.T:.4f} s, {rest}."
+    )
+    return replace(solution, status=status, message=message, feasible=False)
 
-    options: Options
-    progress: PlanState
-    deadline: Deadline
-    goal: float = 0.0
-    last: float = np.inf
 
-    @classmethod
-    def of(cls, options: Options, status: Status, progress: PlanState) -> ClockCallback:
-        """That of a stage that follows a search which has ended with a status."""
-        deadline, now = Deadline(), time.perf_counter()
-        deadline.end = now - progress.seconds + options.time_limit
-        if status is Status.INTERRUPTED:
-            # Who interrupts wants the motion soon; without a clock it is none.
-            deadline.end = min(now + PATIENCE, deadline.end)
-            options = replace(options, callback=None)
-        return cls(options, progress, deadline)
+def status_on_clock(
+    solution: Solution, motion: Trajectory, judged: Verification | None, period: float
+) -> tuple[Status, str]:
+    """What a motion on the clock deserves to be called, and a remark on it.
 
-    def __call__(self, record: IterationRecord) -> Status | None:
-        """See a record; a status ends the iteration."""
-        callback = self.options.callback
-        seen = replace(record, start=self.progress.start, seconds=self.progress.seconds)
-        if callback is not None and callback(seen):
-            return Status.INTERRUPTED
-        there = record.duration <= self.goal * (1.0 + TRACE)
-        if there and record.violation <= self.options.feasibility:
-            return Status.FEASIBLE
-        if self.deadline.due:
-            return Status.TIME_LIMIT
-        # Nearly admissible, slower, and no hope of more: it takes another period.
-        missing, last = record.duration - self.goal, self.last
-        self.last = record.duration
-        settled = abs(last - record.duration) < MOVING * missing
-        stop_if_hopeless = settled or record.predicted < HOPE * missing
-        stop_if_hopeless = stop_if_hopeless and record.violation <= FAR
-        return Status.STALLED if not there and stop_if_hopeless else None
+    One that was called locally optimal without a clock still is where it takes less
+    than a period more, and a part of what small changes may promise. Where it takes
+    more it is put to the test again, and a period is no promise. One that takes no more
+    periods than any motion on a clock is called so in any case.
+
+    Args:
+        solution: The motion without a clock.
+        motion: The motion on the clock.
+        judged: Its replay.
+        period: The period [s].
+    """
+    status, problem, bound = solution.status, solution.problem, solution.lower_bound
+    share = clock_share(motion, period)
+    if share == 1.0 and status not in STOPPED:
+        return Status.CONVERGED, ""
+    if status is not Status.CONVERGED or stays_where_it_moves(problem):
+        return status, ""
+    if (1.0 - share - TESTED_AGAIN * TOLERANCE) * motion.duration <= solution.T:
+        return status, ""
+    if bound is not None and (1.0 - share - TOLERANCE) * motion.duration <= bound.T:
+        return status, ""
+    found = certify(problem, motion, verification=judged, control_period=period)
+    if found.ok:
+        return status, ""
+    return Status.STALLED, (
+        f"Small changes promise {100.0 * found.stationarity:.2g} % of T, of which "
+        f"{100.0 * share:.2g} % is the rounding of the clock."
+    )
+
+
+def _brought(
+    solution: Solution,
+    period: float,
+    former: Candidate,
+    progress: PlanState,
+    shown: Callback,
+) -> Candidate:
+    """The motion of a candidate on the clock; the last that was tried if there is none.
+
+    Args:
+        solution: What planning without the clock has led to.
+        period: The period [s].
+        former: The candidate.
+        progress: Remembers that links touched.
+        shown: Sees every record.
+    """
+    candidate, trial = former, Trial.of(solution.problem, former.trajectory, period)
+    progress.links_touched = former.clearance_rows
+    for _ in range(TRIALS):
+        found = trial.candidate(solution, progress, shown)
+        logger.info("%d periods of %g s: %s", trial.count, period, found.status.value)
+        candidate, former_trial, trial = (
+            found.after(candidate),
+            trial,
+            trial.after(found),
+        )
+        if found.found or trial.knots == former_trial.knots:
+            break  # times of arrival leave no other choice
+    return replace(candidate, remark=former.remark)
 
 
 @dataclass(frozen=True, eq=False)
-class Try:
-    """What is tried.
+class Trial:
+    """A motion, and how many periods it is to take on a clock.
 
     Attributes:
-        periods: Number of periods of each segment, without its stay.
-        intervals: Number of intervals that are wanted at least.
-        guess: The motion to begin with.
-        fewest: Number of periods of the first try.
-        finer: Whether intervals were halved to need fewer periods.
-        fruitless: Number of tries that told nothing about how many it takes.
+        system: The functions of its problem, with dwells of whole periods.
+        motion: The motion.
+        spans: When its segments begin, meet their goals, and end.
+        period: The period [s].
+        periods: Number of periods of each segment, without its dwell.
+        halvings: How often intervals of the motion are halved.
+        finer: Whether they were halved to need fewer periods.
     """
 
+    system: ProblemFunctions
+    motion: Trajectory
+    spans: Sequence[Span]
+    period: float
     periods: tuple[int, ...]
-    intervals: int
-    guess: WarmStart | SegmentedGuess
-    fewest: int
+    halvings: int = 0
     finer: bool = False
-    fruitless: int = 0
+
+    @classmethod
+    def of(cls, problem: Problem, motion: Trajectory, period: float) -> Trial:
+        """A motion in as many periods as it takes.
+
+        A segment that takes as long as it does since it may not arrive earlier takes as
+        many as that asks for.
+
+        Args:
+            problem: What it solves.
+            motion: The motion, without a clock.
+            period: The period [s].
+        """
+        spans, wanted = spans_of(motion, problem.segments), []
+        dwells = [whole_periods(one.dwell, period) for one in problem.segments]
+        own = with_stays(problem.alternative_of(motion), dwells)
+        trial = cls(ProblemFunctions.of(own), motion, spans, period, ())
+        for span, segment in zip(spans, trial.segments, strict=True):
+            earliest = 0.0 if segment.arrival is None else segment.arrival[0]
+            waits = span.arrival <= (1.0 + TRACE) * earliest
+            wanted.append(ticks_of(0.0 if waits else span.arrival - span.begin, period))
+        return replace(trial, periods=trial.on_time(wanted))
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """The segments; one where the problem has none."""
+        problem = self.system.problem
+        return problem.segments or (Segment(problem.goal),)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Knots near the nodes of the motion."""
+        grid = self.motion, self.spans, self.period, self.periods
+        return layout_on_clock(*grid, self.halvings)
+
+    @property
+    def knots(self) -> tuple[tuple[int, ...], int]:
+        """Periods of the segments, and number of intervals."""
+        return self.periods, len(self.layout.shares)
 
     @property
     def count(self) -> int:
         """Number of periods of all segments."""
         return sum(self.periods)
 
-    def after(
-        self,
-        course: Course,
-        program: NonlinearProgram,
-        ticks: Ticks,
-        result: SlpResult,
-    ) -> Try:
-        """What to try after a motion that is slower, not admissible or not all right.
+    def on_time(self, periods: Sequence[int]) -> tuple[int, ...]:
+        """Periods of the segments, no fewer than they need and within their windows.
 
         Args:
-            course: What is brought to the clock.
-            program: The program of this try.
-            ticks: Its knots.
-            result: Its outcome.
+            periods: How many are wanted.
         """
-        reached, near = result.iterate, result.iterate.violation <= FAR
-        needed = ticks_of(program.timed(reached.z)[-1], ticks.period)
-        if near and needed > self.count:
-            guess = course.guess(program.trajectory(reached.z))
-            dear = needed > self.fewest + max(1.0, DEAR * self.fewest)
-            if dear and not self.finer and ticks.intervals < needed:
-                twice = 2 * self.intervals
-                return replace(self, guess=guess, intervals=twice, finer=True)
-            return replace(self, periods=self._longer(course, needed), guess=guess)
-        longer = 1 + int(LONGER[min(self.fruitless, len(LONGER) - 1)] * self.count)
-        intervals = min(2 * self.intervals, max(self.intervals, MOST_INTERVALS))
-        return replace(
-            self,
-            periods=self._longer(course, self.count + longer),
-            intervals=intervals,
-            fruitless=self.fruitless + 1,
+        found: list[int] = []
+        now = since = 0
+        for count, segment in zip(periods, self.segments, strict=True):
+            tick, rests = now + count, len(found) == len(periods) - 1 or segment.stop
+            if segment.arrival is not None:
+                earliest, latest = segment.arrival
+                tick = max(tick, ticks_of(earliest, self.period))
+                if latest < np.inf:
+                    tick = min(tick, -ticks_of(-latest, self.period))
+            # A segment whose goal is passed needs no more than one period, but from
+            # rest to rest there are some.
+            fewest = max(FEWEST_PERIODS - since, 1) if rests else 1
+            found.append(max(tick - now, fewest))
+            since = 0 if rests else since + found[-1]
+            now += found[-1] + ticks_of(segment.dwell, self.period)
+        return tuple(found)
+
+    def candidate(
+        self, solution: Solution, progress: PlanState, shown: Callback
+    ) -> Candidate:
+        """A motion on these knots, with rows for links where they would touch.
+
+        Args:
+            solution: What planning without the clock has led to.
+            progress: Remembers that links touched.
+            shown: Sees every record.
+
+        Returns:
+            The motion; one that is not feasible where there is none that lasts as long
+            as the knots.
+        """
+
+        def make(system: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
+            found = self._solved(system, solution.options, shown)
+            return found.verified(solution.problem, solution.options)
+
+        apart = progress.links_touched
+        return made(
+            progress, Work(self.system, "clock", make, self_collision_rows=apart)
         )
 
-    def _longer(self, course: Course, count: int) -> tuple[int, ...]:
-        """Periods of the segments, so many in all as far as their windows allow.
+    def _solved(
+        self, system: ProblemFunctions, options: Options, shown: Callback
+    ) -> Candidate:
+        """A motion on these knots, not replayed yet."""
+        T = float(self.layout.eta[0])
+        of, z = self.layout.represented(system, self.motion, self.spans)
+        feasibility = max(options.feasibility, SLIGHT)
+        options = replace(options, objective="time", feasibility=feasibility)
+        near = near_to_it(options, RADIUS, ITERATIONS)
+        tv_weight = options.smoothing
+        if tv_weight is None:
+            tv_weight = SMOOTHING_SHARE * T
+        step, stop = trust_regions(near, accuracy=EXACT)
+        begun, z = rested(NonlinearProgram.of(of).at(z), z)
+        result = solve(
+            replace(begun, least_duration=T),
+            MinimumTime.of(near, tv_weight),
+            z,
+            step,
+            first_of(ReachesTicks(T, feasibility), stop),
+            exchange=RowExchange(level=0.0, longest=(1.0 + TRACE) * T),
+            callback=shown,
+        )
+        best = result.best
+        if best is not None:
+            # One with room on its rows may be above T by more than a trace.
+            z = np.append(best.z[:-1], T)
+            best = replace(best, z=z, values=result.program.evaluate(z))
+            kept = best if best.violation <= feasibility else None
+            result = replace(result, best=kept)
+        found = Candidate.of("clock", result.program, self.motion, result)
+        if not found.feasible:
+            return found
+        return replace(found, trajectory=on_ticks(found.trajectory, self.period))
 
-        What is more is spread over them by their lengths.
+    def after(self, candidate: Candidate) -> Trial:
+        """What to try after a motion that is slower, not feasible or not all right.
+
+        Args:
+            candidate: The motion that this trial has led to.
+        """
+        motion = candidate.trajectory
+        dwells = sum(segment.dwell for segment in self.segments)
+        needed = ticks_of((1.0 - TRACE) * (motion.duration - dwells), self.period)
+        if candidate.violation <= FAR and needed > self.count:
+            spans = spans_of(motion, self.system.problem.segments)
+            slower = replace(self, motion=motion, spans=spans, halvings=0)
+            dear = needed > self.count + max(1.0, DEAR * self.count)
+            if dear and not self.finer and motion.t.size <= needed:
+                return replace(slower, halvings=1, finer=True)
+            return replace(slower, periods=self._longer(needed))
+        longer = LONGER[min(self.halvings, len(LONGER) - 1)]
+        periods = self._longer(self.count + 1 + int(longer * self.count))
+        return replace(self, periods=periods, halvings=self.halvings + 1)
+
+    def _longer(self, count: int) -> tuple[int, ...]:
+        """Periods of the segments, as many in all as far as their windows allow.
+
+        Those that are more are spread over the segments by their lengths.
         """
         ends = np.rint(np.cumsum(self.periods) * (count / self.count))
         longer = np.maximum(np.diff(ends, prepend=0.0), self.periods)
-        return course.on_time(longer.astype(np.int64).tolist())
+        return self.on_time(longer.astype(np.int64).tolist())
 
 
-def _bring(
-    problem: Problem, options: Options, motion: Trajectory, callback: ClockCallback
-) -> Clocked:
-    """Look for a motion on the clock near one without."""
-    period = options.control_period
-    assert period is not None  # noqa: S101
-    course = Course.of(problem, motion, period)
-    complete, progress = course.system, callback.progress
-    system = complete if progress.links_touched else complete.without_self_collision
-    periods = course.periods
-    now = Try(periods, course.intervals, course.guess(motion), sum(periods))
-    last = Clocked(Status.INFEASIBLE)
-    for _ in range(TRIES):
-        knots = course.knots(now.periods, now.intervals, now.guess)
-        program, z, result = _solve(system, options, knots, callback)
-        last = replace(
-            last, status=result.status, history=(*last.history, *result.history)
-        )
-        logger.info("%s: %s", knots.ticks, result.status.value)
-        if z is not None:
-            trajectory = knots.timed(program.trajectory(z))
-            verification = verify(
-                problem, trajectory, options.tolerances, checker=problem.checker
-            )
-            last = replace(last, verification=verification)
-            if verification.ok:
-                return replace(last, trajectory=trajectory)
-            last = replace(last, status=Status.UNVERIFIED)
-        if result.status in STOPPED or callback.deadline.due:
-            stopped = result.status if result.status in STOPPED else Status.TIME_LIMIT
-            return replace(last, status=stopped)
-        if z is not None and system is not complete and _touches(verification):
-            # As many periods, with rows for the links.
-            system, progress.links_touched = complete, True
-            continue
-        former, now = now, now.after(course, program, knots.ticks, result)
-        if (now.periods, now.intervals) == (former.periods, former.intervals):
-            break  # times of arrival leave no other choice
-    return last
+def layout_on_clock(
+    motion: Trajectory,
+    spans: Sequence[Span],
+    period: float,
+    periods: Sequence[int],
+    halvings: int,
+) -> Layout:
+    """Layout of a motion whose nodes are moved to ticks of a clock, without dwells.
 
-
-def _touches(verification: Verification) -> bool:
-    return any(item.kind == "clearance" for item in verification.violations)
-
-
-def _solve(
-    system: ProblemFunctions,
-    options: Options,
-    knots: Knots,
-    callback: ClockCallback,
-) -> tuple[NonlinearProgram, Array | None, SlpResult]:
-    """Look for a motion on given knots.
-
-    Returns:
-        Program, an iterate that keeps all constraints and lasts as long as the ticks,
-        if there is one, and the last outcome.
+    Args:
+        motion: The motion.
+        spans: When its segments begin, meet their goals, and end.
+        period: The period [s].
+        periods: Number of periods of each segment.
+        halvings: How often its intervals are halved, up to :data:`MOST_INTERVALS`.
     """
-    ticks = knots.ticks
-    near = near_to_it(replace(options, objective="time"), RADIUS, ITERATIONS)
-    tv_weight = options.smoothing
-    if tv_weight is None:
-        tv_weight = SMOOTHING_SHARE * ticks.duration
-    callback.goal, callback.last = ticks.duration, np.inf
-    begun, z = rested(*knots.program(system))
-    result = solve(
-        begun,
-        MinimumTime.of(near, tv_weight),
-        z,
-        *trust_regions(near, accuracy=EXACT),
-        exchange=RowExchange(level=0.0),
-        callback=callback,
-    )
-    program = result.program
-    assert isinstance(program, NonlinearProgram)  # noqa: S101
-    if result.best is None:
-        return program, None, result
-    # What has room on its rows may be above that duration by more than a trace.
-    kept = np.append(result.best.z[:-1], ticks.duration)
-    worst = program.rows.largest_violation(program.evaluate(kept))
-    return program, kept if worst <= options.feasibility else None, result
+    knots, ends = np.zeros(1, dtype=np.int64), []
+    for (begin, arrival, _), count in zip(spans, periods, strict=True):
+        nodes = motion.t[(motion.t >= begin) & (motion.t <= arrival)]
+        own = nodes.size - 1
+        wanted = min(2**halvings * own, max(own, MOST_INTERVALS))
+        knots = np.append(knots, knots[-1] + knots_near(nodes, count, wanted)[1:])
+        ends.append(knots.size - 1)
+    degree = QUADRATIC if motion.inverse_dynamics is None else motion.degree
+    shares = np.diff(knots)[:, None] / knots[-1]
+    return Layout(degree, shares, multiples(knots[-1:], period), tuple(ends))
+
+
+def on_ticks(motion: Trajectory, period: float) -> Trajectory:
+    """A motion whose nodes are ticks, with its nodes on them to the last bit."""
+    ends = motion.segment_ends
+    ends = None if ends is None else at_ticks(ends, period)
+    return replace(motion, t=at_ticks(motion.t, period), segment_ends=ends)
+
+
+@dataclass(frozen=True)
+class ReachesTicks:
+    """Rule that ends an iteration on a clock once it is as short as its ticks.
+
+    It ends as well where the motion is nearly feasible and slower, and no hope is left
+    that it becomes as short: it takes another period.
+
+    Attributes:
+        duration: Time of the last tick [s].
+        feasibility: Largest violation that is let pass.
+    """
+
+    duration: float
+    feasibility: float
+
+    def __call__(self, loop: Loop) -> Status | None:
+        """FEASIBLE once it is as short, STALLED where it will not be."""
+        record, *before = reversed(loop.history)
+        missing = record.duration - self.duration
+        if missing <= TRACE * self.duration:
+            return Status.FEASIBLE if record.violation <= self.feasibility else None
+        moved = abs(before[0].duration - record.duration) if before else np.inf
+        hopeless = moved < MOVING * missing or record.predicted < HOPE * missing
+        return Status.STALLED if hopeless and record.violation <= FAR else None

@@ -5,7 +5,6 @@ The fastest motion that was found, as slow as is best for its path, is where it 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -13,22 +12,14 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
-from tominpmp.initial_guess.segments import solved_guess
-from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Control, Options
-from tominpmp.planner.first_program import (
-    Begun,
-    first_program,
-    rested,
-    segmented_program,
-)
-from tominpmp.planner.later_stage import Over, bent, bettered, made
+from tominpmp.options import Options
+from tominpmp.planner.later_stage import another_motion, bettered
 from tominpmp.solution import Solution
 from tominpmp.solvers.time_and_energy import TimeAndEnergy
 from tominpmp.status import Status
 from tominpmp.transcription.bspline import DEGREES
-from tominpmp.transcription.layout import QUADRATIC, Layout, split_intervals
+from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -53,57 +44,55 @@ def economical(solution: Solution, options: Options) -> Solution:
     Returns:
         The motion, or the fastest one with a message that says why there is none.
     """
-    former = solution.trajectory
     solution = replace(solution, options=options)
-    if former is None or not solution.success:
+    if solution.trajectory is None or not solution.success:
         return solution
-
-    def left(reason: str) -> Solution:
-        message = f"{solution.message} This is the fastest motion: {reason}"
-        return replace(solution, status=Status.FEASIBLE, message=message)
-
-    return bettered(
-        solution, partial(_best, solution, former), left, "weighing its energy"
-    )
+    kept, doing = "This is the fastest motion", "weighing its energy"
+    fastest = replace(solution, status=Status.FEASIBLE)
+    return bettered(fastest, doing, kept, partial(_cheapest, fastest))
 
 
-def _best(solution: Solution, former: Trajectory) -> Solution | str:
+def _cheapest(solution: Solution) -> Solution | str:
     """The solution with the motion of least cost, or why there is none."""
-    options, found = solution.options, None
-    fits = options.control in DEGREES
-    if options.energy == "work":
-        fits = fits or former.degree == QUADRATIC
-    if options.method == "collocation" or not fits:
-        found = _cheaper(solution, former, _converted)
-    if found is None and options.method != "collocation":
-        # Where another spline is too far from what the problem allows, the motion is
-        # bettered as it is.
-        found = _cheaper(solution, former, _represented)
-    return NO_CHEAPER if found is None else found
+    former, options = solution.trajectory, solution.options
+    assert former is not None  # noqa: S101
+    objective = TimeAndEnergy.of(options)
 
+    def least(program: NonlinearProgram, z: Array) -> tuple[TimeAndEnergy, Array]:
+        return objective, _as_slow_as_is_best(objective, program, z)
 
-def _cheaper(
-    solution: Solution,
-    former: Trajectory,
-    begun: Callable[[ProblemFunctions, Options, Trajectory], Begun],
-) -> Solution | None:
-    """The solution with a motion of less cost, begun with one kind of program."""
-    options = solution.options
-    make = partial(_solved, options, begun, former)
-    motion = made(solution, former, FINER * options.intervals, make)
-    if motion is None or not motion.verification.ok:
-        return None
+    made = another_motion(solution, partial(_layout, solution, former), least)
     found = replace(
         solution,
-        status=motion.status,
-        trajectory=motion.trajectory,
+        status=made.status,
+        trajectory=made.trajectory,
         initial=former,
-        verification=motion.verification,
+        verification=made.verification,
         violations={},
     )
-    if found.cost > solution.cost:
-        return None
+    if not made.found or found.cost > solution.cost:
+        return NO_CHEAPER
     return replace(found, message=_message(found, former))
+
+
+def _layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
+    """Layout of splines that fit the energy, on a finer grid than that of the search.
+
+    Torques that spend little do not jump; where work counts, motors push, coast and
+    brake, and torques jump between. They jump where segments end as well, as what is
+    carried changes there.
+    """
+    problem, options = solution.problem, solution.options
+    layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
+    layout = layout.with_intervals(2**halvings * FINER * options.intervals)
+    if layout.degree == LIFTED:
+        return layout
+    degree, breaks = layout.degree, layout.segment_ends[:-1]
+    if options.control not in DEGREES:
+        degree = QUADRATIC if options.energy == "work" else DEGREES["linear"]
+    if degree == QUADRATIC or not ProblemFunctions.of(problem).sudden:
+        breaks = ()
+    return replace(layout, degree=degree, breaks=breaks)
 
 
 def _message(found: Solution, former: Trajectory) -> str:
@@ -122,56 +111,6 @@ def _message(found: Solution, former: Trajectory) -> str:
         f"{name} = {found.energy:.4g} {unit}, "
         f"T + {weight:g} {name} = {found.cost:.6g} s."
     )
-
-
-def _solved(
-    options: Options,
-    begun: Callable[[ProblemFunctions, Options, Trajectory], Begun],
-    former: Trajectory,
-    system: ProblemFunctions,
-    intervals: int,
-    over: Over,
-) -> tuple[Trajectory | None, Status]:
-    """The motion of least cost on a grid, and how the iteration ended."""
-    program, z = begun(system, replace(options, intervals=intervals), former)
-    objective = TimeAndEnergy.of(options)
-    z = _as_slow_as_is_best(objective, program, z)
-    result = bent(program, objective, z, options, over)
-    if result.best is None:
-        return None, result.status
-    return result.program.trajectory(result.best.z), result.status
-
-
-def _converted(system: ProblemFunctions, options: Options, former: Trajectory) -> Begun:
-    """Program near to the fastest motion, of splines that fit the energy.
-
-    Torques that spend little do not jump; where work counts, motors push, coast and
-    brake, and torques jump between.
-    """
-    if options.method != "collocation":
-        control: Control = "constant" if options.energy == "work" else "linear"
-        options = replace(options, control=control)
-    if not system.parts:
-        return first_program(system, options, warm_start(system, former))
-    # What is carried changes at the ends of segments, and so do torques.
-    guess = solved_guess("former motion", former, system.problem.segments)
-    return segmented_program(system, options, guess, breaks=True)
-
-
-def _represented(
-    system: ProblemFunctions, options: Options, former: Trajectory
-) -> Begun:
-    """Program of the fastest motion itself, on a finer grid."""
-    layout = Layout.of_motion(former, system.problem.segments)
-    if layout is None:
-        return _converted(system, options, former)
-    of, z = layout.represented(system, former)
-    while of.intervals < options.intervals:
-        longest = np.argsort(-of.motion(z).h, kind="stable")
-        split = np.zeros(of.intervals, dtype=bool)
-        split[longest[: options.intervals - of.intervals]] = True
-        of, z = split_intervals(of, z, split)
-    return rested(NonlinearProgram.of(of).at(z), z)
 
 
 def _as_slow_as_is_best(

@@ -110,21 +110,9 @@ def collocated(
 
 
 def segmented_program(
-    system: ProblemFunctions,
-    options: Options,
-    guess: SegmentedGuess,
-    *,
-    breaks: bool = False,
+    system: ProblemFunctions, options: Options, guess: SegmentedGuess
 ) -> Begun:
-    """Program for a guess of several segments, and the guess as its iterate.
-
-    Args:
-        system: The functions of the problem.
-        options: Options of the plan.
-        guess: The guess.
-        breaks: Whether the highest derivative but one of splines may jump where
-            segments end.
-    """
+    """Program for a guess of several segments, and the guess as its iterate."""
     smooth, durations = options.control in DEGREES, guess.durations
     sudden = system.sudden or not smooth
     counts = segment_intervals(options.intervals, durations)
@@ -132,9 +120,8 @@ def segmented_program(
     ends = tuple(np.cumsum(counts).tolist())
     transcription: Transcription[Any]
     if smooth:
-        where = ends[:-1] if breaks and system.sudden else ()
         transcription = spline = BSplineTranscription(
-            system, shares, DEGREES[options.control], ends, breaks=where
+            system, shares, DEGREES[options.control], ends
         )
         time_scale = 1.0 if guess.solved else SMOOTH_STRETCH
     else:

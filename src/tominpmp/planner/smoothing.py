@@ -9,16 +9,14 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import OptionsError, ProblemError
-from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.motion.measures import roughness, way_of
-from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Options
-from tominpmp.planner.later_stage import Over, bent, bettered, made
+from tominpmp.planner.control_period import layout_on_clock
+from tominpmp.planner.later_stage import another_motion, bettered
+from tominpmp.problem.segments import spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.quiet_torques import QuietTorques
-from tominpmp.status import Status
-from tominpmp.transcription.grid import Ticks, ticks_of
-from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.grid import ticks_of
+from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 
 NO_QUIETER = "no quieter motion was found."
@@ -57,90 +55,56 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     instance(solution, Solution, "solution")
     expected = "a share of T >= 0"
     share = number(slack, "slack", expected, least=0.0, error=OptionsError)
-    former = solution.trajectory
-    if former is None or not solution.success:
+    if solution.trajectory is None or not solution.success:
         raise ProblemError(
             f"there is no motion to smooth: {solution.message}", "solution"
         )
 
-    def left(reason: str) -> Solution:
-        message = f"{solution.message} Its torques were left as they are: {reason}"
-        return replace(solution, message=message)
-
-    if not former.duration:
-        return left("the motion takes no time.")
-    return bettered(
-        solution, partial(_quietest, solution, former, share), left, "making them quiet"
-    )
+    kept, doing = "Its torques were left as they are", "making them quiet"
+    return bettered(solution, doing, kept, partial(_quietest, solution, share))
 
 
-def _quietest(solution: Solution, former: Trajectory, share: float) -> Solution | str:
+def _quietest(solution: Solution, slack: float) -> Solution | str:
     """The solution with quiet torques, or why there are none."""
     options, limits = solution.options, solution.problem.robot.limits
-    before = roughness(former, limits)
-    make = partial(_quieter, options, former, share)
-    found = made(solution, former, former.t.size - 1, make)
-    if found is None:
-        return NO_QUIETER
-    trajectory = found.trajectory
-    if not found.verification.ok:
+    former, feasibility = solution.trajectory, options.feasibility
+    assert former is not None  # noqa: S101
+    if not former.duration:
+        return "the motion takes no time."
+    T, period = (1.0 + slack) * former.duration, options.control_period
+
+    def layout(halvings: int) -> Layout:
+        if period is not None:
+            counts = [ticks_of(T, period)]
+            return layout_on_clock(
+                former, spans_of(former, ()), period, counts, halvings
+            )
+        own = Layout.of_motion(former) or Layout.of_torques(former)
+        return own.with_intervals(2**halvings * len(own.shares))
+
+    def quiet(program: NonlinearProgram, z: Array) -> tuple[QuietTorques, Array]:
+        if period is None:
+            z = program.time_scale(z, 1.0 + slack)
+        return QuietTorques.of(program, z, feasibility), z
+
+    found = another_motion(solution, layout, quiet)
+    if found.refuted and found.verification is not None:
         return found.verification.message
-    after = roughness(trajectory, limits)
-    saved = 1.0 - way_of(trajectory, limits) / max(way_of(former, limits), SHORTEST_WAY)
-    if after >= before and saved < WORTH_IT:
+    motion, before = found.trajectory, roughness(former, limits)
+    after, way = roughness(motion, limits), max(way_of(former, limits), SHORTEST_WAY)
+    saved = 1.0 - way_of(motion, limits) / way
+    if not found.found or (after >= before and saved < WORTH_IT):
         return NO_QUIETER
-    slower = trajectory.duration / former.duration - 1.0
+    slower = motion.duration / former.duration - 1.0
     ways = f" and ways shorter by {100 * saved:.3g} %" if saved >= WORTH_IT else ""
     return replace(
         solution,
-        options=replace(options, slack=share or None),
+        options=replace(options, slack=slack or None),
         message=f"{solution.message} Quiet torques: roughness {before:.3g} to "
         f"{after:.3g}{ways} for {100 * slower:.3g} % more time, T = "
-        f"{trajectory.duration:.4f} s.",
-        trajectory=trajectory,
+        f"{motion.duration:.4f} s.",
+        trajectory=motion,
         initial=former,
         violations={},
         verification=found.verification,
     )
-
-
-def _quieter(
-    options: Options,
-    former: Trajectory,
-    slack: float,
-    system: ProblemFunctions,
-    intervals: int,
-    over: Over,
-) -> tuple[Trajectory | None, Status]:
-    """Quieter motion in the form of the former one, and how the iteration ended."""
-    ticks, guess = None, warm_start(system, former)
-    if options.control_period is None:
-        program, z = _program(system, options, guess, former, intervals)
-        z = program.time_scale(z, 1.0 + slack)
-    else:
-        period = options.control_period
-        count = ticks_of((1.0 + slack) * former.duration, period)
-        ticks = Ticks.near(period, count, former.t, intervals)
-        program, z = guess.clocked_program(system, ticks)
-    objective = QuietTorques.of(program, z, options.feasibility)
-    result = bent(program, objective, z, options, over)
-    if result.best is None:
-        return None, result.status
-    motion = result.program.trajectory(result.best.z)
-    return motion if ticks is None else ticks.timed(motion), result.status
-
-
-def _program(
-    system: ProblemFunctions,
-    options: Options,
-    guess: WarmStart,
-    former: Trajectory,
-    intervals: int,
-) -> tuple[NonlinearProgram, Array]:
-    """Program in the form of a motion, and the motion as its iterate."""
-    kind = options.grid
-    if former.inverse_dynamics is None:
-        return guess.lifted_program(system, intervals, kind)
-    if former.degree == 2:
-        return guess.inverse_program(system, intervals, kind)
-    return guess.spline_program(system, intervals, kind, former.degree)

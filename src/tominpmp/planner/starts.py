@@ -260,36 +260,40 @@ class Ahead:
             )
         return self.ready.pop(0) if self.ready else None
 
-    def result(self, number: int, *_: object) -> Candidate | None:
-        """The candidate of a guess, when its turn has come."""
+    def result(self, number: int, *_: object) -> Candidate:
+        """The candidate of a guess, when its turn has come.
+
+        Raises:
+            Stop: If it is late.
+            Exception: The error with which its process has ended.
+        """
         while number not in self.results:
             following = next(self.run, None)
             if following is None:
                 raise Stop(requested=False)  # it was late, and is not waited for
             self.results[self.first + following[0]] = following[1]
         candidate, failures = self.results.pop(number)
-        self.state.failures.extend(failures)
-        if candidate is not None:
-            for record in candidate.history:
-                self.state.show(record)
+        if candidate is None:
+            raise failures[-1] if failures else Stop(requested=False)
+        for record in candidate.history:
+            self.state.show(record)
         return self._as_here(candidate)
 
     def left(self) -> list[Candidate]:
         """Candidates that were made and not asked for, the fastest first."""
         for number, result in self.run:
             self.results[self.first + number] = result
-        made = [self._as_here(candidate) for candidate, _ in self.results.values()]
-        found = [candidate for candidate in made if candidate is not None]
-        return sorted(found, key=lambda candidate: candidate.duration)
+        made = [one for one, _ in self.results.values() if one is not None]
+        return sorted(map(self._as_here, made), key=lambda one: one.duration)
 
-    def _as_here(self, candidate: Candidate | None) -> Candidate | None:
+    def _as_here(self, candidate: Candidate) -> Candidate:
         """A candidate of a process with the reason why it ended.
 
         A process is asked to stop at the end of the time, too: nobody interrupted the
         planning then.
         """
-        asked = candidate is not None and candidate.status is Status.INTERRUPTED
-        if candidate is None or not asked or self.state.deadline.interrupted:
+        asked = candidate.status is Status.INTERRUPTED
+        if not asked or self.state.deadline.interrupted:
             return candidate
         return replace(candidate, status=Status.TIME_LIMIT)
 

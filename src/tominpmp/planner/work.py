@@ -38,7 +38,7 @@ NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 
 # Makes a candidate from the functions of the problem, the number of doublings of its
 # grid, and the candidate whose replay did not hold.
-Make = Callable[[ProblemFunctions, int, Candidate | None], Candidate | None]
+Make = Callable[[ProblemFunctions, int, Candidate | None], Candidate]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +86,10 @@ def run(state: PlanState, work: Work) -> Candidate | None:
         The candidate, which ``state`` knows; None if there is no motion at all.
     """
     state.begin()
+    candidate: Candidate | None
     try:
         state.deadline.check()
-        candidate = _made(state, work)
+        candidate = made(state, work)
     except (Stop, KeyboardInterrupt) as stop:
         candidate = _rescued(state, work, state.stopped(stop))
     except (*NUMERICAL, TominpmpError) as error:
@@ -106,25 +107,27 @@ def run(state: PlanState, work: Work) -> Candidate | None:
     return candidate
 
 
-def _made(state: PlanState, work: Work) -> Candidate | None:
+def made(state: PlanState, work: Work) -> Candidate:
     """Make a candidate, and again with the rows or knots that its replay lacks.
 
-    Where links of a single arm touch, that is rows for them; else a finer grid.
+    Where links of a single arm touch, these are rows for them; else a finer grid.
+
+    Args:
+        state: The plan; it learns how long a replay takes, and whether links touch.
+        work: The work.
     """
     complete = work.system
     system = complete if work.self_collision_rows else complete.without_self_collision
     best, doublings = None, 0
     while True:
         candidate = work.make(system, doublings, best)
-        if candidate is None:
-            return best
         if work.replay and candidate.verification is None:
             candidate = candidate.verified(complete.problem, state.options)
         if candidate.verification is not None:
             state.replayed(candidate.verification.seconds)
-        if doublings and best is not None:
-            if not candidate.feasible or candidate.excess > best.excess:
-                return best  # shorter intervals break more by rounding than they mend
+        worse = best is not None and candidate.excess > best.excess
+        if best is not None and doublings and (worse or not candidate.feasible):
+            return best  # shorter intervals break more by rounding than they mend
         best = candidate if best is None else candidate.after(best)
         if not best.refuted or best.status in STOPPED or best.dropped:
             return best

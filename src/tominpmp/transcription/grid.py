@@ -8,14 +8,11 @@ controller runs the planned motion. It is one if all knots are ticks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.motion.samples import multiples
-from tominpmp.motion.trajectory import Trajectory
 
 # Nodes inside the first interval of the cosine grid, as shares of it, and mirrored in
 # the last: found on benchmarks/random_goals.py, where without them a few motions were
@@ -184,67 +181,24 @@ def at_ticks(times: ArrayLike, period: float) -> Array:
     return multiples(np.rint(np.asarray(times) / period), period)
 
 
-@dataclass(frozen=True, eq=False)
-class Ticks:
-    """Knots of a motion as multiples of a period.
+def knots_near(nodes: Array, count: int, intervals: int = 0) -> IntArray:
+    """Knots on a clock near the nodes of a motion, stretched to a number of periods.
 
-    Attributes:
-        period: The period [s].
-        knots: Increasing from 0, shape (N + 1,).
+    Nodes that come to lie on one tick are one knot. Where that leaves too few
+    intervals, the longest are split, as far as there are ticks.
+
+    Args:
+        nodes: Times of the nodes, shape (M,), in any unit.
+        count: Number of periods of the motion.
+        intervals: Least number of intervals.
+
+    Returns:
+        Numbers of the ticks, increasing from 0, shape (N + 1,).
     """
-
-    period: float
-    knots: IntArray
-
-    @classmethod
-    def near(cls, period: float, count: int, nodes: Array, intervals: int = 0) -> Ticks:
-        """Knots near the nodes of a motion that is stretched to ``count`` periods.
-
-        Nodes that come to lie on one tick are one knot. Where that leaves too few
-        intervals, the longest are split, as far as there are ticks.
-
-        Args:
-            period: The period [s].
-            count: Number of periods of the motion.
-            nodes: Times of its nodes from 0, shape (M,), in any unit.
-            intervals: Least number of intervals.
-        """
-        knots = np.unique(np.rint(nodes / nodes[-1] * count).astype(np.int64))
-        while knots.size - 1 < min(intervals, count):
-            gaps = np.diff(knots)
-            k = int(np.argmax(gaps))
-            knots = np.insert(knots, k + 1, knots[k] + gaps[k] // 2)
-        return cls(period, knots)
-
-    def __str__(self) -> str:
-        """The numbers of intervals and ticks, in words."""
-        return f"{self.intervals} intervals on {self.count} ticks of {self.period:g} s"
-
-    @property
-    def count(self) -> int:
-        """Number of periods."""
-        return int(self.knots[-1])
-
-    @property
-    def intervals(self) -> int:
-        """Number of intervals."""
-        return self.knots.size - 1
-
-    @property
-    def duration(self) -> float:
-        """Time of the last knot [s]."""
-        return float(self.times[-1])
-
-    @property
-    def times(self) -> Array:
-        """Times of the knots [s], shape (N + 1,)."""
-        return multiples(self.knots, self.period)
-
-    @property
-    def shares(self) -> Array:
-        """Shares of the duration that the intervals take, shape (N, 1)."""
-        return np.asarray(np.diff(self.knots) / self.count)[:, None]
-
-    def timed(self, motion: Trajectory) -> Trajectory:
-        """A motion on these knots with its nodes on the ticks to the last bit."""
-        return replace(motion, t=self.times)
+    share = (nodes - nodes[0]) / (nodes[-1] - nodes[0])
+    knots = np.unique(np.rint(share * count).astype(np.int64))
+    while knots.size - 1 < min(intervals, count):
+        gaps = np.diff(knots)
+        k = int(np.argmax(gaps))
+        knots = np.insert(knots, k + 1, knots[k] + gaps[k] // 2)
+    return knots

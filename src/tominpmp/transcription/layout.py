@@ -15,7 +15,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.segments import Segment, spans_of
+from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque
@@ -26,6 +26,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 Gridded = BSplineTranscription | CollocationTranscription
 # Degrees of states and constant torques, and of constant accelerations.
 LIFTED, QUADRATIC = 0, 2
+# Intervals shorter than this share of the mean are no grid.
+SHORTEST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,24 +40,28 @@ class Layout:
         shares: Lengths of the intervals by the last unknowns, shape (N, m).
         eta: The last unknowns, the durations, shape (m,).
         segment_ends: Number of intervals up to the end of each segment.
+        breaks: Numbers of intervals before nodes at which the derivative below the
+            highest may jump.
     """
 
     degree: int
     shares: Array
     eta: Array
     segment_ends: tuple[int, ...]
+    breaks: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, transcription: object, z: Array) -> Layout | None:
         """Layout of an iterate; None where only torques are parameterised."""
         if not isinstance(transcription, Gridded):
             return None
-        degree = LIFTED
-        if isinstance(transcription, BSplineTranscription):
-            degree = transcription.degree
         shares = transcription.shares
         eta = np.array(z[z.size - shares.shape[1] :])
-        return cls(degree, shares, eta, transcription.segment_ends)
+        layout = cls(LIFTED, shares, eta, transcription.segment_ends)
+        if isinstance(transcription, CollocationTranscription):
+            return layout
+        degree, breaks = transcription.degree, transcription.breaks
+        return replace(layout, degree=degree, breaks=breaks)
 
     @classmethod
     def of_motion(
@@ -82,6 +88,46 @@ class Layout:
         ends = tuple(np.cumsum(counts).tolist())
         return cls(motion.degree, shares, np.full(len(counts), T), ends)
 
+    @classmethod
+    def of_torques(cls, motion: Trajectory) -> Layout:
+        """Layout in states and torques of a motion whose torques are held.
+
+        Nodes right beside others, as where a joint with dry friction turns, are left
+        out.
+        """
+        h = np.diff(motion.t)
+        apart = np.minimum(h[:-1], h[1:]) >= SHORTEST * h.mean()
+        lengths = np.diff(motion.t[np.concatenate([[True], apart, [True]])])
+        T = motion.duration
+        return cls(LIFTED, lengths[:, None] / T, np.array([T]), (lengths.size,))
+
+    def halved(self, split: BoolArray) -> Layout:
+        """The layout with some of its intervals halved.
+
+        Parts of the motion that had durations of their own keep them.
+
+        Args:
+            split: Which intervals to halve, shape (N,).
+        """
+        parts: IntArray = 1 + split.astype(np.int64)
+        before = np.concatenate([[0], np.cumsum(parts)])
+        return replace(
+            self,
+            shares=np.repeat(self.shares / parts[:, None], parts, axis=0),
+            segment_ends=tuple(before[list(self.segment_ends)].tolist()),
+            breaks=tuple(before[list(self.breaks)].tolist()),
+        )
+
+    def with_intervals(self, count: int) -> Layout:
+        """The layout with its longest intervals halved until there are ``count``."""
+        missing = count - len(self.shares)
+        if missing <= 0:
+            return self
+        split = np.zeros(len(self.shares), dtype=bool)
+        longest = np.argsort(-(self.shares @ self.eta), kind="stable")
+        split[longest[:missing]] = True
+        return self.halved(split).with_intervals(count)
+
     def transcription(self, system: ProblemFunctions) -> Gridded:
         """The parameterisation, for the functions of a problem."""
         duration, ends = float(np.sum(self.shares @ self.eta)), self.segment_ends
@@ -89,26 +135,42 @@ class Layout:
             return CollocationTranscription(system, self.shares, duration)
         if self.degree == QUADRATIC:
             return InverseTranscription(system, self.shares, duration, ends)
-        return BSplineTranscription(system, self.shares, self.degree, ends)
+        return BSplineTranscription(
+            system, self.shares, self.degree, ends, breaks=self.breaks
+        )
 
     def represented(
-        self, system: ProblemFunctions, motion: Trajectory
+        self,
+        system: ProblemFunctions,
+        motion: Trajectory,
+        spans: Sequence[Span] | None = None,
     ) -> tuple[Gridded, Array]:
-        """The parameterisation, and a motion found with it as its iterate.
+        """The parameterisation, and a motion as its iterate.
+
+        A motion that was found with it, or on a grid of which it has all nodes, stays
+        as it is. Of splines each segment may be stretched to another duration.
 
         Args:
             system: The functions of the problem that the motion solves.
             motion: The motion.
+            spans: When its segments begin, meet their goals, and end; None for what the
+                dwells of the problem tell.
         """
         of, eta = self.transcription(system), self.eta
         t = nodes_of(self.shares @ eta)
         if isinstance(of, BSplineTranscription):
-            # A dwell follows the interval that ends at its node.
-            delays, plain = of.delays, replace(motion, inverse_dynamics=None)
+            spans = spans or spans_of(motion, system.problem.segments)
+            begins, arrivals, _ = np.array(spans).T
+            ends, plain = (
+                t[[0, *self.segment_ends]],
+                replace(motion, inverse_dynamics=None),
+            )
+            pace = (arrivals - begins) / np.diff(ends)
 
             def position(times: Array) -> Array:
-                interval = np.searchsorted(t[1:-1], times)
-                return plain(times + delays[interval]).q
+                within = np.searchsorted(ends[1:-1], times)
+                own = begins[within] + pace[within] * (times - ends[within])
+                return plain(own).q
 
             return of, of.interpolated(eta, position)
         nodes, middle = (
@@ -130,20 +192,16 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
     Returns:
         The parameterisation on the new grid, and the iterate.
     """
-    parts: IntArray = 1 + split.astype(np.int64)
     layout = Layout.of(of, z)
     assert layout is not None  # noqa: S101
-    # Parts of the motion that had durations of their own keep them.
-    shares = np.repeat(layout.shares / parts[:, None], parts, axis=0)
-    ends = tuple(np.cumsum(parts)[np.array(layout.segment_ends) - 1].tolist())
-    finer = replace(layout, shares=shares, segment_ends=ends).transcription(of.system)
+    finer = layout.halved(split).transcription(of.system)
     if isinstance(of, BSplineTranscription):
         assert isinstance(finer, BSplineTranscription)  # noqa: S101
         return finer, finer.interpolated(layout.eta, of.motion(z).positions)
     assert isinstance(finer, CollocationTranscription)  # noqa: S101
     x, u, h = of.split(z)
-    first = np.cumsum(parts) - parts
-    t = nodes_of(h)
+    parts = 1 + split.astype(np.int64)
+    first, t = np.cumsum(parts) - parts, nodes_of(h)
     states = np.empty((finer.intervals + 1, x.shape[1]))
     states[first], states[-1] = x[:-1], x[-1]
     halved = np.flatnonzero(split)
