@@ -162,7 +162,7 @@ class WarmStart(Guess):
             return _program(transcription, z)
         transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
         z = transcription.interpolated(np.array([T]), self.position)
-        program, z = _program(transcription, z)
+        program, z = _program(transcription, transcription.within_limits(z))
         of = program.transcription
         if not self.halved or nodes.size - 1 > intervals:
             return program, z

@@ -112,19 +112,13 @@ def on_clock(
             f"{solution.T:.4g} s: more than {MAX_SAMPLES} samples",
             "control_period",
         )
-    interrupted = solution.status is Status.INTERRUPTED
-
-    def shown(record: IterationRecord) -> None:
-        if not interrupted:  # who has interrupted is shown no more iterations
-            progress.see(record)
-
     history, clocked, status = list(solution.history), None, None
     found = sorted((a for a in candidates if a.found), key=lambda a: a.duration)
 
     def bring() -> None:
         nonlocal clocked
         for former in found:
-            clocked = _brought(solution, period, former, progress, shown)
+            clocked = _brought(solution, period, former, progress)
             number, before = candidates.index(former), len(former.history)
             history.extend(replace(r, start=number) for r in clocked.history[before:])
             if clocked.found:
@@ -134,9 +128,8 @@ def on_clock(
         bring()
     except (Stop, KeyboardInterrupt) as stop:
         clocked, status = None, progress.stopped(stop)
-        if status is Status.INTERRUPTED and not interrupted:
+        if status is Status.INTERRUPTED and solution.status is not status:
             # A motion that is not on the clock is no motion: there is time of grace.
-            interrupted = True
             with progress.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
                 bring()
     solution = replace(solution, history=tuple(history), planning_time=progress.seconds)
@@ -247,11 +240,7 @@ def status_on_clock(
 
 
 def _brought(
-    solution: Solution,
-    period: float,
-    former: Candidate,
-    progress: PlanState,
-    shown: Callback,
+    solution: Solution, period: float, former: Candidate, progress: PlanState
 ) -> Candidate:
     """The motion of a candidate on the clock; the last that was tried if there is none.
 
@@ -259,20 +248,15 @@ def _brought(
         solution: What planning without the clock has led to.
         period: The period [s].
         former: The candidate.
-        progress: Remembers that links touched.
-        shown: Sees every record.
+        progress: Time and callback; remembers that links touched.
     """
     candidate, trial = former, Trial.of(solution.problem, former.trajectory, period)
     progress.links_touched = former.clearance_rows
     for _ in range(TRIALS):
-        found = trial.candidate(solution, progress, shown)
+        found, knots = trial.candidate(solution, progress), trial.layout.shares
         logger.info("%d periods of %g s: %s", trial.count, period, found.status.value)
-        candidate, former_trial, trial = (
-            found.after(candidate),
-            trial,
-            trial.after(found),
-        )
-        if found.found or trial.knots == former_trial.knots:
+        candidate, trial = found.after(candidate), trial.after(found)
+        if found.found or np.array_equal(trial.layout.shares, knots):
             break  # times of arrival leave no other choice
     return replace(candidate, remark=former.remark)
 
@@ -334,11 +318,6 @@ class Trial:
         return layout_on_clock(*grid, self.halvings)
 
     @property
-    def knots(self) -> tuple[tuple[int, ...], int]:
-        """Periods of the segments, and number of intervals."""
-        return self.periods, len(self.layout.shares)
-
-    @property
     def count(self) -> int:
         """Number of periods of all segments."""
         return sum(self.periods)
@@ -366,24 +345,26 @@ class Trial:
             now += found[-1] + ticks_of(segment.dwell, self.period)
         return tuple(found)
 
-    def candidate(
-        self, solution: Solution, progress: PlanState, shown: Callback
-    ) -> Candidate:
+    def candidate(self, solution: Solution, progress: PlanState) -> Candidate:
         """A motion on these knots, with rows for links where they would touch.
 
         Args:
             solution: What planning without the clock has led to.
-            progress: Remembers that links touched.
-            shown: Sees every record.
+            progress: Time and callback; remembers that links touched.
 
         Returns:
             The motion; one that is not feasible where there is none that lasts as long
             as the knots.
         """
+        problem, options = solution.problem, solution.options
+
+        def shown(record: IterationRecord) -> None:
+            # A callback that has interrupted the plan is shown no more iterations.
+            if not progress.deadline.interrupted:
+                progress.see(record)
 
         def make(system: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
-            found = self._solved(system, solution.options, shown)
-            return found.verified(solution.problem, solution.options)
+            return self._solved(system, options, shown).verified(problem, options)
 
         apart = progress.links_touched
         return made(
@@ -395,7 +376,8 @@ class Trial:
     ) -> Candidate:
         """A motion on these knots, not replayed yet."""
         T = float(self.layout.eta[0])
-        of, z = self.layout.represented(system, self.motion, self.spans)
+        known = self.motion, self.spans
+        of, z = self.layout.represented(system, *known, within=True)
         feasibility = max(options.feasibility, SLIGHT)
         options = replace(options, objective="time", feasibility=feasibility)
         near = near_to_it(options, RADIUS, ITERATIONS)

@@ -1,10 +1,19 @@
-"""Time against energy: what follows the search where energy has a weight.
+"""Other objectives than time: another motion of the one that was found.
 
-The fastest motion that was found, as slow as is best for its path, is where it begins.
+The motion is taken up on its own grid with some of its intervals halved, and improved
+for the other objective. Its replay tells what is missing: rows for links that touch,
+else a finer grid. Where nothing comes of it, the motion is left as it was.
+
+Time against energy is one such objective: it begins with the fastest motion that was
+found, as slow as is best for its path. Quiet torques are another one, see
+:mod:`~tominpmp.planner.smoothing`.
 """
 
 from __future__ import annotations
 
+import logging
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -12,26 +21,106 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
+from tominpmp.linear_programs import make_solver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.later_stage import another_motion, bettered
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.control_period import on_ticks
+from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.work import NUMERICAL, REPAIRS, Work, made
 from tominpmp.solution import Solution
+from tominpmp.solvers.exchange import RowExchange
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import Objective
 from tominpmp.solvers.time_and_energy import TimeAndEnergy
-from tominpmp.status import Status
+from tominpmp.solvers.trust_region_step import trust_regions
+from tominpmp.status import IterationRecord, Status
+from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
+logger = logging.getLogger(__name__)
+
+# Time for the replay of what was found, in multiples of what the last one took.
+REPLAYS = 2.0
 # How much slower than the fastest motion along its path another one is tried, at most.
 SLOWEST = 100.0
 # How much finer the grid is than that of the search: motions that spend less have no
 # torques that jump, as those of the fastest motion do, or jump elsewhere.
-FINER = 2
+FINER = {"torque_squared": 3, "work": 2}
 # How often a slower pace is halved that breaks limits, as of times of arrival.
 SLOWER_TRIALS = 6
 UNITS = {"torque_squared": "N^2 m^2 s", "work": "J"}
 NO_CHEAPER = "none of less cost was found."
+
+
+def another_motion(
+    solution: Solution,
+    layout: Callable[[int], Layout],
+    objective: Callable[[NonlinearProgram, Array], tuple[Objective, Array]],
+) -> Candidate:
+    """Make another motion of the one of a solution, on finer grids until it holds.
+
+    Args:
+        solution: The solution.
+        layout: Grid of the other motion, whose intervals are halved a number of times.
+        objective: What is to be least, and where to begin, from a program and the
+            motion as its iterate.
+    """
+    options, problem, former = solution.options, solution.problem, solution.trajectory
+    assert former is not None  # noqa: S101
+    replay = 0.0 if solution.verification is None else solution.verification.seconds
+
+    def seen(_: IterationRecord) -> Status | None:
+        return Status.TIME_LIMIT if seconds_left() < REPLAYS * replay else None
+
+    def make(tried: ProblemFunctions, halvings: int, _: Candidate | None) -> Candidate:
+        of, z = layout(halvings).represented(tried, former, within=True)
+        program = NonlinearProgram.of(of).at(z)
+        begun = program, *objective(program, z)
+        steps = trust_regions(options, make_solver("piqp"))
+        exchange = RowExchange(level=0.0)
+        result = solve(*begun, *steps, exchange=exchange, callback=seen)
+        found = Candidate.of("former motion", result.program, former, result)
+        if options.control_period is not None:
+            motion = on_ticks(found.trajectory, options.control_period)
+            found = replace(found, trajectory=motion)
+        return found.verified(problem, options)
+
+    system = ProblemFunctions.of(problem.alternative_of(former))
+    work = Work(system, "former motion", make, REPAIRS)
+    return made(PlanState(problem, options), work)
+
+
+def bettered(
+    solution: Solution, doing: str, kept: str, work: Callable[[], Solution | str]
+) -> Solution:
+    """What a stage makes of a solution, within the time of a plan.
+
+    Args:
+        solution: The solution.
+        doing: What is done to its motion, in a few words.
+        kept: What is said of the motion where it is left as it was.
+        work: Makes the better solution, or says why there is none.
+    """
+    begin, status = time.perf_counter(), None
+    try:
+        with bounded(solution.options.time_limit):
+            found = work()
+    except (Stop, KeyboardInterrupt) as stop:
+        if isinstance(stop, Stop) and not stop.requested:
+            found = f"there was no time for {doing}."
+        else:
+            found, status = "this was interrupted.", Status.INTERRUPTED
+    except NUMERICAL as error:
+        logger.warning("%s failed: %r", doing, error)
+        found = f"{doing} failed ({type(error).__name__})."
+    if isinstance(found, str):
+        found = replace(solution, message=f"{solution.message} {kept}: {found}")
+    seconds = solution.planning_time + time.perf_counter() - begin
+    return replace(found, status=status or found.status, planning_time=seconds)
 
 
 def economical(solution: Solution, options: Options) -> Solution:
@@ -61,16 +150,16 @@ def _cheapest(solution: Solution) -> Solution | str:
     def least(program: NonlinearProgram, z: Array) -> tuple[TimeAndEnergy, Array]:
         return objective, _as_slow_as_is_best(objective, program, z)
 
-    made = another_motion(solution, partial(_layout, solution, former), least)
+    cheapest = another_motion(solution, partial(_layout, solution, former), least)
     found = replace(
         solution,
-        status=made.status,
-        trajectory=made.trajectory,
+        status=cheapest.status,
+        trajectory=cheapest.trajectory,
         initial=former,
-        verification=made.verification,
+        verification=cheapest.verification,
         violations={},
     )
-    if not made.found or found.cost > solution.cost:
+    if not cheapest.found or found.cost > solution.cost:
         return NO_CHEAPER
     return replace(found, message=_message(found, former))
 
@@ -83,8 +172,9 @@ def _layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
     carried changes there.
     """
     problem, options = solution.problem, solution.options
+    finer = FINER[options.energy]
     layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
-    layout = layout.with_intervals(2**halvings * FINER * options.intervals)
+    layout = layout.with_intervals(2**halvings * finer * options.intervals)
     if layout.degree == LIFTED:
         return layout
     degree, breaks = layout.degree, layout.segment_ends[:-1]
@@ -126,11 +216,9 @@ def _as_slow_as_is_best(
         bounds=(0.0, np.log(SLOWEST)),
         method="bounded",
     )
-    best, power = z, float(found.x)
     allowed = max(nlp.rows.largest_violation(nlp.evaluate(z)), objective.feasibility)
-    for _ in range(SLOWER_TRIALS):
-        best = slower(power)
+    for halvings in range(SLOWER_TRIALS):
+        best = slower(float(found.x) / 2**halvings)
         if nlp.rows.largest_violation(nlp.evaluate(best)) <= allowed:
             return best
-        power *= 0.5
     return z

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
-from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
@@ -49,32 +47,28 @@ def rested(program: NonlinearProgram, z: Array) -> Begun:
 
 def first_program(system: ProblemFunctions, options: Options, guess: Guess) -> Begun:
     """Program for a guess, and the guess as its iterate."""
-    former = guess if isinstance(guess, WarmStart) else None
     grid = options.intervals, options.grid
     timed = GUESS_STRETCH if guess.timed else 1.0
-    transcription: Transcription[Any]
-    if isinstance(guess, SegmentedGuess):
-        return segmented_program(system, options, guess)
     if options.method == "collocation":
-        if former is not None:
-            return former.lifted_program(system, *grid)
+        if isinstance(guess, WarmStart):
+            return guess.lifted_program(system, *grid)
         return collocated(system, options, guess, timed * guess.duration)
-    shares = guess_shares(system, options, guess)
-    if options.control in DEGREES:
-        degree = DEGREES[options.control]
-        if former is not None:
-            return former.spline_program(system, *grid, degree)
-        shares = np.sum(shares, axis=1, keepdims=True)
-        transcription = smooth = BSplineTranscription(system, shares, degree)
-        eta = np.array([SMOOTH_STRETCH * guess.duration])
-        start = smooth.start(guess.position, guess.duration, eta)
+    degree = DEGREES.get(options.control)
+    if isinstance(guess, WarmStart):
+        if degree is not None:
+            return guess.spline_program(system, *grid, degree)
+        return rested(*guess.inverse_program(system, *grid))
+    shares, ends = guess_grid(system, options, guess)
+    of: BSplineTranscription
+    if degree is None:
+        of = InverseTranscription(system, shares, guess.duration, ends)
     else:
-        if former is not None:
-            return rested(*former.inverse_program(system, *grid))
-        transcription = jumping = InverseTranscription(system, shares, guess.duration)
-        eta = np.full(shares.shape[1], timed * guess.duration)
-        start = jumping.start(guess.position, guess.duration, eta)
-    return NonlinearProgram.of(transcription).at(start), start
+        of = BSplineTranscription(system, shares, degree, ends)
+        solved = isinstance(guess, SegmentedGuess) and guess.solved
+        timed = 1.0 if solved else SMOOTH_STRETCH
+    eta = np.full(shares.shape[1], timed * guess.duration)
+    z = of.start(guess.position, guess.duration, eta)
+    return NonlinearProgram.of(of).at(z), z
 
 
 def collocated(
@@ -109,29 +103,24 @@ def collocated(
     return program, start
 
 
-def segmented_program(
-    system: ProblemFunctions, options: Options, guess: SegmentedGuess
-) -> Begun:
-    """Program for a guess of several segments, and the guess as its iterate."""
-    smooth, durations = options.control in DEGREES, guess.durations
-    sudden = system.sudden or not smooth
-    counts = segment_intervals(options.intervals, durations)
-    shares = segmented_shares(options.grid, counts, durations, smooth, sudden=sudden)
-    ends = tuple(np.cumsum(counts).tolist())
-    transcription: Transcription[Any]
-    if smooth:
-        transcription = spline = BSplineTranscription(
-            system, shares, DEGREES[options.control], ends
-        )
-        time_scale = 1.0 if guess.solved else SMOOTH_STRETCH
-    else:
-        transcription = spline = InverseTranscription(
-            system, shares, guess.duration, ends
-        )
-        time_scale = GUESS_STRETCH if guess.timed else 1.0
-    eta = np.full(len(ends), time_scale * guess.duration)
-    start = spline.start(guess.position, guess.duration, eta)
-    return NonlinearProgram.of(transcription).at(start), start
+def guess_grid(
+    system: ProblemFunctions, options: Options, guess: Guess
+) -> tuple[Array, tuple[int, ...]]:
+    """Grid for a guess.
+
+    Returns:
+        Lengths of the intervals by the durations, shape (N, m), and the number of
+        intervals up to the end of each segment; empty where there is one segment.
+    """
+    smooth = options.control in DEGREES
+    if isinstance(guess, SegmentedGuess):
+        durations, sudden = guess.durations, system.sudden or not smooth
+        counts = segment_intervals(options.intervals, durations)
+        kind = options.grid
+        shares = segmented_shares(kind, counts, durations, smooth, sudden=sudden)
+        return shares, tuple(np.cumsum(counts).tolist())
+    shares = guess_shares(system, options, guess)
+    return np.sum(shares, axis=1, keepdims=True) if smooth else shares, ()
 
 
 def guess_shares(system: ProblemFunctions, options: Options, guess: Guess) -> Array:

@@ -11,7 +11,7 @@ from tominpmp.checks import instance, number
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.motion.measures import roughness, way_of
 from tominpmp.planner.control_period import layout_on_clock
-from tominpmp.planner.later_stage import another_motion, bettered
+from tominpmp.planner.energy import another_motion, bettered
 from tominpmp.problem.segments import spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.quiet_torques import QuietTorques
@@ -59,7 +59,6 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         raise ProblemError(
             f"there is no motion to smooth: {solution.message}", "solution"
         )
-
     kept, doing = "Its torques were left as they are", "making them quiet"
     return bettered(solution, doing, kept, partial(_quietest, solution, share))
 
@@ -75,10 +74,8 @@ def _quietest(solution: Solution, slack: float) -> Solution | str:
 
     def layout(halvings: int) -> Layout:
         if period is not None:
-            counts = [ticks_of(T, period)]
-            return layout_on_clock(
-                former, spans_of(former, ()), period, counts, halvings
-            )
+            whole, counts = spans_of(former, ()), [ticks_of(T, period)]
+            return layout_on_clock(former, whole, period, counts, halvings)
         own = Layout.of_motion(former) or Layout.of_torques(former)
         return own.with_intervals(2**halvings * len(own.shares))
 

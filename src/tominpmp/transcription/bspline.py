@@ -244,18 +244,19 @@ class BSplineTranscription(Transcription[SplineMotion]):
         Args:
             eta: Durations, shape (m,).
             position: Configurations at times [s], shape (k,) to (k, n); they are met at
-                all times if they are a spline on this grid within position limits.
+                all times if they are a spline on this grid.
         """
         knots = self._knots_for(eta)
         sites = knots.greville
         points = spsolve(knots.design(sites).tocsc(), position(sites * eta[-1]))
-        return self.unknowns(self._within(points), eta)
+        return self.unknowns(np.reshape(points, (knots.count, -1)), eta)
 
-    def _within(self, points: Array) -> Array:
-        """Control points brought within the position limits, shape (M, n)."""
-        limits = self.system.problem.robot.limits
-        points = np.reshape(points, (-1, self._n))
-        return np.clip(points, limits.position_lower, limits.position_upper)
+    def within_limits(self, z: Array) -> Array:
+        """An iterate with its free control points brought within position limits."""
+        limits, count = self.system.problem.robot.limits, self.point_unknowns
+        points = z[:count].reshape(-1, self._n) + self._base
+        points = np.clip(points, limits.position_lower, limits.position_upper)
+        return np.concatenate([(points - self._base).ravel(), z[count:]])
 
     def fitted(self, times: Array, q: Array, duration: float) -> Array:
         """Iterate that is nearest to positions at shares of T, in least squares."""
@@ -269,8 +270,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         by_free = design @ sp.csr_matrix(pick, shape=shape)
         rest = (q - self._base).ravel() - design @ (hung.offset + hung.slopes @ eta)
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
-        points = self._within(np.reshape(points, (-1, self._n)) + self._base)
-        return np.concatenate([(points - self._base).ravel(), eta])
+        return self.within_limits(np.concatenate([points, eta]))
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within position limits and positive durations."""

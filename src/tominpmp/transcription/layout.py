@@ -144,6 +144,8 @@ class Layout:
         system: ProblemFunctions,
         motion: Trajectory,
         spans: Sequence[Span] | None = None,
+        *,
+        within: bool = False,
     ) -> tuple[Gridded, Array]:
         """The parameterisation, and a motion as its iterate.
 
@@ -155,24 +157,25 @@ class Layout:
             motion: The motion.
             spans: When its segments begin, meet their goals, and end; None for what the
                 dwells of the problem tell.
+            within: Whether control points are brought within position limits: where the
+                motion is no spline on this grid, those of the nearest one may be beyond
+                them.
         """
         of, eta = self.transcription(system), self.eta
         t = nodes_of(self.shares @ eta)
         if isinstance(of, BSplineTranscription):
             spans = spans or spans_of(motion, system.problem.segments)
             begins, arrivals, _ = np.array(spans).T
-            ends, plain = (
-                t[[0, *self.segment_ends]],
-                replace(motion, inverse_dynamics=None),
-            )
-            pace = (arrivals - begins) / np.diff(ends)
+            ends, moving = t[[0, *self.segment_ends]], nodes_of(arrivals - begins)
+            dwelt = begins - moving[:-1]
+            plain = replace(motion, inverse_dynamics=None)
 
             def position(times: Array) -> Array:
-                within = np.searchsorted(ends[1:-1], times)
-                own = begins[within] + pace[within] * (times - ends[within])
-                return plain(own).q
+                before = dwelt[np.searchsorted(ends[1:-1], times)]
+                return plain(np.interp(times, ends, moving) + before).q
 
-            return of, of.interpolated(eta, position)
+            z = of.interpolated(eta, position)
+            return of, of.within_limits(z) if within else z
         nodes, middle = (
             motion(np.minimum(t, motion.duration)),
             motion(0.5 * (t[1:] + t[:-1])),
