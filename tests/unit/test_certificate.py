@@ -17,20 +17,16 @@ from sample_arms import DOWNWARD, make_arm, rod, slide
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.certificate import Certificate
-from tominpmp.certificate.costates import integrate_costates
 from tominpmp.certificate.dual_program import solve_dual_program
-from tominpmp.certificate.limit_rows import LimitRows
-from tominpmp.certificate.limits import limits_of
+from tominpmp.certificate.limits import LimitRows, limits_of
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify, examine
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.perturbations import (
     MOST,
-    Instants,
     Perturbations,
     certificate_grid,
 )
-from tominpmp.certificate.task import Task
-from tominpmp.constraints import KeepUpright, States, ToolSpeed
+from tominpmp.constraints import KeepUpright, Partials, States, ToolSpeed
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AnyGoal, JointGoal, PositionGoal
@@ -43,6 +39,8 @@ from tominpmp.robot import Robot, load_robot
 from tominpmp.scene import ConstantVelocity, Scene, Sphere
 from tominpmp.solution import Solution
 from tominpmp.status import Status
+from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 MASS, FORCE = 2.0, 10.0
 START = (0.5, 1.7, -1.7)
@@ -321,7 +319,7 @@ def test_multipliers_account_for_the_promise() -> None:
     """The promise is the sum of multiplier times room, as duality says."""
     solution = planned(limited=True)
     assert solution.trajectory is not None
-    motion = Motion.of(Task.of(solution.problem), solution.trajectory)
+    motion = Motion.of(ProblemFunctions.of(solution.problem), solution.trajectory)
     found = solve_dual_program(motion)
     assert found is not None
     given = found.multipliers
@@ -342,20 +340,6 @@ def test_speed_limits_rule() -> None:
         assert item.begin.shape == item.end.shape == item.multiplier.shape
         assert np.all(item.begin < item.end)
         assert np.all(item.multiplier > 0.0)
-
-
-def test_adjoint_equation_from_end_to_start() -> None:
-    """Integrated in one go, the adjoint equation gives the costates back."""
-    solution = planned("adjoint")
-    assert solution.trajectory is not None
-    motion = Motion.of(Task.of(solution.problem), solution.trajectory)
-    found = solve_dual_program(motion)
-    assert found is not None
-    assert solution.verification is not None
-    whole = integrate_costates(motion, found, solution.verification.replay, anew=False)
-    largest = np.max(np.abs(found.costates * found.state_scale))
-    apart = np.abs((found.costates - whole[1:]) * found.state_scale)
-    assert np.max(apart) < 0.02 * largest
 
 
 def test_passive_joint() -> None:
@@ -431,7 +415,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
         None,
         limits,
     )
-    task, inverse = Task.of(problem), RobotDynamics(problem.robot).inverse
+    inverse = RobotDynamics(problem.robot).inverse
     N, n = 40, 3
     # Accelerations are continuous and piecewise linear.
     a = rng.normal(0.0, 2.0, (N + 1, n))
@@ -476,8 +460,9 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
         replace(tilt, tolerance=1.04 * most[1]),
     )
     reached = JointGoal(base.q[-1])  # which keeps these limits, wherever it is
-    task = Task.of(replace(problem, goal=reached, constraints=limited))
-    motion = Motion.of(task, base)
+    problem = replace(problem, goal=reached, constraints=limited)
+    system = ProblemFunctions.of(problem)
+    motion = Motion.of(system, base)
     assert motion.changes.shape == "ramps"
     rows = limits_of(motion)
     assert set(rows.kind.tolist()) >= {
@@ -497,13 +482,11 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
         build(a - step * da, h - step * dh),
     )
     dx = np.concatenate([after.q - before.q, after.v - before.v], axis=1)[1:]
-    z = np.append(dx.ravel() / (2.0 * step), da.ravel())
-    gaps = motion.changes.gaps()
-    miss = gaps.matrix @ z + gaps.by_length @ dh
-    np.testing.assert_allclose(miss, 0.0, atol=1e-6)
-    high, low = rooms(Motion.of(task, after)), rooms(Motion.of(task, before))
+    z = np.concatenate([dx.ravel() / (2.0 * step), da.ravel(), dh])
+    np.testing.assert_allclose(motion.changes.gaps() @ z, 0.0, atol=1e-6)
+    high, low = rooms(Motion.of(system, after)), rooms(Motion.of(system, before))
     compared = 0
-    slope = rows.change.matrix @ z + rows.change.by_length @ dh
+    slope = rows.change @ z
     kinds = rows.kind.tolist()
     scale = {k: max(float(np.max(np.abs(slope[rows.of(k)]))), 1.0) for k in kinds}
     for row, key in enumerate(keyed(rows)):
@@ -513,7 +496,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
             tolerance = 2e-4 * scale[kinds[row]]
             assert slope[row] == pytest.approx(found, abs=tolerance), key
             compared += 1
-    assert compared > 500
+    assert compared > 450  # one row a node where values are continuous
 
 
 def test_steps_carry_positions(rng: np.random.Generator) -> None:
@@ -538,14 +521,17 @@ def test_steps_carry_positions(rng: np.random.Generator) -> None:
     )
     q, v, q_in, v_in = states(a, h, share)
     changes = Perturbations(np.append(0.0, np.cumsum(h)), q, v, "steps")
-    z = np.append(np.concatenate([dq, dv], axis=1)[1:].ravel(), da.ravel())
+    dx = np.concatenate([dq, dv], axis=1)[1:]
+    z = np.concatenate([dx.ravel(), da.ravel(), dh])
     assert z.size == changes.size
-    at = Instants.spread((0, N), np.array([share]))
-    eye = np.broadcast_to(np.eye(2 * n), (N, 2 * n, 2 * n))
-    change = changes.values(at, q_in, v_in, *np.split(eye, 2, axis=2))
-    assert sp.issparse(change.matrix)
-    found = change.matrix @ z + change.by_length @ dh
-    np.testing.assert_allclose(found, np.hstack([inside, speed]).ravel(), atol=1e-7)
+    at = Instants.spread(N, (share,))
+    eye, none = np.tile(np.eye(2 * n), (N, 1)), np.zeros((0, n))
+    by = Partials(np.repeat(np.arange(N), 2 * n), *np.hsplit(eye, 2))
+    inside_it = States(at.times(h), q_in, v_in, none)
+    change = changes.pull_back(at, inside_it, by)
+    assert sp.issparse(change)
+    found = np.hstack([inside, speed]).ravel()
+    np.testing.assert_allclose(change @ z, found, atol=1e-7)
 
 
 # -- the record, and the figure --------------------------------------------------------

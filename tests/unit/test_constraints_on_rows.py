@@ -12,7 +12,7 @@ from test_tool_constraints import ITEMS as TOOLS
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.constraints import States
-from tominpmp.goals.direction import deviation, deviations
+from tominpmp.goals.direction import deviations
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -49,11 +49,19 @@ def test_rows_are_those_of_single_states(item, ur5):
     "axis",
     [DIRECTION, -DIRECTION, (1.0, 0.0, 0.0), (0.0, 0.6 + 1e-5, 0.8), (0, -0.6, -0.8)],
 )
-def test_deviations_are_those_of_single_axes(axis):
+def test_deviations_are_as_long_as_angles_with_their_derivatives(axis):
     axis = np.array(axis) / np.linalg.norm(axis)
-    many = deviations(np.array([axis, [1.0, 0.0, 0.0]]), DIRECTION)
-    for rows, alone in zip(many, deviation(axis, DIRECTION), strict=True):
-        np.testing.assert_allclose(rows[0], alone, atol=1e-12)
+    (found, other), (by_axis, _) = deviations(np.array([axis, [1, 0, 0]]), DIRECTION)
+    angle = np.arctan2(np.linalg.norm(np.cross(axis, DIRECTION)), axis @ DIRECTION)
+    np.testing.assert_allclose(np.linalg.norm(found), angle, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(other), 0.5 * np.pi, atol=1e-12)
+    if np.pi - angle < 1e-6:
+        return  # where any way back is as short
+    for turn in 1e-6 * np.eye(3):
+        step = np.cross(turn, axis)
+        ends = deviations(np.array([axis - step, axis + step]), DIRECTION)[0]
+        slope = 0.5 * (ends[1] - ends[0])
+        np.testing.assert_allclose(by_axis @ step, slope, rtol=1e-4, atol=1e-11)
 
 
 def test_the_certificate_knows_constraints_that_are_no_lengths():

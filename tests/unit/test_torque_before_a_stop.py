@@ -16,8 +16,8 @@ from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
 from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.task import Task
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import torque_pieces
 
 # The search for the best motion is looked at elsewhere.
@@ -131,6 +131,6 @@ def test_accelerations_of_given_torques_are_those_before_the_stop(method: str) -
     motion = solution.trajectory
     assert motion is not None
     assert motion.inverse_dynamics is None
-    found = Motion.of(Task.of(problem), motion).a[-1]
+    found = Motion.of(ProblemFunctions.of(problem), motion).a[-1]
     cubic = motion(motion.duration).a
     assert np.allclose(found, cubic, rtol=1e-3, atol=1e-3 * np.abs(cubic).max())

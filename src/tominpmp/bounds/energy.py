@@ -1,4 +1,4 @@
-r"""How soon torques can carry a whole arm to its goal, by the work that they do.
+r"""Bounds from the work of the torques on a whole arm.
 
 With :math:`w = \sqrt{v^T M v}`, the root of twice the kinetic energy, the work of the
 torques gives :math:`\dot w \le |u - g|_{M^{-1}}`, in which no Coriolis force appears,
@@ -15,7 +15,9 @@ from tominpmp.arrays import Array
 from tominpmp.bounds.least_time import OneWay, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.motion_limits import EffortCurve
 from tominpmp.problem import Problem
+from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import effort_range
 from tominpmp.robot import Robot
 
@@ -32,7 +34,7 @@ def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
     rotors = robot.armature
     if robot.expansion_matrix is not None or not np.all(rotors > 0.0):
         return []
-    # Dry friction takes energy out of the motion; it helps to brake.
+    # Dry friction takes energy out of the motion, and helps to brake.
     forces = np.max(np.abs(effort_bounds(problem)), axis=0)
     forces = forces + gravity_bounds(robot) + robot.friction
     rate = float(np.sqrt(np.sum(forces**2 / rotors)))
@@ -53,12 +55,16 @@ def effort_bounds(problem: Problem) -> tuple[Array, Array]:
     """Least and largest torques that motions may use at any speed, shape (n,) each."""
     middle, half = effort_range(problem)
     lower, upper = middle - half, middle + half
-    curves = problem.motion_limits.effort_curves if problem.motion_limits else None
-    for joint, curve in (curves or {}).items():
-        i = problem.robot.joint_names.index(joint)
+    for i, curve in effort_curves(problem):
         most = float(np.max(curve.effort))
         upper[i], lower[i] = min(upper[i], most), max(lower[i], -most)
     return lower, upper
+
+
+def effort_curves(problem: Problem) -> list[tuple[int, EffortCurve]]:
+    """Curves of torques over the speed, each with the index of its joint."""
+    every = (pair for item in joint_limits(problem) for pair in item.by_speed.items())
+    return [(i, curve) for i, curve in every if isinstance(curve, EffortCurve)]
 
 
 def gravity_bounds(robot: Robot) -> Array:

@@ -1,4 +1,4 @@
-"""How soon a frame can be where a goal wants it, as its joints carry it."""
+"""Bounds from the motion of a frame to its goal, as its joints carry it."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from tominpmp.kinematics import FrameMotions, RobotKinematics, prismatic_joints
 from tominpmp.problem import Problem
 from tominpmp.stopping import check
 
-# Boxes of configurations looked at to show that a frame cannot be at its goal so soon,
-# and steps of the searches for the time in which it can be there, or turn enough.
+# Largest number of boxes of configurations in a proof that a frame cannot be at its
+# goal at a time, and steps of the searches for the times of its arrival and its turn.
 MAX_BOXES = 128
 BISECTIONS = 5
 TURNING_BISECTIONS = 40
-# A motion is accepted that ends this far off, so that a goal which the arm does not
-# reach by less is none that it never reaches [m or rad].
+# Tolerance of the final place: goals out of reach by less have a finite bound [m or
+# rad].
 ACCEPTED = 1e-3
-# Shortest and longest time looked at [s].
+# Shortest and longest time of the searches [s].
 SHORTEST, LONGEST = 1e-2, 100.0
 
-# Farthest that each joint gets in a time, shape (n,).
+# Largest displacement of each joint in a time, shape (n,).
 Reach = Callable[[float], Array]
 
 
@@ -39,14 +39,14 @@ def frame_bounds(
         problem: The problem.
         goal: The goal.
         frame: Name of the frame.
-        reach: Farthest that each joint gets in a time.
-        longest: Longest time looked at [s].
+        reach: Largest displacement of each joint in a time.
+        longest: Longest time of the search [s].
     """
     found, longest = [], min(longest, LONGEST)
     place = RobotKinematics(problem.robot).placement(problem.q_start, frame)
     angle = goal.angle_to_go(np.asarray(place.rotation))
     if angle > ACCEPTED:
-        # Less may be rounding, and nothing turns the hand of an arm that only slides.
+        # Less may be rounding, and an arm of sliding joints turns no frame.
         T = _turning_time(problem, frame, angle, reach, longest)
         found.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
     if goal.distances(np.zeros((1, 3))) is not None:
@@ -57,7 +57,7 @@ def frame_bounds(
 
 
 def tool_speed_bounds(problem: Problem, goal: Goal) -> list[LowerBound]:
-    """Bounds from limits of the speed of frames: no way is shorter than the straight.
+    """Bounds from limits of the speed of frames, along straight lines.
 
     Args:
         problem: The problem.
@@ -99,11 +99,11 @@ def _turning_time(
 
 
 def _last_time(excluded: Callable[[float], bool], longest: float, steps: int) -> float:
-    """The last time found that is excluded, as all before it are.
+    """The largest time found that is excluded, with all times before it.
 
     Args:
-        excluded: Whether a time is.
-        longest: Longest time looked at [s].
+        excluded: Whether a time is excluded.
+        longest: Longest time of the search [s].
         steps: Steps of the bisection.
     """
     low, high = 0.0, min(SHORTEST, longest)
@@ -120,7 +120,7 @@ def _last_time(excluded: Callable[[float], bool], longest: float, steps: int) ->
 def _carrying_time(
     problem: Problem, goal: Goal, frame: str, farthest: Reach, longest: float
 ) -> float:
-    """Largest time found by which no motion has brought a frame to its goal."""
+    """Largest time found within which no motion brings a frame to its goal."""
     robot, q, limits = problem.robot, problem.q_start, problem.robot.limits
     item = robot.model.frames[robot.frame_id(frame)]
     place = np.array([item.parentJoint]), np.array([item.placement.translation])
@@ -131,7 +131,7 @@ def _carrying_time(
         return 0.0
 
     def excluded(T: float) -> bool:
-        """Whether the frame is surely not at its goal before a time."""
+        """Whether a proof excludes that the frame is at its goal before a time."""
         swing = farthest(T)
         # Joints without a limit may be anywhere; turning ones need one turn.
         free = ~np.isfinite(swing)

@@ -24,12 +24,12 @@ import numpy as np
 
 from tominpmp.arrays import Array
 
-# Relative rounding that is granted in favour of a shorter time.
+# Relative rounding of times, in favour of a shorter time.
 ROUNDING = 1e-9
-# Whoever misses the goal by this much [rad or m], or this share of the way that it
-# takes to brake, is taken to reach it, as the verification has its tolerances.
+# Tolerances of the goal [rad or m], and as a share of the braking distance, in
+# accordance with those of the verification.
 OFF, SHARE = 1e-3, 5e-3
-# Halvings of the interval of peaks, and speeds beyond which a peak is as good as none.
+# Halvings of the interval of peaks, and the speed of a peak that counts as infinite.
 HALVINGS, FASTEST = 60, 1e12
 # Accelerations that change by a smaller share are integrated by Simpson's rule, as the
 # logarithm loses digits.
@@ -39,7 +39,7 @@ STRAIGHT = 1e-3
 class Change(Protocol):
     """The fastest change of the speed between two values.
 
-    The same object tells of speeding up from the lower one, and of slowing down to it.
+    The same object is for speeding up from the lower one, and slowing down to it.
     """
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
@@ -50,13 +50,13 @@ class Change(Protocol):
             high: The higher speed, >= 0.
 
         Returns:
-            The time t(high), infinite if there is no such change, and the integral of
+            The time t(high), infinite for an impossible change, and the integral of
             t(v) from the lower speed to the higher one.
         """
 
     @property
     def abrupt(self) -> Change:
-        """The same where accelerations may jump."""
+        """The change where accelerations may jump."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Ramp:
 
     Attributes:
         acceleration: Largest acceleration, possibly infinite.
-        jerk: Largest jerk; where it is finite, there is no acceleration at either end.
+        jerk: Largest jerk; if finite, accelerations at both ends are zero.
     """
 
     acceleration: float
@@ -113,7 +113,7 @@ class SpeedLaw:
 
     @property
     def reflected(self) -> SpeedLaw:
-        """The same for speeds that are counted the other way."""
+        """The law for speeds in the opposite direction."""
         return SpeedLaw(-self.knots[::-1], self.level[::-1], -self.slope[::-1])
 
     def plus(self, other: SpeedLaw) -> SpeedLaw:
@@ -200,18 +200,18 @@ def _along_a_line(change: float, first: float, last: float) -> tuple[float, floa
 
 @dataclass(frozen=True, eq=False)
 class Both:
-    """Changes that keep two limits, of which one is known from speed zero on.
+    """Changes within two limits, the second of which is known from speed zero on.
 
     Attributes:
         law: The limit for all speeds.
-        ramp: The other one.
+        ramp: The second limit.
     """
 
     law: Change
     ramp: Change
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """See :class:`Change`: neither is less than with one of the limits alone."""
+        """See :class:`Change`: neither is less than for one of the limits alone."""
         one, other = self.law(low, high), self.ramp(max(low, 0.0), high)
         return max(one[0], other[0]), max(one[1], other[1])
 
@@ -223,14 +223,14 @@ class Both:
 
 @dataclass(frozen=True, eq=False)
 class OneWay:
-    """Motions that go one way.
+    """Motions in one direction.
 
     Attributes:
-        up: How fast they speed up.
-        down: How fast they slow down.
+        up: Their increase of speed.
+        down: Their decrease of speed.
         top: Speed limit, possibly infinite.
-        ends: Speeds that they have at most at the start and at the end, below zero if
-            they go the other way there, possibly infinite.
+        ends: Largest speeds at the start and at the end, negative in the opposite
+            direction, possibly infinite.
     """
 
     up: Change
@@ -239,30 +239,30 @@ class OneWay:
     ends: tuple[float, float]
 
     def least_time(self, way: float) -> float:
-        """Time in which they do not cover a way [s]; infinite if they never do."""
+        """Least time for a displacement [s]; infinite for an impossible one."""
         peak, missed = self._peak(lambda time, peak, lost: peak * time - lost >= way)
         if peak > 0.0:
             return (way + missed) / peak * (1.0 - ROUNDING)
         return math.inf if way + missed > 0.0 else 0.0
 
     def farthest(self, T: float) -> float:
-        """Way that they do not get beyond in a time [s]."""
+        """Largest displacement in a time [s]."""
         peak, missed = self._peak(lambda time, peak, lost: time >= T)
         return peak * T - missed
 
     def _peak(
         self, enough: Callable[[float, float, float], bool]
     ) -> tuple[float, float]:
-        """The highest peak there is room for, and by what a cruise at it is longer.
+        """The highest possible peak speed, and the loss against a cruise at it.
 
         Args:
-            enough: Whether a peak is too high, by the time of both changes of the
-                speed, the peak, and the way that a cruise of that time covers beyond
-                them. It is of all higher ones, too.
+            enough: Whether a peak, and all higher ones, are too high: a function of the
+                time of both changes of the speed, the peak, and the displacement that
+                both changes lose against a cruise at the peak.
 
         Returns:
-            The peak, no lower than it is, infinite if there is no highest one; and
-            that way, no longer than it is.
+            An upper bound of the peak, possibly infinite, and a lower bound of the
+            loss.
         """
 
         def room(peak: float) -> bool:
@@ -291,11 +291,11 @@ class OneWay:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What bounds the acceleration of a coordinate, both ways.
+    """Limits of the acceleration of a coordinate in both directions.
 
     Attributes:
-        ahead: How fast it speeds up and slows down going forwards.
-        back: The same going backwards.
+        ahead: Increase and decrease of the speed of forward motions.
+        back: Increase and decrease of the speed of backward motions.
         top: Speed limit, possibly infinite.
     """
 
@@ -304,38 +304,37 @@ class Drive:
     top: float
 
     def farthest(self, T: float, ends: tuple[float, float]) -> float:
-        """Way that it does not get beyond in a time, whichever way it goes.
+        """Largest displacement in a time, in either direction.
 
         Args:
             T: The time [s].
-            ends: Most that its speeds at start and end can be, possibly infinite.
+            ends: Largest speeds at start and end, possibly infinite.
         """
         return max(self._one_way(side, ends).farthest(T) for side in (1.0, -1.0))
 
     def least_time(self, way: float, ends: tuple[float, float]) -> float:
-        """Time in which it does not get as far, or farther.
+        """Least time for a displacement or a larger one.
 
         Args:
-            way: How far it has to go at the least, with its sign.
-            ends: Its velocities at start and end; infinite speeds where they may be
-                any.
+            way: Least displacement, with its sign.
+            ends: Its velocities at start and end; infinite for any velocity.
 
         Returns:
-            The time [s]; infinite if it never does.
+            The time [s]; infinite for an impossible displacement.
         """
         side = 1.0 if way >= 0.0 else -1.0
         along = [v if math.isinf(v) else side * v for v in ends]
         return self._one_way(side, (along[0], along[1])).least_time(abs(way))
 
     def least_time_between(self, way: float, ends: tuple[float, float]) -> float:
-        """Time in which it does not get just so far, at a velocity that is given.
+        """Least time for an exact displacement, with a given final velocity.
 
         Args:
-            way: How far it has to go, with its sign.
+            way: The displacement, with its sign.
             ends: Its velocities at start and end.
 
         Returns:
-            The time [s]; infinite if it never does.
+            The time [s]; infinite for an impossible displacement.
         """
         side = 1.0 if way >= 0.0 else -1.0
         v0, v1 = side * ends[0], side * ends[1]
@@ -344,7 +343,7 @@ class Drive:
         braking = max(v0, v1) * time - integral
         if braking - abs(way) <= OFF + SHARE * abs(braking) or math.isinf(time):
             return self._one_way(side, (v0, v1)).least_time(abs(way))
-        # It cannot stop there: it goes past the goal and comes back.
+        # It cannot brake before the goal: it passes the goal and comes back.
         return self._one_way(-side, (-v0, -v1)).least_time(-abs(way))
 
     def _one_way(self, side: float, ends: tuple[float, float]) -> OneWay:

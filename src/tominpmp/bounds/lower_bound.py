@@ -1,13 +1,12 @@
 r"""Lower bounds on the duration of any motion that solves a problem.
 
-What is bounded is every motion, not the one found: obstacles, detours and constraints
-are ignored, so that the bound holds whatever path there is. The largest counts of
+The bounds hold for all motions: obstacles, detours and constraints are ignored, so that
+they hold for any path. The largest bound counts, of
 
 - joints, each by itself (:mod:`~tominpmp.bounds.joints`): its way at its limits of
-  speed, acceleration and jerk; of an arm with one joint also by its torques
-  (:mod:`~tominpmp.bounds.one_joint`);
-- frames (:mod:`~tominpmp.bounds.frames`): none moves farther than its joints carry it,
-  nor faster than it may;
+  speed, acceleration and jerk; of an arm with one joint also by its torques;
+- frames (:mod:`~tominpmp.bounds.frames`): a frame moves no farther than its joints
+  carry it, and no faster than its limit;
 - energy (:mod:`~tominpmp.bounds.energy`): the work of the torques on arms whose rotors
   have inertia.
 
@@ -45,16 +44,16 @@ def lower_bound(
 
     Args:
         problem: The problem.
-        known: Duration of a motion that solves it, if there is one [s]: longer times
-            are not looked at.
-        quick: Left out the bounds of arms with two joints, which are gone: a warning
-            says so, until the next release.
+        known: Duration of a motion that solves it, if known [s]: an upper end of the
+            searches.
+        quick: Without effect, as the bounds of arms with two joints were removed: a
+            warning says so, until the next release.
 
     Returns:
-        The largest bound that was found.
+        The largest bound.
 
     Raises:
-        ProblemError: If the known duration is no time.
+        ProblemError: If the known duration is not positive.
     """
     instance(problem, Problem, "problem")
     if quick is not None:
@@ -66,9 +65,9 @@ def lower_bound(
 
 
 def _of_segments(problem: Problem) -> LowerBound:
-    """What holds on each segment between two configurations, and all stays.
+    """Sum of the bounds of segments between two configurations, and of all dwells.
 
-    Where the speed at the end of a segment is not given, it may be any.
+    Velocities at ends of segments that are not given may have any value.
     """
     total = stays = 0.0
     v: Array | None = problem.v_start
@@ -100,13 +99,13 @@ def _of_goal(
     *,
     smooth_ends: bool = True,
 ) -> LowerBound:
-    """The bound for a goal: of several that will do, for the one it is least for.
+    """The bound for a goal; for a set of alternatives the least of their bounds.
 
     Args:
         problem: The problem.
         goal: The goal.
-        start: Velocities at the start, shape (n,); None if they may be any.
-        longest: Longest time looked at [s].
+        start: Velocities at the start, shape (n,); None for any velocities.
+        longest: Longest time of the searches [s].
         smooth_ends: Whether accelerations that may not jump begin and end with zero.
     """
     joints, n = joints_of(problem, smooth_ends), problem.robot.n

@@ -1,4 +1,4 @@
-"""What is found: a time, and where it comes from."""
+"""Lower bounds as records: a time and its reason."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tominpmp.checks import number
 
-# A bound is worth telling people of if it is at least this share of the duration.
+# Bounds below this share of the duration are not reported.
 USEFUL = 0.5
 USELESS = "no useful bound"
 
@@ -16,9 +16,9 @@ class LowerBound:
     """Time that no motion can beat.
 
     Attributes:
-        T: The time [s]; 0 if nothing could be proved.
-        reason: What it comes from, in a clause.
-        joint: Name of the joint that it comes from; None if several are involved.
+        T: The time [s]; 0 without a bound.
+        reason: Its reason, in a clause.
+        joint: Name of the joint of the reason; None for several joints.
     """
 
     T: float
@@ -26,7 +26,7 @@ class LowerBound:
     joint: str | None = None
 
     def useful(self, T: float) -> bool:
-        """Whether it says something of a motion: it is at least half its duration.
+        """Whether it is at least half of the duration of a motion.
 
         Args:
             T: Duration of the motion [s].
@@ -35,7 +35,7 @@ class LowerBound:
         return 0.0 < USEFUL * T <= self.T
 
     def comparison(self, T: float) -> str:
-        """Clause on how near to it a motion comes; empty where it is not useful.
+        """Clause on the excess of a motion over it; empty for bounds without use.
 
         Args:
             T: Duration of the motion [s].
@@ -48,6 +48,6 @@ class LowerBound:
         """The time and its reason, or that it is not useful.
 
         Args:
-            T: Duration of the motion that it is held against [s].
+            T: Duration of the motion that it is compared with [s].
         """
         return f"{self.T:.4f} s ({self.reason})" if self.useful(T) else USELESS

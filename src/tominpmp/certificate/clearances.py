@@ -12,15 +12,14 @@ while has further rows.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.perturbations import Instants
-from tominpmp.motion.extrema import local_maxima
+from tominpmp.constraints import ClearanceConstraint
+from tominpmp.motion.extrema import local_maxima, rising_then_falling
 
 # Shares of intervals at which a pair that stays near is a row, too: middles and ends.
 REGULAR = (0.5, 1.0)
@@ -55,21 +54,19 @@ class Nearest(NamedTuple):
     rates: Array
 
 
-def contacts(motion: Motion) -> Nearest | None:
+def contacts(motion: Motion, item: ClearanceConstraint) -> Nearest | None:
     """The nearest instants of all pairs, and instants at which pairs stay near.
 
     Args:
         motion: The motion.
+        item: The distances, without padding.
 
     Returns:
         The pairs at these instants; None if no pair is near.
     """
-    task, changes = motion.task, motion.changes
-    if not task.problem.checker.pairs:
-        return None
-    looks = _Approaches(motion)
-    at = Instants.spread(motion.span, np.arange(1, SAMPLES + 1) / SAMPLES)
-    times = changes.times(at)
+    looks, changes = _Approaches(motion, item), motion.changes
+    at = motion.instants(*(np.arange(1, SAMPLES + 1) / SAMPLES).tolist())
+    times = at.times(changes.h)
     table = looks.table(times)
     near = table > -np.inf
     seen = np.flatnonzero(near.any(axis=0))
@@ -101,71 +98,49 @@ class _Approaches:
     """Missing clearances of collision pairs along a motion."""
 
     motion: Motion
-
-    @cached_property
-    def _margins(self) -> Array:
-        """Distances to keep, shape (pairs,) [m]."""
-        problem = self.motion.task.problem
-        return problem.checker.margins(problem.margin)
+    item: ClearanceConstraint
 
     def table(self, times: Array) -> Array:
         """Missing clearances of all pairs; minus infinity if far, shape (m, pairs)."""
-        task = self.motion.task
-        cutoff = self._margins + ATTENTION * task.reach
-        found = task.problem.checker.distances(self._q(times), cutoff, times)
-        missing = (self._margins - found) / task.reach
+        missing = self.item.values(self.motion.path(times).q, ATTENTION, times)
         return np.where(missing > -ATTENTION, missing, -np.inf)
-
-    def _q(self, times: Array) -> Array:
-        """Configurations, shape (m, n)."""
-        return np.asarray(self.motion.trajectory(times).q)
 
     def slopes(self, times: Array, pair: IntArray) -> tuple[Array, Array]:
         """Derivatives of the missing clearances of pairs, at a time each."""
-        if not times.size:
-            return np.zeros((0, self.motion.changes.n)), np.zeros(0)
-        task = self.motion.task
         distinct, index = np.unique(times, return_inverse=True)
-        q = self._q(distinct)
-        found = task.problem.checker.derivatives_at(q, index, pair, distinct)
-        return -found[0] / task.reach, -found[1] / task.reach
+        q = self.motion.path(distinct).q
+        return self.item.derivatives_at(q, index, pair, distinct)
 
     def speed(self, times: Array, slopes: Array, rates: Array) -> Array:
         """Rate of the missing clearance along the motion [1/s], shape (k,)."""
-        v = self.motion.trajectory(times).v
+        v = self.motion.path(times).v
         return np.asarray(np.einsum("kj,kj->k", slopes, v) + rates)
 
     def closest(
         self, times: Array, seen: IntArray, table: Array, flags: BoolArray
     ) -> Nearest:
-        """The nearest instants around flagged samples, found by halving the time.
+        """The nearest instants around flagged samples.
 
         A corner that passes is a kink of the distance in time, or nearly: the slope
         there is the mean of the slopes before and after that is stationary in time.
         """
         rows, columns = np.nonzero(flags)
         pair, changes = seen[columns], self.motion.changes
-        first, end = changes.t[list(self.motion.span)]
-        padded = np.concatenate([[first], times, [end]])
-        ends = [padded[rows], padded[rows + 2]]
-        slopes = [self.slopes(time, pair) for time in ends]
-        speeds = [self.speed(ends[i], *slopes[i]) for i in (0, 1)]
-        for _ in range(HALVINGS):
-            middle = 0.5 * (ends[0] + ends[1])
-            by_q, by_t = self.slopes(middle, pair)
-            speed = self.speed(middle, by_q, by_t)
-            for i, side in enumerate((speed > 0.0, speed <= 0.0)):
-                ends[i] = np.where(side, middle, ends[i])
-                speeds[i] = np.where(side, speed, speeds[i])
-                slopes[i] = (
-                    np.where(side[:, None], by_q, slopes[i][0]),
-                    np.where(side, by_t, slopes[i][1]),
-                )
+        first, last = changes.t[list(self.motion.span)]
+        padded = np.concatenate([[first], times, [last]])
+        begin, end = rising_then_falling(
+            lambda at: self.speed(at, *self.slopes(at, pair)),
+            padded[rows],
+            padded[rows + 2],
+            HALVINGS,
+        )
+        slopes = [self.slopes(time, pair) for time in (begin, end)]
+        speeds = [self.speed(begin, *slopes[0]), self.speed(end, *slopes[1])]
         # The missing clearance grows before and falls after, else peaks at an end.
         rises, falls = np.maximum(speeds[0], 0.0), np.maximum(-speeds[1], 0.0)
         total = np.maximum(rises + falls, 1e-300)
         after = np.where(rises + falls > 0.0, rises / total, 0.5)
-        time = (1.0 - after) * ends[0] + after * ends[1]
+        time = (1.0 - after) * begin + after * end
         by_q = (1.0 - after)[:, None] * slopes[0][0] + after[:, None] * slopes[1][0]
         by_t = (1.0 - after) * slopes[0][1] + after * slopes[1][1]
         missing = np.maximum(self._missing(time, pair), table[rows, columns])
@@ -173,9 +148,11 @@ class _Approaches:
 
     def _missing(self, times: Array, pair: IntArray) -> Array:
         """Missing clearances of pairs at a time each, shape (k,)."""
-        task, margin = self.motion.task, self._margins[pair]
-        enough, every = margin + ATTENTION * task.reach, np.arange(pair.size)
-        q = self._q(times)
-        found = task.problem.checker.measured(q, every, pair, enough, times)
-        missing = (margin - found) / task.reach
+        item, every = self.item, np.arange(pair.size)
+        margin = np.broadcast_to(item.margin, item.count)[pair]
+        enough = margin + ATTENTION * item.length
+        found = item.checker.measured(
+            self.motion.path(times).q, every, pair, enough, times
+        )
+        missing = (margin - found) / item.length
         return np.where(missing > -ATTENTION, missing, -np.inf)

@@ -23,59 +23,41 @@ STEPS = PLACES
 
 
 def integrate_costates(
-    motion: Motion,
-    found: DualSolution,
-    replay: Replay | None = None,
-    *,
-    anew: bool = True,
+    motion: Motion, found: DualSolution, replay: Replay | None = None
 ) -> Array:
-    """Integrate the adjoint equation backwards from node to node.
+    """Integrate the adjoint equation backwards over each interval.
+
+    Each interval begins with the costate of the program at its end. Where an arm is
+    unstable, errors of an integration from one end of the motion to the other grow by
+    powers of ten.
 
     Args:
         motion: The motion.
-        found: Its multipliers, and the costate at the end.
+        found: Its multipliers, and the costates just before the nodes.
         replay: Replay of the torques, whose states the equation is integrated along;
             None takes the states of the plan.
-        anew: Whether each interval begins with the costate of the program at its end,
-            else with the integrated costate. Where an arm is unstable, errors of an
-            integration from one end to the other grow by powers of ten.
 
     Returns:
-        Costates just after the start and just before the nodes 1 to N, shape
-        (N + 1, 2 n).
+        Costates just after the start and just before the nodes 1 to N - 1, shape
+        (N, 2 n).
     """
-    changes, n = motion.changes, motion.changes.n
+    n, changes = motion.changes.n, motion.changes
     shares = (np.arange(STEPS) + 0.5) / STEPS
-    times = (changes.t[:-1, None] + changes.h[:, None] * shares).ravel()
-    state = motion.trajectory(times)
-    q, v = state.q, state.v
+    times, q, v, a, _ = motion.states(motion.instants(*shares.tolist()))
+    left = motion.system.dynamics.inverse(q, v, a)  # torques less dry friction
     if replay is not None and replay.complete:
         q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
         v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)
-    # Torques less dry friction.
-    trajectory, robot = motion.trajectory, motion.task.problem.robot
-    if trajectory.inverse_dynamics is None:
-        left = state.u - robot.friction * trajectory.turns.at(times)
-    else:
-        left = motion.task.dynamics.inverse(state.q, state.v, state.a)
-    slope = motion.task.dynamics.forward_jacobians(x, left).f_x
+    slope = motion.system.dynamics.forward_jacobians(x, left).f_x
     steps = _transitions(slope, np.repeat(changes.h / STEPS, STEPS))
     steps = steps.reshape(changes.N, STEPS, 2 * n, 2 * n)
-    out = np.empty((changes.N + 1, 2 * n))
-    p = found.costates[-1].copy()
-    for k in range(changes.N - 1, -1, -1):
-        out[k + 1] = p
-        if anew:
-            p = found.costates[k].copy()
-        for i in range(STEPS - 1, -1, -1):
-            p = p @ steps[k, i]
-            if i:
-                p = p + found.pushes[k, i]
-        if k:
-            p = p + found.jumps[k - 1]
-    out[0] = p
-    return out
+    p = found.costates
+    for i in range(STEPS - 1, -1, -1):
+        p = np.einsum("ki,kij->kj", p, steps[:, i])
+        p = p + (found.pushes[:, i] if i else 0.0)
+    p[1:] += found.jumps[:-1]
+    return np.asarray(p)
 
 
 def _transitions(slope: Array, h: Array) -> Array:
@@ -95,9 +77,9 @@ def disagreement(found: DualSolution, integrated: Array) -> float:
 
     Args:
         found: Costates of the linear program.
-        integrated: Costates of the adjoint equation, shape (N + 1, 2 n).
+        integrated: Costates of the adjoint equation, shape (N, 2 n).
     """
     scale = found.state_scale
     largest = float(np.max(np.abs(found.costates * scale), initial=0.0))
-    apart = (found.costates - integrated[1:]) * scale
+    apart = (found.costates[:-1] - integrated[1:]) * scale
     return float(np.max(np.abs(apart), initial=0.0)) / max(largest, 1e-300)

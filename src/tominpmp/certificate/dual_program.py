@@ -16,13 +16,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.limit_rows import TRUST, LimitRows
-from tominpmp.certificate.limits import limits_of
+from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
 from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.perturbations import Instants, Linearised
 from tominpmp.certificate.stays import still_nodes
 from tominpmp.linear_programs import Nearly, PiqpSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
+from tominpmp.motion_limits import EFFORT
+from tominpmp.transcription.instants import Instants
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
 # over the duration, which changes by a share of itself.
@@ -36,7 +36,6 @@ SHIFT = 1e-3
 # Relative accuracy of the predicted gain, and the iterations spent on it: where limits
 # overlap, interior points converge slowly, and simplex methods take tens of seconds.
 ROUGHLY = Nearly(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
-FAR = RADIUS * (1.0 - 1e-9)  # a bound at least this far is the trust region's
 PLACES = 4  # places in an interval at which costates may jump; even: one is the middle
 
 
@@ -90,119 +89,82 @@ def solve_dual_program(
 class _Program:
     """The linear program of a motion, scaled to numbers of order one.
 
-    Columns are the unknowns of the changes, a change of each interval, and one of the
-    duration of each segment; rows are the equations of motion, the limits, and the
-    goals.
+    Columns are the unknowns of the changes, and a change of the duration of each
+    segment; rows are the equations of motion, the limits, and the goals.
     """
 
     def __init__(self, motion: Motion, near: bool = True) -> None:
         self.motion = motion
-        changes, task = motion.changes, motion.task
+        changes, system = motion.changes, motion.system
         self.n, self.N = changes.n, changes.N
         self.T = float(changes.t[-1])
-        way = np.ptp(changes.q, axis=0) / task.step_scale
+        way = np.ptp(changes.q, axis=0) / system.step_scale
         self.share = min(1.0, WAYS * max(float(way.max()), np.finfo(float).eps))
-        place = self.share * task.step_scale
+        place = self.share * system.step_scale
         self.state_scale = np.concatenate([place, SPEED_RADIUS * place / self.T])
-        mass = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
-        drag = np.abs(np.einsum("mii->mi", motion.parts.tau_v)).mean(axis=0)
+        mass, drag = motion.inertia
         inertia = mass + drag * self.T / self.N
-        self.acceleration_scale = task.effort_half / np.maximum(inertia, 1e-12)
+        self.acceleration_scale = system.effort_half / inertia
         self.rows = limits_of(motion, near)
-
-    # -- columns -----------------------------------------------------------------------
 
     @cached_property
     def columns(self) -> LimitRows:
-        """Bounds of the unknowns in scaled units: limits, and the trust region.
+        """The trust region: bounds of the unknowns in scaled units.
 
-        States at all nodes but the first, accelerations of intervals or at nodes, and
-        lengths of intervals and segments in shares of the duration.
+        States at all nodes but the first, accelerations of intervals or at nodes, which
+        are free but for zero accelerations at ends and dwells, and lengths of intervals
+        and segments in shares of the duration.
         """
         N, n, motion, changes = self.N, self.n, self.motion, self.motion.changes
-        limits, controls = motion.task.problem.robot.limits, changes.controls
-        states = np.concatenate([changes.q, changes.v], axis=1)[1:]
-        low = np.concatenate([limits.position_lower, -limits.velocity])
-        high = np.concatenate([limits.position_upper, limits.velocity])
-        least, largest, most = self._accelerations()
+        free = np.full((changes.controls, n), np.inf)
+        free[still_nodes(motion)] = 0.0
         firsts = [part.span[0] for part in motion.segments]
-        radius = np.full(len(firsts), LENGTH_RADIUS)
-        shift = np.append(SHIFT * changes.h / self.T, radius)
-        lengths = np.append(np.arange(N), firsts)
-        counts = 2 * n * N, controls * n, lengths.size
-        control, last = np.arange(controls), controls - 1
-        below = np.maximum((low - states) / self.state_scale, -RADIUS)
-        above = np.minimum((high - states) / self.state_scale, RADIUS)
-        place, speed = np.split(self.state_scale, 2)
-        of_state = np.concatenate([place, speed / limits.velocity])
-        interval = np.repeat(np.minimum(control, N - 1), n)
+        lengths = SHIFT * changes.h / self.T, np.full(len(firsts), LENGTH_RADIUS)
+        radius = np.concatenate([np.full(2 * n * N, RADIUS), free.ravel(), *lengths])
+        control = np.minimum(np.arange(changes.controls), N - 1)
+        joints = np.tile(np.arange(n), 2 * N + changes.controls)
+        interval = np.concatenate(
+            [
+                np.repeat(np.arange(N), 2 * n),
+                np.repeat(control, n),
+                np.arange(N),
+                firsts,
+            ]
+        ).astype(int)
         return LimitRows(
-            kind=np.append(
-                np.tile(np.repeat(["position", "velocity"], n), N),
-                np.repeat(["acceleration", TRUST], counts[1:]),
-            ),
-            at=Instants(
-                np.concatenate([np.repeat(np.arange(N), 2 * n), interval, lengths]),
-                np.repeat([1.0, 0.0, 1.0, 0.0], [counts[0], last * n, n, counts[2]]),
-            ),
-            subject=np.append(
-                np.tile(np.arange(n), 2 * N + controls), np.full(counts[2], -1)
-            ),
-            below=np.concatenate([below.ravel(), least.ravel(), -shift]),
-            above=np.concatenate([above.ravel(), largest.ravel(), shift]),
-            slopes=np.zeros(2 * n),
-            change=changes.nothing(sum(counts)),
-            unit=np.concatenate(
-                [
-                    np.tile(of_state, N),
-                    (self.acceleration_scale / most).ravel(),
-                    np.ones(counts[2]),
-                ]
-            ),
+            np.array(TRUST),
+            Instants(interval, np.ones(radius.size)),
+            np.append(joints, np.full(N + len(firsts), -1)),
+            -radius,
+            radius,
+            np.zeros(2 * n),
+            sp.csr_matrix((radius.size, changes.size)),
         )
-
-    def _accelerations(self) -> tuple[Array, Array, Array]:
-        """Slack below and above, and the limits, shape (controls, n) each."""
-        motion, controls = self.motion, self.motion.changes.controls
-        most = np.full((controls, self.n), np.inf)
-        for part in motion.segments:
-            limits, (first, end) = part.task.problem.motion_limits, part.span
-            if limits is None:
-                continue
-            names = part.task.problem.robot.joint_names
-            rows = slice(first, end + (controls > self.N))
-            most[rows] = np.minimum(most[rows], limits.by_joint("acceleration", names))
-        least, largest = motion.a.min(axis=1), motion.a.max(axis=1)
-        if motion.changes.shape == "ramps":
-            least = largest = np.concatenate([motion.a[:, 0], motion.a[-1:, 1]])
-        below = (-most - least) / self.acceleration_scale
-        above = (most - largest) / self.acceleration_scale
-        still = still_nodes(motion)
-        below[still] = above[still] = 0.0
-        return below, above, most
 
     # -- solution ----------------------------------------------------------------------
 
     def solve(self) -> DualSolution | None:
         """Solve the program; None if no solver can."""
         changes, limits = self.motion.changes, self.rows
-        every = Linearised.stacked([changes.gaps(), limits.change])
-        scale = np.append(
-            np.tile(self.state_scale, self.N),
-            np.tile(self.acceleration_scale, changes.controls),
-        )
-        matrix, lengths = every.matrix @ sp.diags(scale), every.by_length
+        every = sp.vstack([changes.gaps(), limits.change], format="csc")
+        scale = [np.tile(self.state_scale, self.N)]
+        scale.append(np.tile(self.acceleration_scale, changes.controls))
+        scale.append(np.full(self.N, self.T))
+        lengths = every[:, -self.N :]
         # Each segment has a duration of its own.
         spans = [slice(*part.span) for part in self.motion.segments]
         each = [lengths[:, span] @ changes.h[span] for span in spans]
         stretch = sp.csr_matrix(np.stack(each, axis=1))
-        rows = sp.hstack([matrix, self.T * lengths, stretch], format="csc")
+        matrix = every @ sp.diags(np.concatenate(scale))
+        rows = sp.hstack([matrix, stretch], format="csc")
         rows.eliminate_zeros()
         # Lengths are shares of the duration, as the objective is.
         shares = [float(changes.h[span].sum()) / self.T for span in spans]
-        cost = np.concatenate([np.zeros(changes.size), np.ones(self.N), shares])
+        cost = np.concatenate(
+            [np.zeros(changes.size - self.N), np.ones(self.N), shares]
+        )
         # Rows that depend on states alone are scaled as the states are.
-        of_states = np.any(limits.slopes != 0.0, axis=1)
+        of_states = limits.of_state & np.any(limits.slopes != 0.0, axis=1)
         units = np.append(
             np.tile(1.0 / self.state_scale, self.N),
             np.where(of_states, 1.0 / self.share, 1.0),
@@ -241,27 +203,18 @@ class _Program:
             hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
         """
         N, n = self.N, self.n
-        # The trust region is no limit of the problem.
-        far = (np.where(columns.held_above, columns.upper, -columns.lower) >= FAR) & (
-            columns.of("position", "velocity")
-        )
-        jumps = np.where(far, 0.0, columns.y)[: gaps.size].reshape(N, -1)
-        jumps = jumps * self.T / self.state_scale
+        jumps = np.zeros((N, 2 * n))
         pushes = np.zeros((N, PLACES, 2 * n))
-        falls, (interval, share) = self.T * rows.y[:, None] * rows.slopes, rows.at
+        falls = self.T * (rows.y * rows.of_state)[:, None] * rows.slopes
+        interval, share = rows.at.interval, rows.at.share
         inside = share < 1.0
         place = np.clip(np.rint(share * PLACES).astype(int), 1, PLACES - 1)[inside]
         np.add.at(pushes, (interval[inside], place), falls[inside])
         np.add.at(jumps, interval[~inside], falls[~inside])
-        columns = replace(
-            columns,
-            kind=np.where(far, TRUST, columns.kind),
-            unit=np.where(far, 1.0, columns.unit),
-        )
         given = LimitRows.joined([rows, columns])
         bounded = np.where(given.held_above, given.above, given.below)
-        given = given.kept(np.isfinite(bounded) & (given.unit > 0.0))
-        torques = rows.kept(rows.of("effort", "passive"))
+        given = given.kept(np.isfinite(bounded))
+        torques = rows.kept(rows.of(EFFORT.name, PASSIVE))
         return DualSolution(
             costates=-gaps.reshape(N, -1) * self.T - self._arriving(torques),
             jumps=jumps,
@@ -279,23 +232,20 @@ class _Program:
         The costate changes over an interval as its torques depend on the state; rows at
         the end of the interval add this change at the node, where it is too late.
         """
-        motion, (interval, share), y = self.motion, torques.at, torques.y
-        at_end = np.zeros((self.N, self.n))
-        own = np.where(torques.mean, 0.5, 1.0 * (share == 1.0)) * y
-        np.add.at(at_end, (interval, torques.subject), own)
-        if motion.changes.shape == "ramps":
-            later = (share == 0.0) & ~torques.mean & (interval > 0)
-            index = (interval[later] - 1, torques.subject[later])
-            np.add.at(at_end, index, 0.5 * y[later])
-        parts, at_end = motion.parts, self.T * at_end / motion.task.effort_half
-        by_q = np.einsum("kj,kji->ki", at_end, parts.tau_q[1::2])
-        by_v = np.einsum("kj,kji->ki", at_end, parts.tau_v[1::2])
-        return np.concatenate([by_q, by_v], axis=1)
+        interval, share = torques.at.interval, torques.at.share
+        out = np.zeros((self.N, 2 * self.n))
+        at_end = self.T * torques.y[:, None] * torques.slopes
+        np.add.at(out, interval[share == 1.0], at_end[share == 1.0])
+        if self.motion.changes.shape == "ramps":
+            # A node stands for half of both intervals beside it.
+            later = (share == 0.0) & (interval > 0)
+            np.add.at(out, interval[later] - 1, 0.5 * at_end[later])
+        return out
 
     def _switching(self, torques: LimitRows) -> Array:
         """Multipliers of the torques, as a density over time."""
         N, n, h = self.N, self.n, self.motion.changes.h
-        interval, share = torques.at
+        interval, share = torques.at.interval, torques.at.share
         at_nodes, inside = np.zeros((N + 1, n)), np.zeros((N, n))
         ramps = self.motion.changes.shape == "ramps"
         of_node = np.isin(share, (0.0, 1.0)) & ramps

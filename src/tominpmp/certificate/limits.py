@@ -1,42 +1,51 @@
-"""Limits of a motion as linear rows on its small changes.
+"""Limits of a motion as linear rows on its small changes, with their multipliers.
 
-Between the nodes torques follow the inverse dynamics, speeds and positions the
-accelerations: they are limited at the nodes, and at interior maxima between them. Other
-constraints of a problem are sampled finely in time, and are rows where they are nearest
-to their bounds.
+The constraints are those of the programs that plan motions, at instants of the
+certificate: limits of joints at the nodes and at maxima between them. Other constraints
+of a problem are sampled finely in time, and are rows where they are nearest to their
+bounds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from itertools import product
+from dataclasses import dataclass, field, fields, replace
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.clearances import contacts
-from tominpmp.certificate.limit_rows import GOAL, SEGMENT, LimitRows
-from tominpmp.certificate.motion import Motion, MotionStates
-from tominpmp.certificate.perturbations import (
-    BEGIN,
-    END,
-    JUST_INSIDE,
-    MEAN,
-    Instants,
-    Linearised,
-    Stencil,
+from tominpmp.certificate.motion import Motion
+from tominpmp.constraints import (
+    Arrival,
+    Constraint,
+    GoalReached,
+    JointLimit,
+    MotorLimit,
+    Partials,
+    PathConstraint,
+    States,
+    TorqueLimit,
 )
-from tominpmp.motion.extrema import local_maxima
-from tominpmp.motion_limits import SIDES
-from tominpmp.problem.joint_limits import JointBounds, joint_limits
+from tominpmp.motion.extrema import interior_maxima, local_maxima
+from tominpmp.transcription.instants import Instants
 
-# Kind of the rows of arrival times.
-ARRIVAL = "arrival"
+# Kinds of rows that are no limits of the problem: the trust region of the linear
+# program, and the goal.
+TRUST = "trust region"
+GOAL = "goal"
+# Pairs, constraints and rows of goals are numbered within a segment: subjects of the
+# next segment are larger by this.
+SEGMENT = 1 << 20
+# Kinds of rows of arrival times, and of the torques of joints without a motor.
+ARRIVAL, PASSIVE = "arrival", "passive"
 # Shares of the intervals at which torques, speeds and positions are inspected.
-SHARES = np.arange(1, 10) / 10
+SHARES = tuple((np.arange(11) / 10).tolist())
+MIDDLE = len(SHARES) // 2
 # Values are rows inside an interval where they exceed the values at both of its ends by
 # the first share of their limits, and are above the second share of them.
 BULGE = 1e-3
@@ -44,14 +53,144 @@ NEAR = 0.97
 # A torque that is smaller in the middle by less than this runs along its limit.
 FLAT = 1e-2
 # Positions are rows inside an interval where their slack is below the first number
-# [rad, or shares of the reach] and they turn back by more than the second.
-ROOM, TURN = 0.05, 1e-5
+# [rad, or shares of the reach] and they turn back by more than the second; at nodes
+# where their slack is below the third, the trust region.
+ROOM, TURN, FAR = 0.05, 1e-5, 1.0
 # Shares of intervals at which other constraints are always rows: middles and ends.
 REGULAR = (0.5, 1.0)
 # Samples of an interval between which the nearest instants of constraints are searched.
 SAMPLES = 16
 # Constraints farther below their bounds, in units of their scale, are no rows.
 NEAR_CONSTRAINT = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class LimitRows:
+    """Limits of a motion, one a row.
+
+    A single number is broadcast to all rows.
+
+    Attributes:
+        kind: "effort", "velocity", "clearance", ..., shape (m,).
+        at: Instants of the rows.
+        subject: Joint of each row, or collision pair, shape (m,).
+        below: Lower limit less value, negative: infinite without a lower limit,
+            positive where the motion violates it, shape (m,).
+        above: Upper limit less value, positive: infinite without an upper limit,
+            negative where the motion violates it, shape (m,).
+        slopes: Derivatives by the state there, shape (m, 2 n); zero for slopes over
+            time.
+        change: Derivatives of the limited quantities by the unknowns, shape (m, size);
+            zero for unknowns, which are columns of the program.
+        unit: A unit of each row in units of its limit: the reach for clearances [m],
+            shape (m,).
+        of_state: Whether each row limits the state, at whose instant the costate falls;
+            not torques, which limit the control, shape (m,).
+        component: Index of the value of its constraint, shape (m,).
+        y: Multipliers, as shares of the duration, positive where the upper limit is
+            active, shape (m,).
+    """
+
+    kind: NDArray[np.str_]
+    at: Instants
+    subject: IntArray
+    below: Array
+    above: Array
+    slopes: Array
+    change: sp.csr_matrix
+    unit: Array = field(default_factory=partial(np.ones, ()))
+    of_state: BoolArray = field(default_factory=lambda: np.array(True))
+    component: IntArray = field(default_factory=lambda: np.array(-1))
+    y: Array = field(default_factory=partial(np.zeros, ()))
+
+    def __post_init__(self) -> None:
+        """Broadcast single numbers to all rows."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                each = value.shape[-1:] if item.name == "slopes" else ()
+                value = np.broadcast_to(value, (self.subject.size, *each))
+                object.__setattr__(self, item.name, value)
+
+    # -- slack and multipliers ---------------------------------------------------------
+
+    @property
+    def lower(self) -> Array:
+        """Slack below, never positive, shape (m,)."""
+        return np.minimum(self.below, 0.0)
+
+    @property
+    def upper(self) -> Array:
+        """Slack above, never negative, shape (m,)."""
+        return np.maximum(self.above, 0.0)
+
+    @property
+    def held_above(self) -> BoolArray:
+        """Whether the upper limit is active, shape (m,)."""
+        return np.asarray(self.y > 0.0)
+
+    @property
+    def value(self) -> Array:
+        """Share of the duration that a unit of slack is worth, never negative, (m,)."""
+        return np.asarray(np.abs(self.y) / self.unit)
+
+    @property
+    def room(self) -> Array:
+        """Slack to the active limit, never negative, shape (m,).
+
+        In shares of the limit for torques, velocities, accelerations and rates, in rad
+        or m for positions, in m for clearances.
+        """
+        return np.where(self.held_above, self.upper, -self.lower) * self.unit
+
+    @property
+    def promise(self) -> Array:
+        """Multiplier times slack of each row, as a share of the duration, (m,)."""
+        return self.value * self.room
+
+    @property
+    def used(self) -> Array:
+        """Used share of the active limit, shape (m,)."""
+        left = np.where(self.held_above, self.above, -self.below)
+        return np.asarray(1.0 - left * self.unit)
+
+    # -- subsets -----------------------------------------------------------------------
+
+    def of(self, *kinds: str) -> BoolArray:
+        """Whether each row is of given kinds, shape (m,)."""
+        return np.isin(self.kind, kinds)
+
+    @property
+    def limits(self) -> BoolArray:
+        """Whether each row belongs to a limit of the problem, shape (m,)."""
+        return ~self.of(TRUST, GOAL)
+
+    def kept(self, rows: IntArray | BoolArray) -> LimitRows:
+        """Some of the rows."""
+
+        def some(item: Any) -> Any:
+            if isinstance(item, Instants):
+                return Instants(item.interval[rows], item.share[rows])
+            return item[rows]
+
+        return LimitRows(*(some(getattr(self, item.name)) for item in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[LimitRows]) -> LimitRows:
+        """The rows of all parts, one after the other."""
+
+        def together(items: list[Any]) -> Any:
+            if isinstance(items[0], Instants):
+                return reduce(Instants.joined, items)
+            if isinstance(items[0], np.ndarray):
+                return np.concatenate(items)
+            return sp.vstack(items, format="csr")
+
+        columns = ([getattr(part, item.name) for part in parts] for item in fields(cls))
+        return cls(*(together(column) for column in columns))
+
+
+# -- from the constraints of a problem -------------------------------------------------
 
 
 def limits_of(motion: Motion, near: bool = True) -> LimitRows:
@@ -63,355 +202,268 @@ def limits_of(motion: Motion, near: bool = True) -> LimitRows:
     """
     found = [*_arrivals(motion)]
     for number, part in enumerate(motion.segments):
-        inside = part.states(Instants.spread(part.span, SHARES))
-        smooth = motion.changes.shape != "torques"
-        found += [*_efforts(part), *_over_speed(part, inside if smooth else None)]
-        found += _slopes(part)
-        for item in joint_limits(part.task.problem):
-            if item.kind.of in ("q", "v") or (smooth and item.kind.of == "u"):
-                found.append(_bulging(part, inside, item))
-        own = [*(_clearances(part) if near else ()), *_constraints(part)]
-        found += [_of_segment(number, rows) for rows in own]
-    goals = enumerate(map(_goal, motion.segments))
-    found += [_of_segment(number, rows) for number, rows in goals]
+        for limit in limits_of_joints(part):
+            if limit.order > 2:
+                found.append(_slopes(part, limit))
+            else:
+                found += _of_joints(part, limit)
+        own = [*(_clearances(part) if near else ()), _goal(part)]
+        for index, item in enumerate(part.system.problem.ready_constraints):
+            own.append(_along_the_way(part, item, index))
+        # Subjects of these are numbered within a segment, not in the whole motion.
+        shift = number * SEGMENT
+        found += [replace(rows, subject=rows.subject + shift) for rows in own]
     return LimitRows.joined(found)
 
 
-def _of_segment(number: int, rows: LimitRows) -> LimitRows:
-    """Rows whose subjects are numbered within a segment, not in the whole motion."""
-    return replace(rows, subject=rows.subject + number * SEGMENT)
+def limits_of_joints(part: Motion) -> list[JointLimit | MotorLimit]:
+    """Limits of the joints on a segment of a motion."""
+    system = replace(part.system, watched=None)  # distances take time
+    every = system.constraints
+    return [item for item in every if isinstance(item, JointLimit | MotorLimit)]
 
 
-def _rows(
-    motion: Motion,
+@dataclass(frozen=True, eq=False)
+class SampledConstraint:
+    """A constraint at instants of a motion, m of them.
+
+    Attributes:
+        part: The motion, on a segment of it.
+        item: The constraint, with the directions of joints with dry friction.
+        at: The instants; pairs of them for slopes over time.
+        states: The states there.
+        values: Values, shape (m, p); of pairs, shape (m / 2, p).
+        lower: Their lower bounds, same shape.
+        upper: Their upper bounds, same shape.
+    """
+
+    part: Motion
+    item: Constraint
+    at: Instants
+    states: States
+    values: Array
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(cls, part: Motion, item: Constraint, at: Instants) -> SampledConstraint:
+        """Evaluate a constraint."""
+        if isinstance(item, MotorLimit):
+            item = item.along(part.ways(at))
+        states = part.states(at)
+        values = item.evaluate(states)
+        return cls(part, item, at, states, values, *item.bounds(at.size))
+
+    @property
+    def excess(self) -> Array:
+        """Excess of the values over their bounds, shape (m, p)."""
+        return np.maximum(self.values - self.upper, self.lower - self.values)
+
+    def rows(
+        self,
+        kind: str,
+        subjects: IntArray,
+        chosen: BoolArray | None = None,
+        unit: float | Array = 1.0,
+        *,
+        equal: bool | BoolArray = False,
+    ) -> LimitRows:
+        """Rows of some of the values.
+
+        Args:
+            kind: Name of the rows.
+            subjects: Joint, or number, of each value, shape (p,).
+            chosen: Whether each value is a row, shape (m, p); None for all.
+            unit: Unit of the values, one for all or of each, shape (p,).
+            equal: Whether the motion keeps values, which have no slack, shape (p,).
+        """
+        chosen = np.ones(self.values.shape, dtype=bool) if chosen is None else chosen
+        index, which = np.nonzero(chosen)
+        value, count = self.values[index, which], self.item.count
+        slack = ~np.broadcast_to(equal, count)[which]
+        partials = self.item.differentiate(self.states, index, which)
+        return _rows_of(
+            self.part,
+            kind,
+            self.at,
+            self.states,
+            self._pinned(partials, index),
+            subject=subjects[which],
+            below=np.where(slack, self.lower[index, which] - value, 0.0),
+            above=np.where(slack, self.upper[index, which] - value, 0.0),
+            unit=np.broadcast_to(unit, count)[which],
+            of_state=np.array(not isinstance(self.item, MotorLimit)),
+            component=which,
+        )
+
+    def _pinned(self, partials: Partials, index: IntArray) -> Partials:
+        """Derivatives of values whose instants are fixed in time, as a window is.
+
+        A state that the change of lengths brings earlier moves on until the instant of
+        the row. Rates of accelerations are small and left out.
+        """
+        if not isinstance(self.item, PathConstraint) or self.item.window is None:
+            return partials
+        rates = np.zeros(index.size)
+        for by, speed in (
+            (partials.by_q, self.states.v),
+            (partials.by_v, self.states.a),
+        ):
+            if by is not None:
+                rates -= np.einsum("kj,kj->k", by, speed[index])
+        return partials._replace(by_t=rates)
+
+
+def _rows_of(
+    part: Motion,
     kind: str,
-    at: MotionStates,
-    subject: IntArray,
-    room: Sequence[Array],
-    *slopes: Array,
-    rates: Array | None = None,
+    at: Instants,
+    states: States,
+    partials: Partials,
     **more: Any,
 ) -> LimitRows:
     """Rows of quantities that depend on the state at instants.
 
     Args:
-        motion: The motion.
+        part: The motion on a segment.
         kind: Name of the rows.
-        at: The motion at their instants, m of them.
-        subject: Joints or pairs.
-        room: Slack below and above.
-        *slopes: Derivatives by position, velocity and acceleration, up to the order of
-            the quantity, shape (m, n).
-        rates: Partial derivatives by time [1/s], shape (m,), if obstacles move.
+        at: Instants of which some have rows.
+        states: The states there.
+        partials: Derivatives of the quantities.
         **more: Other attributes of the rows.
     """
-    change = motion.changes.values(at.at, at.q, at.v, *slopes)
-    if rates is not None:
-        change = motion.changes.with_time(change, at.at, rates)
-    by_state = np.zeros((subject.size, 2 * motion.changes.n))
-    if "by_torque" not in more:
-        both = np.hstack(slopes[:2])
-        by_state[:, : both.shape[1]] = both
-    below, above = room
-    name = np.array(kind)
-    return LimitRows(name, at.at, subject, below, above, by_state, change, **more)
+    change = part.changes.pull_back(at, states, partials)
+    slopes = np.zeros((change.shape[0], 2 * part.changes.n))
+    if partials.row is None:
+        for k, by in enumerate((partials.by_q, partials.by_v)):
+            if by is not None:
+                np.hsplit(slopes, 2)[k][:] = by
+    # Values of pairs of instants are at the first.
+    which = partials.at[: len(slopes)]
+    at = Instants(at.interval[which], at.share[which])
+    return LimitRows(np.array(kind), at, slopes=slopes, change=change, **more)
 
 
-def _one_of(joint: IntArray, n: int, value: Array) -> Array:
-    """Slopes with a value for one joint in each row, shape (m, n)."""
-    out = np.zeros((joint.size, n))
-    out[np.arange(joint.size), joint] = value
-    return out
+# -- limits of joints ------------------------------------------------------------------
 
 
-# -- torques at the nodes, their slopes, and jerks -------------------------------------
+def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRows]:
+    """Rows of positions, speeds and torques at nodes, and at maxima between them."""
+    found = SampledConstraint.of(part, item, part.instants(*SHARES))
+    shape = found.values.shape
+    chosen = _chosen(part, item, found.excess.reshape(-1, len(SHARES), item.count))
+    if isinstance(item, JointLimit):
+        unit = item.scale if item.order == 0 else 1.0
+        yield found.rows(item.kind_name, item.of_joints, chosen.reshape(shape), unit)
+        return
+    if isinstance(item, TorqueLimit):
+        if part.changes.shape == "torques":
+            # The mean over the interval, on which torques may have been merged.
+            middles = found.values.reshape(chosen.shape)[:, MIDDLE]
+            middles[:] = part.load[slice(*part.span)]
+        # A joint without a motor obeys its equation of motion.
+        passive = np.zeros(chosen.shape, dtype=bool)
+        passive[:, MIDDLE] = np.isin(item.of_joints, part.driven, invert=True)
+        chosen[:, :, ~np.isin(item.of_joints, part.driven)] = False
+        yield found.rows(PASSIVE, item.of_joints, passive.reshape(shape), equal=True)
+    yield found.rows(item.kind_name, item.of_joints, chosen.reshape(shape))
 
 
-def _rows_of_joints(
-    motion: Motion,
-    kind: str,
-    interval: IntArray,
-    joints: IntArray,
-    stencil: Stencil,
-    limit: Array,
-    load: Array | None = None,
-    accelerations: bool = False,
-) -> LimitRows:
-    """Rows of sums over ends of intervals, of torques or else of accelerations.
-
-    Args:
-        motion: The motion.
-        kind: Name of the rows.
-        interval: The intervals, shape (k,).
-        joints: The joints.
-        stencil: Ends of intervals, and their weights.
-        limit: Limits of the joints, shape (joints,).
-        load: Used shares of the limits, shape (k, joints); None where the sums are
-            rises, whose slopes are limited.
-        accelerations: Whether the sums are of accelerations.
-    """
-    changes, n, shape = motion.changes, motion.changes.n, (interval.size, joints.size)
-    change = changes.nothing(interval.size * joints.size)
-    total, none = np.zeros(shape), np.zeros((len(interval), n, n))
-    for shift, end, weight in stencil:
-        at, scale = motion.ends(interval + shift, end), weight / limit[:, None]
-        slopes = [none, none, none + np.eye(n)]
-        if not accelerations:
-            slopes = [part[end::2][interval + shift] for part in motion.parts[1:]]
-        each = [scale * part[:, joints] for part in slopes]
-        change += changes.values(at.at, at.q, at.v, *each)
-        total += (at.a if accelerations else at.u)[:, joints] * scale.T
-    share = sum(end * weight for _, end, weight in stencil)
-    if load is None:
-        share, load = 0.5, total / changes.apart(interval)[:, None]
-        change = changes.slopes(change, load, interval)
-    # A joint without a motor obeys its equation of motion in the mean.
-    bound = 0.0 * load if kind == "passive" else np.ones(shape)
-    load = 0.0 * load if kind == "passive" else load
-    return LimitRows(
-        np.array(kind),
-        Instants(np.repeat(interval, joints.size), np.full(load.size, share)),
-        np.tile(joints, interval.size),
-        (-bound - load).ravel(),
-        (bound - load).ravel(),
-        np.zeros(2 * n),
-        change,
-        by_torque=np.tile((not accelerations) / limit, interval.size),
-        mean=np.array(stencil is MEAN),
-    )
-
-
-def _efforts(motion: Motion) -> Iterator[LimitRows]:
-    """Torques at the nodes, as shares of their limits."""
-    half, driven = motion.task.effort_half, motion.driven
-    passive, interval = np.setdiff1d(np.arange(half.size), driven), motion.intervals
-    asked = [("passive", passive, MEAN, interval)]
-    if motion.changes.shape == "torques":
-        asked.append(("effort", driven, MEAN, interval))
-    else:
-        whole = motion.changes.shape == "ramps" and motion.number is None
-        # With ramps, an end of an interval is the beginning of the next one.
-        last = interval[-1:] if whole else interval
-        asked += [("effort", driven, BEGIN, interval), ("effort", driven, END, last)]
-    for kind, joints, stencil, own in asked:
-        load = motion.load if stencil is MEAN else motion.loads[:, stencil[0][1]]
-        load = load[own][:, joints]
-        if joints.size:
-            yield _rows_of_joints(
-                motion, kind, own, joints, stencil, half[joints], load
-            )
-
-
-def _slopes(motion: Motion) -> Iterator[LimitRows]:
-    """Slopes of torques and accelerations over time, as shares of limits."""
-    changes, interval = motion.changes, motion.intervals
-    interval = interval[interval <= changes.N - changes.passing.size]
-    for item in joint_limits(motion.task.problem):
-        if item.kind.smooth:
-            most, of = item.upper[item.joints], item.kind.of == "j"
-            name, rise = item.kind.name, changes.rise
-            rows = interval, item.joints, rise, most
-            yield _rows_of_joints(motion, name, *rows, accelerations=of)
-
-
-# -- torques, speeds and positions inside the intervals --------------------------------
-
-
-def _largest(
-    motion: Motion,
-    inside: Array,
-    ends: Array,
-    near: float = NEAR - 1.0,
-    more: float = BULGE,
-) -> tuple[IntArray, IntArray]:
-    """Instants and joints of interior maxima of values near their limits.
+def _chosen(part: Motion, item: JointLimit | MotorLimit, excess: Array) -> BoolArray:
+    """Values that are rows, at which of the inspected instants of each interval.
 
     Args:
-        motion: The motion.
-        inside: Excesses over limits at all instants, shape (m, n).
-        ends: Excesses at both ends of all intervals, shape (N, 2, n).
-        near: Excess above which a value is near its limit.
-        more: Least difference of a maximum to the values at the ends.
-
-    Returns:
-        Indices of the instants and joints, shape (k,) each.
+        part: The motion on a segment.
+        item: The constraint.
+        excess: Excesses of its values over their bounds, shape (N, SHARES, p).
     """
-    values = inside.reshape(-1, SHARES.size, inside.shape[1])
-    peak, worst = np.max(values, axis=1), np.argmax(values, axis=1)
-    beside = np.max(ends[slice(*motion.span)], axis=1)
-    interval, joint = np.nonzero((peak > near) & (peak > beside + more))
-    return interval * SHARES.size + worst[interval, joint], joint
-
-
-def _at_ends(values: Array) -> Array:
-    """Values at nodes, at both ends of the intervals, shape (N, 2, n)."""
-    return np.stack([values[:-1], values[1:]], axis=1)
-
-
-def _bulging(motion: Motion, inside: MotionStates, item: JointBounds) -> LimitRows:
-    """Rows of interior maxima of positions, speeds or torques."""
-    task, changes, of, name = motion.task, motion.changes, item.kind.of, item.kind.name
-    values, ends, unit = {
-        "q": (inside.q, _at_ends(changes.q), task.step_scale),
-        "v": (inside.v, _at_ends(changes.v), item.upper),
-        "u": (inside.u, motion.u, task.effort_half),
-    }[of]
-    excess = item.outside(values) / unit
-    if of == "u":
+    shape, of_torques = part.changes.shape, isinstance(item, TorqueLimit)
+    if item.field == "q":
+        chosen = interior_maxima(excess, -ROOM, TURN)
+        chosen[:, -1] |= excess[:, -1] > -FAR
+        return chosen
+    if isinstance(item, JointLimit) and item.field == "v":
+        chosen = interior_maxima(excess, NEAR - 1.0, BULGE)
+        if shape == "ramps":
+            chosen[:, MIDDLE] |= _may_bulge(part, item, excess) & ~chosen.any(axis=1)
+        chosen[:, -1] = True
+        return chosen
+    if of_torques:
         # Where a torque runs along its limit, the middle is a row as well as the ends,
         # whose mean changes differently.
-        excess[SHARES.size // 2 :: SHARES.size] += FLAT
-        excess[:, np.setdiff1d(np.arange(changes.n), motion.driven)] = -np.inf
-    near, more = (-ROOM, TURN) if of == "q" else (NEAR - 1.0, BULGE)
-    index, joint = _largest(motion, excess, item.outside(ends) / unit, near, more)
-    if of == "v" and changes.shape == "ramps":
-        index, joint = _with_light_joints(motion, excess * unit, index, joint)
-    at, value, unit = inside.kept(index), values[index, joint], unit[joint]
-    room = (item.lower[joint] - value) / unit, (item.upper[joint] - value) / unit
-    if of == "u":
-        return _rows_of_torques(motion, name, at, joint, room, 1.0 / unit, 0.0 * unit)
-    by = _one_of(joint, changes.n, 1.0 / unit)
-    if of == "q":
-        return _rows(motion, name, at, joint, room, by, unit=unit)
-    return _rows(motion, name, at, joint, room, 0.0 * by, by)
+        excess = excess.copy()
+        excess[:, MIDDLE] += FLAT
+    smooth = shape != "torques" and item.field != "a"
+    chosen = interior_maxima(excess, NEAR - 1.0, BULGE) & smooth
+    if of_torques and shape == "torques":
+        chosen[:, MIDDLE] = True
+    else:
+        chosen[:, 0] = chosen[-1, -1] = True
+        # With ramps, the end of an interval is the beginning of the next one.
+        chosen[:, -1] |= shape != "ramps"
+    return chosen
 
 
-def _with_light_joints(
-    motion: Motion, beyond: Array, index: IntArray, joint: IntArray
-) -> tuple[IntArray, IntArray]:
-    """Rows of speeds, and middles of intervals where a speed may get its maximum.
+def _may_bulge(part: Motion, item: JointLimit, excess: Array) -> BoolArray:
+    """Whether a speed may get its maximum inside an interval, shape (N, p).
 
     An acceleration that is raised at the beginning of an interval and lowered at its
     end leaves the speeds at both ends unchanged; for light joints the change is large.
-
-    Args:
-        motion: The motion.
-        beyond: Speeds beyond their limits at all instants, shape (m, n).
-        index: Instants that are rows, shape (k,).
-        joint: Their joints, shape (k,).
     """
-    inertia = np.einsum("mii->mi", motion.parts.tau_a).mean(axis=0)
-    strongest = 2.0 * motion.task.effort_half / np.maximum(inertia, 1e-12)
-    every, h = SHARES.size, motion.changes.h[slice(*motion.span)]
-    light = h[:, None] * strongest / 8.0 > -beyond[every // 2 :: every]
-    light[index // every, joint] = False
-    interval, more = np.nonzero(light)
-    index = np.append(index, interval * every + every // 2)
-    return index, np.append(joint, more)
+    strongest = (2.0 * part.system.effort_half / part.inertia[0])[item.joints]
+    h = part.changes.h[slice(*part.span), None]
+    return np.asarray(h * strongest / 8.0 > -excess[:, MIDDLE] * item.scale)
 
 
-def _rows_of_torques(
-    motion: Motion,
-    kind: str,
-    at: MotionStates,
-    joint: IntArray,
-    room: tuple[Array, Array],
-    by_torque: Array,
-    by_speed: Array,
-) -> LimitRows:
-    """Rows of the torques of joints at an instant each, with a term in the speed."""
-    every = np.arange(joint.size)
-    parts = motion.task.dynamics.inverse_jacobians(at.q, at.v, at.a)[1:]
-    slopes = [by_torque[:, None] * part[every, joint] for part in parts]
-    slopes[1] += _one_of(joint, motion.changes.n, by_speed)
-    return _rows(motion, kind, at, joint, room, *slopes, by_torque=by_torque)
-
-
-def _over_speed(motion: Motion, inside: MotionStates | None) -> Iterator[LimitRows]:
-    """Rows of torque limits over speed: at nodes, and at interior maxima."""
-    looked_at = [motion.ends(motion.intervals, end) for end in (0, 1)]
-    ends = motion.u, _at_ends(motion.changes.v)
-    for item in joint_limits(motion.task.problem):
-        for (own, bound), side in product(item.by_speed.items(), SIDES):
-            kind, at = item.kind, looked_at
-            unit = kind.scale(bound, float(motion.task.effort_half[own]))
-            if inside is not None:
-                use, at_ends = (
-                    kind.excess(bound, u[..., own], v[..., own], side)[0] / unit
-                    for u, v in ((inside.u, inside.v), ends)
-                )
-                index, _ = _largest(motion, use[:, None], at_ends[:, :, None])
-                at = [*looked_at, inside.kept(index)]
-            for states in at:
-                found = kind.excess(bound, states.u[:, own], states.v[:, own], side)
-                excess, by_u, by_v = (part / unit for part in found)
-                joint, none = np.full(excess.size, own), np.full(excess.size, -np.inf)
-                rows = motion, kind.name, states, joint, (none, -excess)
-                yield _rows_of_torques(*rows, by_u, by_v)
+def _slopes(part: Motion, item: JointLimit | MotorLimit) -> LimitRows:
+    """Rows of slopes of torques and accelerations over time."""
+    first, end = part.span
+    interval = np.arange(first, end - (part.changes.shape != "ramps"))
+    found = SampledConstraint.of(part, item, part.changes.pairs(interval))
+    return found.rows(item.kind_name, item.of_joints)
 
 
 # -- clearances and constraints of the problem -----------------------------------------
 
 
-def _clearances(motion: Motion) -> Iterator[LimitRows]:
+def _clearances(part: Motion) -> Iterator[LimitRows]:
     """Distances that are near their margins, as shares of the reach."""
-    found = contacts(motion)
-    if found is not None:
-        yield _rows(
-            motion,
-            "clearance",
-            motion.states(motion.changes.instants(found.times)),
-            found.pairs,
-            (np.full(found.missing.size, -np.inf), -found.missing),
-            found.slopes,
-            rates=found.rates if motion.task.problem.checker.moving else None,
-            unit=np.array(motion.task.reach),
-        )
-
-
-def _constraints(motion: Motion) -> Iterator[LimitRows]:
-    """Constraints of the problem that are near their limits."""
-    for index, item in enumerate(motion.task.problem.ready_constraints):
-        shares = np.arange(1, SAMPLES + 1) / SAMPLES
-        regular = np.isin(shares, REGULAR)
-        if item.order > 1:
-            # Accelerations jump at the nodes: both sides are inspected.
-            shares, regular = np.append(JUST_INSIDE, shares), np.append(True, regular)
-        at = motion.states(Instants.spread(motion.span, shares).inside)
-        values = item.value_rows(at.q, at.v, at.a)
-        lower, upper = item.bounds(len(values))
-        excess = np.maximum(values - upper, lower - values)
-        if item.window is not None:
-            holds = item.window.asked(motion.changes.times(at.at))
-            excess = np.where(holds[:, None], excess, -np.inf)
-        kept = _beside(local_maxima(excess))
-        kept |= np.tile(regular, len(values) // regular.size)[:, None]
-        k, which = np.nonzero((excess > -NEAR_CONSTRAINT) & kept)
-        if not k.size:
-            continue
-        used, place = np.unique(k, return_inverse=True)
-        _, *by = item.term_rows(at.q[used], at.v[used], at.a[used])
-        slopes = [
-            part[place, which] if part.size else np.zeros((k.size, motion.changes.n))
-            for part in by
-        ]
-        own, here, rates = at.kept(k), values[k, which], None
-        if item.window is not None:
-            # The window is fixed in time: a state that the change of lengths brings
-            # earlier moves on until the instant of the row. Rates of accelerations are
-            # small and left out.
-            rates = -np.einsum("kj,kj->k", slopes[0], own.v)
-            rates -= np.einsum("kj,kj->k", slopes[1], own.a)
-        share = np.where(own.at.share >= 1.0 - JUST_INSIDE, 1.0, own.at.share)
-        yield _rows(
-            motion,
+    item = part.system.clearance
+    found = None if item is None else contacts(part, item)
+    if item is not None and found is not None:
+        at = Instants.at_times(found.times, part.changes.h)
+        rates = found.rates if item.moving else None
+        yield _rows_of(
+            part,
             item.name,
-            own._replace(at=Instants(own.at.interval, share)),
-            np.full(k.size, index),
-            (lower[k, which] - here, upper[k, which] - here),
-            *slopes,
-            rates=rates,
-            unit=np.array(item.scale),
-            component=which,
+            at,
+            part.states(at),
+            Partials(np.arange(at.size), by_q=found.slopes, by_t=rates),
+            subject=found.pairs,
+            below=np.full(at.size, -np.inf),
+            above=-found.missing,
+            unit=np.array(item.length),
         )
 
 
-def _beside(flags: BoolArray) -> BoolArray:
-    """Flagged rows, and the rows before and after them, shape (m, p)."""
-    out = flags.copy()
-    out[1:] |= flags[:-1]
-    out[:-1] |= flags[1:]
-    return out
+def _along_the_way(part: Motion, item: PathConstraint, index: int) -> LimitRows:
+    """A constraint of the problem where it is near its bounds."""
+    shares = np.arange(1, SAMPLES + 1) / SAMPLES
+    if item.order > 1:
+        # Accelerations jump at the nodes: both sides are inspected.
+        shares = np.append(0.0, shares)
+    found = SampledConstraint.of(part, item, part.instants(*shares.tolist()))
+    excess = found.excess
+    if item.window is not None:
+        asked = item.window.asked(found.states.t)
+        excess = np.where(asked[:, None], excess, -np.inf)
+    peaks = local_maxima(excess)
+    chosen = peaks | np.isin(found.at.share, (0.0, *REGULAR))[:, None]
+    # The values before and after the largest ones, too.
+    chosen[1:] |= peaks[:-1]
+    chosen[:-1] |= peaks[1:]
+    chosen &= excess > -NEAR_CONSTRAINT
+    return found.rows(item.name, np.full(item.count, index), chosen, item.scale)
 
 
 # -- goals, and arrival times ----------------------------------------------------------
@@ -419,36 +471,21 @@ def _beside(flags: BoolArray) -> BoolArray:
 
 def _arrivals(motion: Motion) -> Iterator[LimitRows]:
     """Rows of the arrival times of segments that limit them."""
-    changes, T, stayed = motion.changes, float(motion.changes.t[-1]), 0.0
-    segments = motion.task.problem.segments
-    for number, (part, segment) in enumerate(
-        zip(motion.segments, segments, strict=False)
-    ):
+    stayed, segments = 0.0, motion.system.problem.segments
+    for part, segment in zip(motion.segments, segments, strict=False):
         if segment.arrival is not None:
-            end = part.span[1]
-            room = (np.array(segment.arrival) - stayed - float(changes.t[end])) / T
-            before = np.where(np.arange(changes.N) < end, 1.0 / T, 0.0)
-            yield LimitRows(
-                np.array(ARRIVAL),
-                Instants(np.array([end - 1]), np.ones(1)),
-                np.array([number]),
-                room[:1],
-                room[1:],
-                np.zeros(2 * changes.n),
-                Linearised(sp.csr_matrix((1, changes.size)), sp.csr_matrix(before)),
-                unit=np.array(T),
-            )
+            item = Arrival(*(time - stayed for time in segment.arrival))
+            found = SampledConstraint.of(part, item, Instants.end(part.span[1]))
+            yield found.rows(ARRIVAL, np.array([part.number]))
         stayed += segment.dwell
 
 
-def _goal(motion: Motion) -> LimitRows:
+def _goal(part: Motion) -> LimitRows:
     """Rows of the goal at the end of a segment."""
-    task, changes, node = motion.task, motion.changes, motion.span[1]
-    q, v = changes.q[node], changes.v[node]
-    goal = task.problem.goal.nearest(task.kinematics, q, v)
-    value, by_q, by_v = goal.residual(task.kinematics, q, v)
-    lower, upper = goal.bounds(task.kinematics)
-    loose = lower < upper
-    below, above = (np.where(loose, side - value, 0.0) for side in (lower, upper))
-    at, every = motion.ends(np.full(value.size, node - 1), 1), np.arange(value.size)
-    return _rows(motion, GOAL, at, every, (below, above), by_q, by_v)
+    at, kinematics = Instants.end(part.span[1]), part.system.kinematics
+    _, q, v, *_ = part.states(at)
+    goal = part.system.problem.goal.nearest(kinematics, q[0], v[0])
+    lower, upper = goal.bounds(kinematics)
+    item = GoalReached(goal, kinematics, np.ones(lower.size))
+    found = SampledConstraint.of(part, item, at)
+    return found.rows(GOAL, np.arange(lower.size), equal=lower == upper)

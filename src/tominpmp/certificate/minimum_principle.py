@@ -31,6 +31,7 @@ from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.certificate.costates import disagreement, integrate_costates
 from tominpmp.certificate.dual_program import DualSolution, solve_dual_program
+from tominpmp.certificate.limits import PASSIVE
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.optimality_report import (
     conditions_kept,
@@ -38,13 +39,13 @@ from tominpmp.certificate.optimality_report import (
     name_of,
 )
 from tominpmp.certificate.stays import without_stays
-from tominpmp.certificate.task import Task
 from tominpmp.checks import instance, number
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.stages import with_segments
 from tominpmp.verification.verification import Verification, verify
 
@@ -157,7 +158,7 @@ def examine(
         return Findings(_nothing(trajectory, verification, tolerance), None, None)
     try:
         with np.errstate(all="ignore"):
-            motion = Motion.of(Task.of(problem), trajectory)
+            motion = Motion.of(ProblemFunctions.of(problem), trajectory)
             found = solve_dual_program(motion, ENOUGH * tolerance, near=near)
             if found is not None:
                 out = _read(motion, found, verification, tolerance, rounding)
@@ -210,7 +211,7 @@ def _read(
 ) -> Certificate:
     """The certificate of a motion from its multipliers."""
     h, driven, sigma = motion.changes.h, motion.driven, found.switching
-    T, H, limits = float(h.sum()), found.hamiltonian, motion.task.problem.motion_limits
+    T, H, limits = float(h.sum()), found.hamiltonian, motion.system.motion_limits
     load = motion.loads
     if motion.changes.shape == "torques":
         load = motion.load[:, None]
@@ -229,14 +230,13 @@ def _read(
     begins = [item.begin for item in active]
     covered = np.isin(motion.changes.t[:-1], np.concatenate([np.zeros(0), *begins]))
     error: float | None = None
-    if motion.sections:
-        costates = np.vstack([found.costates[:1], found.costates])
-    else:
+    first = found.costates[:1]
+    if not motion.sections:
         replay = None if verification is None else verification.replay
-        costates = integrate_costates(motion, found, replay)
-        if limits is None or not limits.need_smooth:
-            error = disagreement(found, costates)
-        costates[1:] = found.costates
+        integrated = integrate_costates(motion, found, replay)
+        if not limits.need_smooth:
+            error = disagreement(found, integrated)
+        first = integrated[:1]
     apart = np.abs(H - np.average(H, weights=h))
     promise = found.multipliers.promise
 
@@ -248,7 +248,7 @@ def _read(
         ok=False,
         message="",
         t=motion.changes.t,
-        costates=costates,
+        costates=np.vstack([first, found.costates]),
         switching=sigma,
         hamiltonian=H,
         obeys=obeys,
@@ -276,7 +276,7 @@ def _active(motion: Motion, found: DualSolution) -> Iterator[ActiveLimit]:
     given, (t, h) = found.multipliers, (motion.changes.t, motion.changes.h)
     density = given.value * float(t[-1]) / h[given.at.interval]
     holding = given.limits & (density > HOLDING) & (given.room <= ON_LIMIT)
-    holding &= ~given.of("passive")
+    holding &= ~given.of(PASSIVE)
     for kind in dict.fromkeys(given.kind.tolist()):
         of_kind = holding & given.of(kind)
         for subject in np.unique(given.subject[of_kind]).tolist():

@@ -8,9 +8,9 @@ import numpy as np
 
 from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.dual_program import DualSolution
-from tominpmp.certificate.limit_rows import GOAL, SEGMENT, TRUST
-from tominpmp.certificate.limits import ARRIVAL
+from tominpmp.certificate.limits import ARRIVAL, GOAL, SEGMENT, TRUST
 from tominpmp.certificate.motion import Motion
+from tominpmp.motion_limits import EFFORT, POSITION
 from tominpmp.verification.verification import Verification
 
 # Largest mean deviation of the Hamiltonian; the cost of time is 1.
@@ -27,14 +27,14 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
     """Name of the joint, or of the pair, that a limit belongs to."""
     if kind == "clearance":
         number, pair = divmod(subject, SEGMENT)
-        one, other = motion.segments[number].task.problem.checker.pairs[pair]
+        one, other = motion.segments[number].system.problem.checker.pairs[pair]
         return f"{one} and {other}"
     if kind == ARRIVAL:
         return f"segment {subject + 1}"
     for item in motion.constraints:
         if item.name == kind:
             return str(item.subject)
-    return motion.task.problem.robot.joint_names[subject]
+    return motion.system.problem.robot.joint_names[subject]
 
 
 def _what_depends_on_time(motion: Motion) -> str:
@@ -43,9 +43,9 @@ def _what_depends_on_time(motion: Motion) -> str:
     Moving obstacles, arrival times, and constraints that hold for a while depend on
     time.
     """
-    if any(one.task.problem.scene.moving for one in motion.segments):
+    if any(one.system.problem.scene.moving for one in motion.segments):
         return "Obstacles move"
-    timed = any(one.arrival is not None for one in motion.task.problem.segments)
+    timed = any(one.arrival is not None for one in motion.system.problem.segments)
     if timed or any(item.during is not None for item in motion.constraints):
         return "Limits depend on time"
     return ""
@@ -179,12 +179,12 @@ def _what_gives(
         return f": {name} are {1e3 * room:.3g} mm farther apart than need be"
     if kind in {item.name for item in motion.constraints}:
         number, index = divmod(subject, SEGMENT)
-        item = motion.segments[number].task.problem.constraints[index]
+        item = motion.segments[number].system.problem.constraints[index]
         what, side, far = f"the {kind}", "", f"{room:.3g} {item.unit}"
     else:
-        what = f"the {'torque' if kind == 'effort' else kind} of joint {name}"
+        what = f"the {'torque' if kind == EFFORT.name else kind} of joint {name}"
         side = "upper " if upper else "lower "
-        far = f"{room:.3g}" if kind == "position" else f"{_percent(room)} of it"
+        far = f"{room:.3g}" if kind == POSITION.name else f"{_percent(room)} of it"
     limit = f"{side}limit that its multiplier asks for"
     return f": {what} stays off the {limit}, by {far} and most"
 

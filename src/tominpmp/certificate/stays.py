@@ -102,14 +102,13 @@ def still_nodes(motion: Motion) -> list[int]:
     """
 
     def smooth(part: Motion) -> bool:
-        limits = part.task.problem.motion_limits
-        return limits is not None and limits.continuous
+        return part.system.motion_limits.continuous
 
     parts = motion.segments
     found = [place for place in (0, -1) if smooth(parts[place])]
     if motion.changes.controls > motion.changes.N:
         for part, after, segment in zip(
-            parts[:-1], parts[1:], motion.task.problem.segments[:-1], strict=True
+            parts[:-1], parts[1:], motion.system.problem.segments[:-1], strict=True
         ):
             if segment.dwell > 0.0 and (smooth(part) or smooth(after)):
                 found.append(part.span[1])

@@ -22,7 +22,7 @@ from tominpmp.collision.shapes import Outline
 
 # Configurations between which no ball moves farther than this [m] are grouped; with
 # fewer configurations than the second number grouping does not pay.
-TOGETHER, FEW = 0.06, 12
+TOGETHER, FEWEST = 0.06, 24
 # Pairs whose bounds are computed at once, which limits the memory.
 SOME_PAIRS = 1_000
 # Rounding of a bound for grouped configurations [m].
@@ -239,7 +239,7 @@ class BroadPhase:
         None if the configurations are too few, or too far apart, for useful bounds.
         """
         m = centre.shape[1]
-        if m < FEW or not self.first.size:
+        if m < FEWEST or not self.first.size:
             return None
         step = np.diff(centre, axis=1)
         way = np.zeros(m)

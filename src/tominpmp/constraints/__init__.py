@@ -17,6 +17,7 @@ from tominpmp.constraints.tool_path import ToolArc, ToolLine, ToolPolyline
 from tominpmp.constraints.tool_region import KeepAway, WithinRegion
 from tominpmp.constraints.tool_speed import ToolAcceleration, ToolSpeed
 from tominpmp.constraints.torque import (
+    MotorLimit,
     Motors,
     TorqueLimit,
     TorqueOverSpeed,
@@ -35,6 +36,7 @@ __all__ = [
     "KeepAway",
     "KeepOrientation",
     "KeepUpright",
+    "MotorLimit",
     "Motors",
     "Partials",
     "PathConstraint",

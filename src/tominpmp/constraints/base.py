@@ -74,6 +74,28 @@ class Partials(NamedTuple):
         return Partials(self.at, by_q, by_v, by_a, by_u, by_t, self.row)
 
 
+def both_instants(pairs: IntArray) -> IntArray:
+    """The first instants of some pairs of instants, and then the second ones."""
+    return np.concatenate([2 * pairs, 2 * pairs + 1])
+
+
+def slope_partials(by: Partials, t: Array, pairs: IntArray, slope: Array) -> Partials:
+    """Partial derivatives of slopes over time between both instants of pairs.
+
+    Args:
+        by: Partial derivatives of k quantities at the first instants of their pairs,
+            and then at the second ones.
+        t: Times of all instants [s], shape (m,).
+        pairs: Index of the pair of each quantity, shape (k,).
+        slope: Their slopes, shape (k,).
+    """
+    span = np.tile(np.diff(t)[::2][pairs], 2)
+    sides = np.repeat([-1.0, 1.0], pairs.size)
+    by_t = -sides * np.tile(slope, 2) / span
+    row = np.tile(np.arange(pairs.size), 2)
+    return by.times((sides / span)[:, None])._replace(by_t=by_t, row=row)
+
+
 class Constraint(ABC):
     """A constraint at all times of a motion, or at some.
 

@@ -6,6 +6,7 @@ depend on the state, and on the rates of controls.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,10 +14,16 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints.base import Constraint, Partials, States
+from tominpmp.constraints.base import (
+    Constraint,
+    Partials,
+    States,
+    both_instants,
+    slope_partials,
+)
 from tominpmp.constraints.friction import Ways, signs
 from tominpmp.dynamics import Dynamics
-from tominpmp.motion_limits import SIDES, LimitKind
+from tominpmp.motion_limits import EFFORT, EFFORT_RATE, SIDES, LimitKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +91,21 @@ class MotorLimit(Constraint):
     curable = True
 
     @property
+    def name(self) -> str:
+        """Name of the kind of limit, of torques."""
+        return self.kind_name.replace("effort", "torque")
+
+    @property
+    @abstractmethod
+    def kind_name(self) -> str:
+        """Name of the kind of limit."""
+
+    @property
+    @abstractmethod
+    def of_joints(self) -> IntArray:
+        """Joint of each value, shape (count,)."""
+
+    @property
     def assumes(self) -> bool:
         """Whether directions of joints with dry friction are assumed."""
         return self.motors.friction is not None
@@ -100,10 +122,16 @@ class MotorLimit(Constraint):
 
     def assumed(self, states: States, beside: Array) -> MotorLimit:
         """The constraint with directions of joints with dry friction in a motion."""
+        return self if not self.assumes else self.along(signs(states.v, beside))
+
+    def along(self, sign: Array) -> MotorLimit:
+        """The constraint with given directions of joints with dry friction.
+
+        Args:
+            sign: The directions at its instants: 1, -1, or 0 at rest, shape (m, n).
+        """
         friction = self.motors.friction
-        if friction is None:
-            return self
-        return self._moving(Ways.of(friction, signs(states.v, beside)))
+        return self if friction is None else self._moving(Ways.of(friction, sign))
 
     def corrected(
         self, states: States, beside: Array, tolerance: float
@@ -133,8 +161,13 @@ class MotorLimit(Constraint):
 class TorqueLimit(MotorLimit):
     """Torques within their limits, as shares of them: u_l <= u <= u_u (3)."""
 
-    name = "torque"
+    kind_name = EFFORT.name
     field = "u"
+
+    @property
+    def of_joints(self) -> IntArray:
+        """All joints."""
+        return np.arange(self.count)
 
     @property
     def count(self) -> int:
@@ -170,14 +203,19 @@ class TorqueOverSpeed(MotorLimit):
     by_speed: Mapping[int, Any]
 
     @property
-    def name(self) -> str:
+    def kind_name(self) -> str:
         """Name of the kind of limit."""
-        return self.kind.name.replace("effort", "torque")
+        return self.kind.name
+
+    @property
+    def of_joints(self) -> IntArray:
+        """The joints with a bound, for the upper sides and for the lower ones."""
+        return np.tile([*self.by_speed], len(SIDES))
 
     @property
     def count(self) -> int:
         """Two values for each joint with a bound, one for each side."""
-        return 2 * len(self.by_speed)
+        return len(SIDES) * len(self.by_speed)
 
     def _excess(self, states: States) -> Iterator[tuple[int, Array, Array, Array]]:
         """Values one after the other, and their derivatives by share and speed."""
@@ -223,8 +261,13 @@ class TorqueRate(MotorLimit):
     joints: IntArray
     limit: Array
 
-    name = "torque rate"
+    kind_name = EFFORT_RATE.name
     order = 3
+
+    @property
+    def of_joints(self) -> IntArray:
+        """The joints that have a limit."""
+        return self.joints
 
     @property
     def count(self) -> int:
@@ -242,19 +285,14 @@ class TorqueRate(MotorLimit):
         Jumps of dry friction are left out, as no motor can follow them.
         """
         tau = self.motors.torque(states)[:, self.joints]
-        return np.asarray((tau[1::2] - tau[::2]) / self._scale(states))
-
-    def _scale(self, states: States) -> Array:
-        return np.asarray((states.t[1::2] - states.t[::2])[:, None] * self.limit)
+        span = np.diff(states.t)[::2, None]
+        return np.asarray((tau[1::2] - tau[::2]) / (span * self.limit))
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Derivatives at both instants of each pair, and by their times."""
-        value = self.evaluate(states)[at, which]
-        span = (states.t[1::2] - states.t[::2])[at]
-        both = np.concatenate([2 * at, 2 * at + 1])
-        joint = self.joints[which]
-        by = self.motors.differentiate(states, both, np.tile(joint, 2))
-        factor = self.motors.half[joint] / (span * self.limit[which])
-        factor = np.concatenate([-factor, factor])[:, None]
-        by_t = np.concatenate([value / span, -value / span])
-        return by.times(factor)._replace(by_t=by_t, row=np.tile(np.arange(at.size), 2))
+        joint = np.tile(self.joints[which], 2)
+        by = self.motors.differentiate(states, both_instants(at), joint)
+        by = by.times(
+            self.motors.half[joint, None] / np.tile(self.limit[which], 2)[:, None]
+        )
+        return slope_partials(by, states.t, at, self.evaluate(states)[at, which])

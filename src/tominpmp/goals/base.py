@@ -1,4 +1,4 @@
-"""Base of all goals: what they are asked by those who plan, judge and draw."""
+"""Base of all goals: their interface for planning, judging and drawing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tominpmp.robot import Robot
 
 
 class Goal(ABC):
-    """What must hold at the end of a motion: a place to end at, and how to end there.
+    """Conditions at the end of a motion: a place, and a velocity there.
 
     The arm ends at rest unless a subclass says otherwise.
     """
@@ -33,28 +33,28 @@ class Goal(ABC):
 
     @abstractmethod
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """What is asked of a configuration of shape (n,), with bounds."""
+        """Conditions on a configuration of shape (n,), with bounds."""
 
     def moved(self, by: Array) -> Goal:
-        """The goal somewhere else in the world.
+        """The goal displaced in the world.
 
         Args:
             by: The displacement, shape (3,) [m].
 
         Raises:
-            ProblemError: If it is no place in the world.
+            ProblemError: If the goal has no place in the world.
         """
         raise wrong(self, "goal", "a position or a pose, which can be moved")
 
-    # -- what a final state lacks ------------------------------------------------------
+    # -- residuals of a final state ----------------------------------------------------
 
     def place_residual(
         self, kinematics: RobotKinematics, q: Array
     ) -> tuple[Array, Array]:
-        """How far a configuration is from the goal, and the Jacobian of that.
+        """Deviation of a configuration from the goal, and its Jacobian.
 
         Args:
-            kinematics: Of the robot.
+            kinematics: Kinematics of the robot.
             q: Configuration, shape (n,) [rad or m].
 
         Returns:
@@ -91,7 +91,7 @@ class Goal(ABC):
         return np.zeros(whole(n, "n"))
 
     def speed_count(self, n: int) -> int:
-        """How many numbers of the residual, the last ones, are about the velocity."""
+        """Number of velocities in the residual, its last numbers."""
         return n if self.fixes_velocity else 3
 
     def bounds(self, kinematics: RobotKinematics) -> tuple[Array, Array]:
@@ -113,41 +113,44 @@ class Goal(ABC):
         )
 
     def excess(self, kinematics: RobotKinematics, q: Array, v: Array) -> Array:
-        """How far the residual is outside its bounds, zero within, shape (k,)."""
-        value = self.residual(kinematics, q, v).value
-        lower, upper = self.bounds(kinematics)
-        return value - np.clip(value, lower, upper)
+        """Excess of the residual over its bounds, zero within, shape (k,).
+
+        Of a set of goals that of the nearest goal.
+        """
+        goal = self.nearest(kinematics, q, v)
+        value = goal.residual(kinematics, q, v).value
+        return value - np.clip(value, *goal.bounds(kinematics))
 
     def misses(self, kinematics: RobotKinematics, q: Array, v: Array) -> list[Miss]:
-        """Say of each number of the residual by how much it is outside its bounds.
+        """Excess of each number of the residual over its bounds, with its label.
 
         Args:
             kinematics: Of the robot.
             q: Final configuration, shape (n,) [rad or m].
             v: Final velocity, shape (n,).
         """
-        amounts = np.abs(self.excess(kinematics, q, v)).tolist()
-        labels = self.labels(kinematics)
-        speeds = self.speed_count(kinematics.robot.n)
+        goal = self.nearest(kinematics, q, v)
+        amounts = np.abs(goal.excess(kinematics, q, v)).tolist()
+        labels, speeds = goal.labels(kinematics), goal.speed_count(q.size)
         return [
             Miss(label.name, amount, label.unit, i >= len(amounts) - speeds)
             for i, (amount, label) in enumerate(zip(amounts, labels, strict=True))
         ]
 
     def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """What the numbers of the residual are: the place, then the velocities."""
+        """Labels of the numbers of the residual: of the place, then of velocities."""
         place = self.place(kinematics, np.zeros(robot_of(kinematics).n))
         return place.labels + self.motion_labels(kinematics)
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """What the velocities are."""
+        """Labels of the numbers of the residual that are velocities, its last ones."""
         return joint_labels(robot_of(kinematics), "/s")
 
-    # -- what is known of the end beforehand -------------------------------------------
+    # -- the end of the motion as far as the goal determines it ------------------------
 
     @property
     def configuration(self) -> Array | None:
-        """Final configuration, if it is given, shape (n,); None else."""
+        """Final configuration, if the goal gives it, shape (n,); else None."""
         return None
 
     def with_state(self, q: Array, v: Array) -> Goal:
@@ -155,18 +158,18 @@ class Goal(ABC):
         return self
 
     def positions(self, robot: Robot) -> Array:
-        """Where joints are to be, as near to within their limits as the goal lets them.
+        """Positions of the joints, as near to their limits as the goal allows.
 
         Args:
             robot: The robot.
 
         Returns:
-            Shape (n,) [rad or m]; NaN of joints that may be anywhere.
+            Shape (n,) [rad or m]; NaN for joints that may be anywhere.
         """
         return np.full(instance(robot, Robot, "robot").n, np.nan)
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """Ranges that joints end within, shape (n,) each; infinite where none is said.
+        """Ranges of the final positions of joints, shape (n,) each; infinite if free.
 
         Args:
             robot: The robot.
@@ -176,25 +179,25 @@ class Goal(ABC):
 
     @property
     def frame_name(self) -> str | None:
-        """Name of the frame that it is about; None if it is about none."""
+        """Name of the frame of the goal; None without a frame."""
         return None
 
     @property
     def ball(self) -> Ball | None:
-        """Ball that the frame's origin ends in; None where none is all that is said."""
+        """Ball in which the frame's origin ends; None for other regions."""
         return None
 
     def nearest_point(self) -> Array | None:
-        """Of all points where the frame may end the nearest to the world's origin.
+        """Nearest point to the origin of the world at which the frame may end.
 
         None if it may end anywhere.
         """
         return None if self.ball is None else self.ball.nearest_point()
 
     def distances(self, points: Array) -> Array | None:
-        """Distances of points, shape (m, 3), from where the frame may end, shape (m,).
+        """Distances of points, shape (m, 3), from the region of the frame, shape (m,).
 
-        None if it may end anywhere; negative inside at times.
+        None if the frame may end anywhere; possibly negative inside the region.
         """
         if self.ball is None:
             return None
@@ -206,13 +209,13 @@ class Goal(ABC):
         """Least angle by which the frame has to turn from an orientation [rad].
 
         Args:
-            rotation: Of the frame in the world, shape (3, 3).
+            rotation: Rotation of the frame in the world, shape (3, 3).
         """
         return 0.0
 
     @property
     def target(self) -> pin.SE3 | Array | None:
-        """What is to be drawn of it: a pose, or a point in the world, shape (3,)."""
+        """Mark of the goal in pictures: a pose, or a point in the world, shape (3,)."""
         return None
 
     @property
@@ -226,8 +229,8 @@ class Goal(ABC):
 
         Args:
             robot: The robot.
-            before: Where the joints are that are not named, shape (n,) [rad or m]; None
-                if that is not known, and all have to be.
+            before: Positions of the joints that are not named, shape (n,) [rad or m];
+                None if unknown, where all joints have to be named.
         """
         return self
 
@@ -235,32 +238,32 @@ class Goal(ABC):
 
     @property
     def stopped(self) -> Goal:
-        """The goal itself, where it is one that is passed on the way; this one."""
+        """The goal of a passed goal; this goal otherwise."""
         return self
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
-        """The one of several goals that a final state misses by least; this one."""
+        """The nearest goal of a set to a final state; this goal otherwise."""
         return self
 
     @property
     def alternatives(self) -> tuple[Goal, ...]:
-        """Goals of which any will do; only this one unless it is a set of them."""
+        """Alternative goals of a set; only this goal otherwise."""
         return (self,)
 
     @property
     def members(self) -> tuple[Goal, ...]:
-        """Goals that are all to be met; only this one unless it is a set of them."""
+        """Goals of a set that are all to be met; only this goal otherwise."""
         return (self,)
 
     def prefixed(self, prefix: str, robot: Robot) -> Goal:
-        """The goal in the names that joints and frames have beside other robots.
+        """The goal with the names that joints and frames have in a combined robot.
 
         Args:
-            prefix: What stands before their own names: "left/".
-            robot: The robot that the goal is for.
+            prefix: Prefix of the own names: "left/".
+            robot: The robot of the goal.
 
         Raises:
-            ProblemError: If it cannot be met beside the goals of other robots.
+            ProblemError: If it cannot be combined with goals of other robots.
         """
         raise ProblemError(
             f"goal is a {type(self).__name__}, expected a goal on joints or frames",
@@ -272,7 +275,7 @@ def robot_of(kinematics: RobotKinematics) -> Robot:
     """The robot of a caller's kinematics.
 
     Raises:
-        ProblemError: If it is none.
+        ProblemError: If the argument has another type.
     """
     return instance(kinematics, RobotKinematics, "kinematics").robot
 
@@ -281,7 +284,7 @@ def joint_row(kinematics: RobotKinematics, value: Array, name: str) -> Array:
     """Check a caller's numbers, one for each joint of a robot, shape (n,).
 
     Raises:
-        ProblemError: If they are none, or the kinematics.
+        ProblemError: If the numbers, or the kinematics, are invalid.
     """
     return array(value, name, (robot_of(kinematics).n,), JOINTS)
 
@@ -290,10 +293,10 @@ def goal_tolerance(value: object, name: str, unit: str, most: float = np.inf) ->
     """Check a caller's tolerance.
 
     Args:
-        value: What the caller gave.
-        name: What it is, for the message.
+        value: Value from the caller.
+        name: Name in the message.
         unit: Its unit.
-        most: What it must be below.
+        most: Exclusive upper bound.
 
     Raises:
         ProblemError: If it is negative, not finite or too large.

@@ -1,4 +1,4 @@
-"""How far a direction deviates from another one, as two numbers."""
+"""Deviations of directions from another one, as two numbers each."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ SMALL = 1e-3
 OPPOSITE = 1e-7
 
 
-def deviation(a: Array, direction: Array) -> tuple[Array, Array]:
-    r"""Deviation of a unit vector a from a direction d, and its derivative.
+def deviations(axes: Array, direction: Array) -> tuple[Array, Array]:
+    r"""Deviations of unit vectors a from a direction d, and their derivatives.
 
     With the angle :math:`\theta` between them and two axes :math:`e_i` across d,
 
@@ -22,37 +22,11 @@ def deviation(a: Array, direction: Array) -> tuple[Array, Array]:
     so that x is zero at d alone, and not at -d, too, as the cross product is.
 
     Args:
-        a: Unit vector, shape (3,).
+        axes: Unit vectors a, shape (m, 3).
         direction: Unit vector d, shape (3,).
 
     Returns:
-        Deviation, shape (2,) [rad], and its derivative by a, shape (2, 3).
-    """
-    e = across(direction)
-    part = e @ a
-    cosine, sine = float(direction @ a), float(np.linalg.norm(part))
-    angle = float(np.arctan2(sine, cosine))
-    if np.pi - angle < OPPOSITE:
-        return np.array([np.pi, 0.0]), np.stack([-e[0], e[1]])
-    if angle < SMALL:
-        ratio = 1.0 + angle**2 / 6.0
-        slope = -1.0 / 3.0 - 2.0 * angle**2 / 15.0
-    else:
-        ratio = angle / sine
-        slope = (angle * cosine / sine - 1.0) / sine**2
-    # The slope is that of the ratio over the cosine.
-    return ratio * part, ratio * e + slope * np.outer(part, direction)
-
-
-def deviations(axes: Array, direction: Array) -> tuple[Array, Array]:
-    """Deviations of many unit vectors, and their derivatives: see :func:`deviation`.
-
-    Args:
-        axes: Unit vectors, shape (m, 3).
-        direction: Unit vector, shape (3,).
-
-    Returns:
-        Shapes (m, 2) [rad] and (m, 2, 3).
+        Deviations, shape (m, 2) [rad], and their derivatives by a, shape (m, 2, 3).
     """
     e = across(direction)
     part, cosine = axes @ e.T, axes @ direction
@@ -67,8 +41,9 @@ def deviations(axes: Array, direction: Array) -> tuple[Array, Array]:
     found = ratio[:, None] * part
     by_axis = ratio[:, None, None] * e
     by_axis += slope[:, None, None] * part[:, :, None] * direction
-    for k in np.flatnonzero(np.pi - angle < OPPOSITE).tolist():
-        found[k], by_axis[k] = deviation(axes[k], direction)
+    opposite = np.pi - angle < OPPOSITE
+    found[opposite] = np.pi, 0.0
+    by_axis[opposite] = -e[0], e[1]
     return found, by_axis
 
 

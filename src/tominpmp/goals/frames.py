@@ -40,7 +40,7 @@ from tominpmp.checks import (
 )
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
-from tominpmp.goals.direction import across, deviation
+from tominpmp.goals.direction import across, deviations
 from tominpmp.goals.joints import JointGoal
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
@@ -64,10 +64,10 @@ def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
 
     Args:
         pose: The pose.
-        name: What it is called in messages.
+        name: Its name in messages.
 
     Raises:
-        ProblemError: If it is none.
+        ProblemError: If the pose is invalid.
     """
     parts = split_pose(pose)
     position = array_or_nan(None if parts is None else parts[0])
@@ -101,7 +101,7 @@ PoseOrNone: TypeAlias = Annotated[
 
 
 class FrameGoal(Record, Goal):
-    """Goal on a frame; what its placement has to be is left to the subclasses.
+    """Goal on a frame; subclasses give the conditions on its placement.
 
     Attributes:
         frame: Name of the frame.
@@ -131,7 +131,7 @@ class FrameGoal(Record, Goal):
     def _placed(
         self, kinematics: RobotKinematics, q: Array, *, local: bool = False
     ) -> tuple[pin.SE3, Array]:
-        """Where the frame is at a configuration, and its Jacobian."""
+        """Placement of the frame at a configuration, and its Jacobian."""
         q = joint_row(kinematics, q, "q")
         jacobian = kinematics.jacobian(q, self.frame, local=local)
         return kinematics.placement(q, self.frame), jacobian
@@ -151,7 +151,7 @@ class FrameGoal(Record, Goal):
         return Label(f"frame {self.frame}", unit)
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """What the velocities are, of the joints or of the frame."""
+        """Labels of the velocities, of the joints or of the frame."""
         if self.v is None:
             return super().motion_labels(kinematics)
         return (self.label("m/s"),) * 3
@@ -185,7 +185,7 @@ class PositionGoal(FrameGoal):
 
     def moved(self, by: Array) -> PositionGoal:
         """The goal with its point moved, by a vector, shape (3,) [m]."""
-        return replace(self, position=self.position + displacement(by))
+        return replace(self, position=self.position + _displacement(by))
 
     @property
     def ball(self) -> Ball:
@@ -226,7 +226,7 @@ class PoseGoal(FrameGoal):
 
     def moved(self, by: Array) -> PoseGoal:
         """The goal with its pose moved, by a vector, shape (3,) [m]."""
-        pose = pin.SE3(self.pose.rotation, self.pose.translation + displacement(by))
+        pose = pin.SE3(self.pose.rotation, self.pose.translation + _displacement(by))
         return replace(self, pose=pose)
 
     @property
@@ -236,7 +236,7 @@ class PoseGoal(FrameGoal):
 
     def angle_to_go(self, rotation: Array) -> float:
         """Angle to the pose, less its tolerance [rad]."""
-        turn = np.linalg.norm(pin.log3(turned(rotation).T @ self.pose.rotation))
+        turn = np.linalg.norm(pin.log3(_turned(rotation).T @ self.pose.rotation))
         return float(turn) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
@@ -289,14 +289,14 @@ class AxisGoal(FrameGoal):
 
     def angle_to_go(self, rotation: Array) -> float:
         """Angle between axis and direction, less its tolerance [rad]."""
-        cosine = float(self.direction @ turned(rotation) @ self.axis)
+        cosine = float(self.direction @ _turned(rotation) @ self.axis)
         return math.acos(min(max(cosine, -1.0), 1.0)) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Deviation of the axis [rad], two numbers, then that of the origin [m]."""
         place, jacobian = self._placed(kinematics, q)
         axis = np.asarray(place.rotation @ self.axis)
-        value, by_axis = deviation(axis, self.direction)
+        value, by_axis = (x[0] for x in deviations(axis[None], self.direction))
         # The axis turns with w x axis.
         by_q = np.cross(axis, by_axis) @ jacobian[3:]
         found = Place.within(value, by_q, self.angle_tolerance, self.label("rad"))
@@ -409,12 +409,12 @@ class RegionGoal(FrameGoal):
         return position.joined(rotation.kept(angles < np.pi))
 
 
-def displacement(by: Array) -> Array:
+def _displacement(by: Array) -> Array:
     """Check a caller's displacement, shape (3,) [m]."""
     return array(by, "by", (3,), "components [m]")
 
 
-def turned(rotation: Array) -> Array:
+def _turned(rotation: Array) -> Array:
     """Check a caller's rotation matrix, shape (3, 3)."""
     return array(rotation, "rotation", (3, 3), "numbers a row of a matrix")
 
@@ -425,14 +425,15 @@ def rotation_vector(rotation: Array) -> tuple[Array, Array]:
 
 
 class FrameTarget(NamedTuple):
-    """Where a frame is to be, without tolerances.
+    """Target of a frame, without tolerances.
 
     Attributes:
         place: Position, shape (3,) [m].
         turn: Orientation, shape (3, 3); of a direction the axis in the frame in its
             first row, the direction in the second.
-        counts: What counts of a turn above a shift, shape (6, 6).
-        posed: Whether all of the orientation is asked for.
+        counts: Matrix that selects the components of a rotation and a displacement
+            that matter, shape (6, 6).
+        posed: Whether the goal fixes the whole orientation.
     """
 
     place: Array
@@ -442,7 +443,7 @@ class FrameTarget(NamedTuple):
 
 
 def frame_target(goal: Goal) -> FrameTarget | None:
-    """Where a goal wants its frame; None for goals of other kinds."""
+    """Target of the frame of a goal; None for goals of other kinds."""
     counts, turn, place = np.zeros((6, 6)), np.zeros((3, 3)), np.zeros(3)
     if isinstance(goal, PoseGoal):
         counts[:] = np.eye(6)
@@ -462,7 +463,7 @@ def frame_target(goal: Goal) -> FrameTarget | None:
 
 
 def place_of(goal: Goal) -> object:
-    """What is equal for goals at one place, but for rounding."""
+    """Key that is equal for goals at one place, up to rounding."""
 
     def rounded(*values: Array | None) -> tuple[object, ...]:
         return tuple(

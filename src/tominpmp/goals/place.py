@@ -1,4 +1,4 @@
-"""Numbers of a goal at a final state: values, bounds, and what they mean."""
+"""Numbers of a goal at a final state: values, bounds and labels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class GoalResidual(NamedTuple):
 
 
 class Label(NamedTuple):
-    """What a number of a residual is about.
+    """Label of a number of a residual.
 
     Attributes:
         name: "joint elbow", "frame tip".
@@ -40,13 +40,13 @@ class Label(NamedTuple):
 
 
 class Miss(NamedTuple):
-    """By how much a number of a residual is outside its bounds.
+    """Excess of a number of a residual over its bounds.
 
     Attributes:
-        name: What misses: "joint elbow", "frame tip".
-        amount: By how much, zero within the bounds.
+        name: Its subject: "joint elbow", "frame tip".
+        amount: The excess, zero within the bounds.
         unit: Its unit.
-        moving: Whether it is about the velocity, else about the place.
+        moving: Whether it is a velocity, else a place.
     """
 
     name: str
@@ -56,14 +56,14 @@ class Miss(NamedTuple):
 
 
 class Place(NamedTuple):
-    """What a goal asks of a final configuration.
+    """Conditions of a goal on a final configuration.
 
     Attributes:
         value: Positions in m, angles in rad, shape (k,).
         by_q: Derivative with respect to q, shape (k, n).
         lower: Lower bounds of the values, shape (k,); they do not depend on q.
         upper: Upper bounds, shape (k,); equal to the lower ones for equations.
-        labels: What the values are, k of them.
+        labels: Labels of the values, k of them.
     """
 
     value: Array
@@ -85,7 +85,7 @@ class Place(NamedTuple):
             value: The vector, shape (k,).
             by_q: Derivative, shape (k, n).
             radius: Its largest length; zero for an equation.
-            label: What the vector is.
+            label: Label of the vector.
         """
         box = np.full(value.size, radius)
         labels = (label,) * value.size
@@ -102,12 +102,12 @@ class Place(NamedTuple):
 
     @property
     def excess(self) -> Array:
-        """How far the values are beyond the bounds, zero within, shape (k,)."""
+        """Excess of the values over the bounds, zero within, shape (k,)."""
         return self.value - np.clip(self.value, self.lower, self.upper)
 
     @property
     def lengths(self) -> BoolArray:
-        """Which of the values are lengths, the others being angles, shape (k,)."""
+        """Whether each value is a length, not an angle, shape (k,)."""
         return np.array([label.unit == "m" for label in self.labels], dtype=bool)
 
     def residual(self) -> tuple[Array, Array]:
@@ -138,11 +138,11 @@ class Place(NamedTuple):
 
 
 class Scales(NamedTuple):
-    """What counts as 1 rad in the search for configurations that reach a goal.
+    """Scales of a search for configurations that reach a goal, equivalent to 1 rad.
 
-    Joints that slide go as far as the goal is, however far they can. So what counts of
-    them is the length of the arm without them, or how far the goal is where that is
-    more, or all their travel where that is less.
+    Sliding joints move about as far as the goal is away, whatever their travel. Their
+    scale is the length of the arm without them, or the distance of the goal if that is
+    larger, or their travel if that is smaller.
 
     Attributes:
         joints: Displacements of the joints, shape (n,): 1, or a length [m].
@@ -157,8 +157,8 @@ class Scales(NamedTuple):
         """Scales of a search.
 
         Args:
-            kinematics: Of the robot.
-            start: What is asked, at the configuration that the search begins with.
+            kinematics: Kinematics of the robot.
+            start: Conditions at the first configuration of the search.
         """
         missing = float(np.max(np.abs(start.excess[start.lengths]), initial=0.0))
         length = max(kinematics.reach(travel=0.0), missing) or 1.0

@@ -12,7 +12,7 @@ import numpy as np
 from tominpmp.arrays import Array, Record
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
-from tominpmp.goals.place import GoalResidual, Label, Miss, Place
+from tominpmp.goals.place import GoalResidual, Label, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -27,7 +27,7 @@ class PassedGoal(Record, Goal):
     """The place of a goal, at whatever velocity.
 
     Attributes:
-        goal: What has to be met, but for its velocity.
+        goal: The goal, whose velocity is ignored.
     """
 
     goal: Goal
@@ -41,7 +41,7 @@ class PassedGoal(Record, Goal):
         return PassedGoal(self.goal.resolved(robot, before))
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """What the goal asks of a configuration."""
+        """Conditions of the goal on a configuration."""
         return self.goal.place(kinematics, q)
 
     @property
@@ -54,21 +54,21 @@ class PassedGoal(Record, Goal):
     def motion_residual(
         self, kinematics: RobotKinematics, q: Array, v: Array
     ) -> tuple[Array, Array, Array]:
-        """None: any velocity will do."""
+        """An empty residual: any velocity is allowed."""
         none = np.zeros((0, v.size))
         return np.zeros(0), none, none
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """None."""
+        """No labels."""
         return ()
 
     def speed_count(self, n: int) -> int:
-        """None of the numbers of its residual is about the velocity."""
+        """Zero: velocities are free."""
         return 0
 
     @property
     def fixes_velocity(self) -> bool:
-        """It does not."""
+        """False: the velocity is free."""
         return False
 
     # -- the rest is that of the goal --------------------------------------------------
@@ -89,7 +89,7 @@ class PassedGoal(Record, Goal):
         return replace(self, goal=self.goal.with_state(q, v))
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
-        """The same of that one of several goals which is missed by least."""
+        """The nearest goal of a set, passed at any velocity."""
         return PassedGoal(self.goal.nearest(kinematics, q, np.zeros_like(v)))
 
     @property
@@ -186,12 +186,12 @@ class AnyGoal(GoalSet):
         return self._least(goal.excess(kinematics, q, v) for goal in self.goals)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """What the goal that a configuration misses by least asks of it."""
+        """Conditions of the nearest goal on a configuration."""
         apart = (goal.place_residual(kinematics, q)[0] for goal in self.goals)
         return self._least(apart).place(kinematics, q)
 
     def _least(self, missed: Iterable[Array]) -> Goal:
-        """The goal that is missed by least, of what each of them is missed by."""
+        """The goal with the least excess, from the excesses of all goals."""
         worst = [np.max(np.abs(part), initial=0.0) for part in missed]
         return self.goals[int(np.argmin(worst))]
 
@@ -205,14 +205,6 @@ class AnyGoal(GoalSet):
         return GoalResidual(
             excess, np.where(outside, by_q, 0.0), np.where(outside, by_v, 0.0)
         )
-
-    def excess(self, kinematics: RobotKinematics, q: Array, v: Array) -> Array:
-        """By how much the nearest goal is missed."""
-        return self.nearest(kinematics, q, v).excess(kinematics, q, v)
-
-    def misses(self, kinematics: RobotKinematics, q: Array, v: Array) -> list[Miss]:
-        """By how much the nearest goal is missed, number by number."""
-        return self.nearest(kinematics, q, v).misses(kinematics, q, v)
 
     @property
     def fixes_velocity(self) -> bool:
@@ -258,14 +250,14 @@ class AllGoals(GoalSet):
         return tuple(self.goals)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """What all goals ask of a configuration."""
+        """Conditions of all goals on a configuration."""
         first, *others = (goal.place(kinematics, q) for goal in self.members)
         for other in others:
             first = first.joined(other)
         return first
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """What the ranges of all goals have in common."""
+        """Intersections of the ranges of all goals."""
         ranges = [goal.joint_ranges(robot) for goal in self.members]
         lower, upper = (np.stack(part) for part in zip(*ranges, strict=True))
         return np.max(lower, axis=0), np.min(upper, axis=0)

@@ -36,6 +36,24 @@ def least_between(
     return float(times[k]), float(values[k])
 
 
+def rising_then_falling(
+    rate: Callable[[Array], Array], begin: Array, end: Array, halvings: int
+) -> tuple[Array, Array]:
+    """Times between which values stop to rise, of many values at once, by bisection.
+
+    Args:
+        rate: Rates of the values at a time each, both of shape (m,).
+        begin: Times before [s], shape (m,).
+        end: Times after, shape (m,).
+        halvings: Number of halvings of the time between.
+    """
+    for _ in range(halvings):
+        middle = 0.5 * (begin + end)
+        rises = rate(middle) > 0.0
+        begin, end = np.where(rises, middle, begin), np.where(rises, end, middle)
+    return begin, end
+
+
 def local_maxima(table: Array) -> BoolArray:
     """Whether values are not smaller than before, and larger than after.
 
@@ -45,6 +63,27 @@ def local_maxima(table: Array) -> BoolArray:
     padded = np.pad(table, ((1, 1), (0, 0)), constant_values=-np.inf)
     known = table > -np.inf
     return np.asarray(known & (table >= padded[:-2]) & (table > padded[2:]))
+
+
+def interior_maxima(values: Array, least: float, more: float) -> BoolArray:
+    """Whether values are the largest inside an interval, above those at its ends.
+
+    Args:
+        values: Values at instants of intervals, the first and the last of which are
+            both ends, shape (N, s, p).
+        least: Values that are not above this do not count.
+        more: Least difference of a maximum to the values at the ends.
+
+    Returns:
+        Shape (N, s, p); one instant of an interval and value at most.
+    """
+    inside = values[:, 1:-1]
+    peak, place = np.max(inside, axis=1), np.argmax(inside, axis=1)
+    ends = np.maximum(values[:, 0], values[:, -1])
+    found = np.zeros(values.shape, dtype=bool)
+    interval, column = np.nonzero((peak > least) & (peak > ends + more))
+    found[interval, 1 + place[interval, column], column] = True
+    return found
 
 
 def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:

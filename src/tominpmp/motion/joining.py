@@ -235,29 +235,22 @@ def _straight(rows: _Rows, velocity: Array | None) -> Joined:
 
 def _as_recorded(rows: _Rows) -> Joined:
     """The motion that rows were sampled from, as far as they determine it."""
-    robot, t, q, v, a, u = rows
     manner, steps = "cubic", None
     if not rows.known("v"):
         manner = "spline"
-        v = CubicSpline(t, q, bc_type="clamped")(t, 1)
-        a = np.full(q.shape, np.nan)
-    stepwise = _stepwise_motion(t, q, v, a)
+        v = CubicSpline(rows.t, rows.q, bc_type="clamped")(rows.t, 1)
+        rows = rows._replace(v=v, a=np.full(rows.q.shape, np.nan))
+    stepwise = _stepwise_motion(rows)
     if stepwise is not None:
-        manner = "steps"
-        if stepwise[0].size > t.size:
-            u = np.full(stepwise[1].shape, np.nan)
-        t, q, v, steps = stepwise
+        manner, (rows, steps) = "steps", stepwise
     elif _holds_torques(rows):
-        motion = Trajectory(robot.joint_names, t, q, v, u)
-        return Joined(motion, "held")
-    elif not _cubics_that_jump(t, q, v, a) and (
-        _is_smooth(t, v, a) or not _overshoots(rows)
-    ):
-        manner, steps = "quintic", a
-    if np.isnan(u).any():
-        return Joined(_Rows(robot, t, q, v, a, u).motion(v, steps), manner)
-    inverse = RobotDynamics(robot).inverse
-    motion = Trajectory(robot.joint_names, t, q, v, u, steps, inverse)
+        return Joined(replace(rows.curve(), u=rows.u), "held")
+    elif not _cubics_that_jump(rows) and (_is_smooth(rows) or not _overshoots(rows)):
+        manner, steps = "quintic", rows.a
+    if not rows.known("u"):
+        return Joined(rows.motion(rows.v, steps), manner)
+    inverse = RobotDynamics(rows.robot).inverse
+    motion = replace(rows.curve(steps), u=rows.u, inverse_dynamics=inverse)
     return Joined(motion, manner)
 
 
@@ -355,12 +348,12 @@ def _overshoots(rows: _Rows) -> bool:
     return bool(np.any(found > (1.0 + OVERSHOOT) * largest))
 
 
-def _is_smooth(t: Array, v: Array, a: Array) -> bool:
+def _is_smooth(rows: _Rows) -> bool:
     """Whether accelerations are known and do not jump."""
-    if np.isnan(a).any():
+    if not rows.known("a"):
         return False
-    h = np.diff(t)[:, None]
-    gaps = np.abs(np.diff(v, axis=0) / h - 0.5 * (a[:-1] + a[1:]))
+    h, a = np.diff(rows.t)[:, None], rows.a
+    gaps = np.abs(np.diff(rows.v, axis=0) / h - 0.5 * (a[:-1] + a[1:]))
     return bool(np.all(gaps <= SMOOTH * np.abs(a).max()))
 
 
@@ -377,21 +370,20 @@ MIDDLE = 0.01
 CUBIC, JUMP = 1e-6, 0.02
 
 
-def _stepwise_motion(
-    t: Array, q: Array, v: Array, a: Array
-) -> tuple[Array, Array, Array, Array] | None:
+def _stepwise_motion(rows: _Rows) -> tuple[_Rows, Array] | None:
     """Find the motion with the accelerations of the samples, constant between jumps.
 
     Where all joints jump at one instant between two samples, from the acceleration of
     the first sample to that of the second, that instant follows from the velocities.
 
     Returns:
-        Times, positions and velocities with these instants, and the acceleration of
+        The rows and these instants, with unknown torques there, and the acceleration of
         every interval; None if the samples are not of a motion with constant
         accelerations.
     """
-    if np.isnan(a).any():
+    if not rows.known("a"):
         return None
+    _, t, q, v, a, u = rows
     h, before, jump = np.diff(t), a[:-1], np.diff(a, axis=0)
     slack_v = EXACT_V * (1.0 + np.abs(v).max()) + NANOSECOND * np.abs(a).max()
     slack_q = EXACT_Q * (1.0 + np.abs(q).max()) + NANOSECOND * np.abs(v).max()
@@ -417,12 +409,13 @@ def _stepwise_motion(
     times = np.insert(t, at + 1, t[at] + s[:, 0])
     if np.any(np.diff(times) <= 0.0):
         return None
-    return (
-        times,
-        np.insert(q, at + 1, q[at] + s * (v[at] + 0.5 * s * a[at]), axis=0),
-        np.insert(v, at + 1, v[at] + s * a[at], axis=0),
-        np.insert(a, at + 1, a[at + 1], axis=0)[:-1],
+    found = rows._replace(
+        t=times,
+        q=np.insert(q, at + 1, q[at] + s * (v[at] + 0.5 * s * a[at]), axis=0),
+        v=np.insert(v, at + 1, v[at] + s * a[at], axis=0),
+        u=np.insert(u, at + 1, np.nan, axis=0),
     )
+    return found, np.insert(a, at + 1, a[at + 1], axis=0)[:-1]
 
 
 def _ramps(h: Array, jumps: BoolArray, rest: Array) -> bool:
@@ -442,23 +435,18 @@ def _ramps(h: Array, jumps: BoolArray, rest: Array) -> bool:
     return bool(2 * np.sum(row) > np.sum(jumps))
 
 
-def _cubics_that_jump(t: Array, q: Array, v: Array, a: Array) -> bool:
+def _cubics_that_jump(rows: _Rows) -> bool:
     """Whether samples are nodes of cubics whose accelerations jump at some.
 
     A row has the acceleration just after its jump; polynomials of degree 5 would have
     to end with it.
-
-    Args:
-        t: Times [s], shape (m,).
-        q: Positions, shape (m, n).
-        v: Velocities, shape (m, n).
-        a: Accelerations, shape (m, n); NaN where they are not known.
     """
-    if not all(np.all(np.isfinite(part)) for part in (q, v, a)):
+    if not (rows.known("v") and rows.known("a")):
         return False
-    h, largest, rise = np.diff(t)[:, None], np.abs(a).max(), np.diff(q, axis=0)
-    begins = 6.0 * rise / h**2 - (4.0 * v[:-1] + 2.0 * v[1:]) / h
-    ends = -6.0 * rise / h**2 + (2.0 * v[:-1] + 4.0 * v[1:]) / h
+    a, largest = rows.a, np.abs(rows.a).max()
+    begins = rows.curve()(rows.t[:-1]).a
+    # The mean acceleration of a cubic is that of both of its ends.
+    ends = 2.0 * np.diff(rows.v, axis=0) / np.diff(rows.t)[:, None] - begins
     if np.any(np.abs(begins - a[:-1]) > CUBIC * largest):
         return False
     return bool(np.any(np.abs(ends - a[1:]) > JUMP * largest))

@@ -1,4 +1,4 @@
-"""Obstacles on grids: terrain, and space that sensors have found occupied."""
+"""Obstacles on grids: terrain, and occupied space from sensors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tominpmp.checks import number, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.scene.obstacles import Length, Obstacle, obstacle
 
-# More cells than these would take minutes.
+# More cells would take minutes.
 MAX_CELLS = 2_500
 MAX_POINTS = 5_000_000
 
@@ -44,7 +44,7 @@ class HeightField(Obstacle):
     """Ground of given height over a grid, down to a base; centred in x and y.
 
     Every cell of the grid is the convex hull of its four corners and of the base below,
-    so that the surface between them is never higher than what is kept clear of.
+    which contains the surface between the corners.
 
     Attributes:
         heights: Heights over the position at the grid points [m], shape (ny, nx), rows
@@ -100,9 +100,9 @@ class HeightField(Obstacle):
 
 @obstacle
 class OcTree(Obstacle):
-    """Space that is occupied where there are points, in cubes of a given size.
+    """Occupied space: cubes of a given size around points.
 
-    Neighbouring cubes are joined to boxes, so that few remain.
+    Neighbouring cubes are joined to a smaller number of boxes.
 
     Attributes:
         points: Points in the axes of the obstacle [m], shape (k, 3).
@@ -113,7 +113,7 @@ class OcTree(Obstacle):
     resolution: Length
 
     def _check_shape(self) -> None:
-        """Check that the cubes are not too many."""
+        """Check the number of cubes."""
         cells = np.prod(np.ptp(self.points, axis=0) / self.resolution + 2.0)
         if cells > 50.0 * MAX_POINTS:
             raise ProblemError(
@@ -123,7 +123,7 @@ class OcTree(Obstacle):
 
     @property
     def boxes(self) -> tuple[Array, Array]:
-        """Boxes that are occupied: centres and edge lengths, shapes (b, 3) [m]."""
+        """Occupied boxes: centres and edge lengths, shapes (b, 3) [m]."""
         cells = np.floor(self.points / self.resolution).astype(np.int64)
         origin = cells.min(axis=0)
         taken = np.zeros(cells.max(axis=0) - origin + 1, dtype=bool)
@@ -134,7 +134,7 @@ class OcTree(Obstacle):
 
 
 def _joined(taken: BoolArray) -> tuple[Array, Array]:
-    """Boxes of cells that cover those that are taken: first cells, and ends."""
+    """Boxes that cover the occupied cells: first cells, and ends."""
     left = taken.copy()
     low, high = [], []
     for cell in np.argwhere(taken):

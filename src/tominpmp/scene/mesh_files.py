@@ -32,19 +32,19 @@ MAX_TRIANGLES = 1_000_000
 # Formats that other packages read take a multiple of their size.
 MAX_OTHER_BYTES = 20_000_000
 OTHERS = (".dae", ".glb", ".gltf", ".off", ".ply")
-# What archives begin with: a small one may hold any amount.
+# Beginnings of archives: a small archive may hold any amount of data.
 ARCHIVES = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!")
-# A longer line is none of a mesh [bytes].
+# Largest length of a line of a mesh file [bytes].
 LONGEST_LINE = 100_000
 NEWLINE = b"\n"
-# A line with anything in it; empty ones, of which there may be millions, are passed.
+# A line that is not empty; there may be millions of empty lines.
 _LINE = re.compile(rb"[^\s][^\r\n]*")
 STL_HEADER = 84
 STL_TRIANGLE = 50
 
 
 class MeshFileError(ValueError):
-    """A file is no mesh that can be read; the message says why."""
+    """A mesh file cannot be read; the message has the reason."""
 
 
 def read_mesh(path: Path) -> tuple[Array, IntArray]:
@@ -109,7 +109,7 @@ def _lines(data: bytes) -> Iterator[tuple[_Place, list[bytes]]]:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a line is; its number is counted when it is asked for."""
+    """Place of a line; its number is counted when it is needed."""
 
     data: bytes
     begin: int

@@ -48,17 +48,17 @@ MeshPathOrNone: TypeAlias = Annotated[
 class Mesh(Obstacle):
     """Triangles, from a file or from arrays.
 
-    For distances it is taken as convex pieces that cover it, see ``convex``.
+    For distances it is represented by convex pieces that cover it, see ``convex``.
 
     Attributes:
         path: File to read (STL, OBJ, DAE, GLB, glTF, OFF or PLY); None
             where vertices and triangles are given.
         vertices: Vertices without the scale [m], shape (k, 3).
         triangles: Indices of the corners of each triangle, shape (l, 3).
-        scale: What coordinates are multiplied with, along x, y and z, shape (3,).
+        scale: Factors of the coordinates along x, y and z, shape (3,).
         convex: "auto" for convex pieces, "hull" for the convex hull, "none" for the
-            triangles themselves: nothing is added then, but queries are slow, the depth
-            of an overlap is not known, and what is inside touches nothing.
+            triangles themselves: they add no volume, but queries are slow, the depth of
+            an overlap is not known, and bodies inside have no contact.
 
     Raises:
         SceneError: If the file cannot be read or is no mesh: the message says which
@@ -94,8 +94,7 @@ class Mesh(Obstacle):
         try:
             vertices, triangles = read_mesh(path)
         except MeshFileError as error:
-            told = f"the mesh {path} cannot be read: {error}"
-            raise ProblemError(told) from error
+            raise ProblemError(f"the mesh {path} cannot be read: {error}") from error
         self._keep(vertices=vertices, triangles=triangles)
 
     def _check_triangles(self) -> None:
@@ -104,9 +103,9 @@ class Mesh(Obstacle):
             vertices = real_array(self.vertices)
             corners = np.array(self.triangles)
         except ValueError as error:
-            parts = f"vertices or triangles of {what}"
-            told = f"{parts} are not made of numbers: {error}"
-            raise ProblemError(told) from error
+            raise ProblemError(
+                f"vertices or triangles of {what} are not made of numbers: {error}"
+            ) from error
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             raise ProblemError(
                 f"{what} has vertices of shape {vertices.shape}, not (k, 3)"

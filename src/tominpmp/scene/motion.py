@@ -1,8 +1,8 @@
-"""How obstacles move: placements as functions of real time.
+"""Motions of obstacles: placements as functions of real time.
 
-Time counts from the start of the robot's motion. A motion gives placements, the
-velocities that the derivative of a distance by time needs, and bounds on speeds, which
-tell how far a point of an obstacle can come between two instants.
+Time counts from the start of the robot's motion. A motion gives placements, velocities
+for the derivatives of distances by time, and bounds on speeds, which bound the
+displacements of points of an obstacle between two instants.
 """
 
 from __future__ import annotations
@@ -40,20 +40,19 @@ from tominpmp.checks import (
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.rotations import is_rotation, rotation_matrix
 
-# Two placements at the start that differ by less are one [m, rad].
+# Placements at the start that differ by less are equal [m, rad].
 SAME = 1e-6
-# Between two waypoints an obstacle turns by less than this: half a turn could go either
-# way [rad].
+# Largest turn between two waypoints: half a turn would have no direction [rad].
 MOST_TURN = 0.999 * np.pi
-# So many waypoints are no corners any more, but samples of a smooth motion.
+# More waypoints are samples of a smooth motion, not corners.
 MOST_KINKS = 40
 # Step of the differences that give the velocity of a function [s].
 STEP = 1e-4
-# A function that says nothing of its speed is looked at this often in a stretch of
-# time, and taken to be faster than it was seen to be by this factor.
+# Samples of the speed of a function without bounds in a stretch of time, and the factor
+# by which its speed may exceed that of the samples.
 LOOKS = 5
 CAUTION = 1.5
-# What differences may be off by when they are compared with a bound on the speed.
+# Tolerance of differences when they are compared with a bound on the speed.
 FASTER = 1e-5
 
 
@@ -82,7 +81,7 @@ class Twist(NamedTuple):
 
 
 class Motion(Record, ABC):
-    """Where an obstacle is at each time from 0 on [s]."""
+    """Placement of an obstacle at each time from 0 on [s]."""
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -95,21 +94,21 @@ class Motion(Record, ABC):
         """Placement at time 0.
 
         Args:
-            given: Placement that the obstacle was given.
+            given: Given placement of the obstacle.
 
         Raises:
-            SceneError: If the motion begins elsewhere.
+            SceneError: If the motion begins at another placement.
         """
         return given
 
     @property
     def kinks(self) -> Array:
-        """Times after the start at which the velocity jumps [s], as far as known."""
+        """Known times after the start at which the velocity jumps [s]."""
         return np.zeros(0)
 
     @abstractmethod
     def poses(self, times: Array, start: Placement) -> Placement:
-        """Placements at times [s], shape (m,), of an obstacle that starts somewhere."""
+        """Placements at times [s], shape (m,), of an obstacle with a start."""
 
     @abstractmethod
     def twists(self, times: Array, start: Placement) -> Twist:
@@ -132,10 +131,10 @@ class Motion(Record, ABC):
 
 
 def agreed_start(given: Placement, begins: Placement) -> Placement:
-    """Check the placement that was given against the one that a motion begins with.
+    """Compare a given placement with the first one of a motion.
 
     Returns:
-        The latter; the former may be left at no rotation about the origin.
+        The latter; the former may be the identity.
 
     Raises:
         SceneError: If they differ.
@@ -161,7 +160,7 @@ def checked_times(value: Array, name: str = "times") -> Array:
 
 
 def checked_stretches(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Check a caller's stretches of time, as many ends as beginnings [s]."""
+    """Check a caller's stretches of time: an end for each beginning [s]."""
     begin = checked_times(begin, "begin")
     return begin, array(end, "end", begin.shape, "times [s], one for each beginning")
 
@@ -171,11 +170,11 @@ def checked_placement(value: Placement, name: str = "start") -> Placement:
     return instance(value, Placement, name)
 
 
-# -- motions that are given by numbers -------------------------------------------------
+# -- motions by numbers ----------------------------------------------------------------
 
 
 def _numbers(value: Any, name: str) -> Array:
-    """Take finite numbers of any shape."""
+    """Check finite numbers of any shape."""
     try:
         found = real_array(value)
     except ValueError as error:
@@ -212,16 +211,16 @@ End: TypeAlias = Annotated[
 
 @record
 class ConstantVelocity(Motion):
-    """Move and turn steadily, from a time on and up to another.
+    """Move and turn at constant velocities, from one time to another.
 
     Attributes:
         velocity: Velocity in the world [m/s], shape (3,).
         angular: Angular velocity in the world [rad/s], shape (3,).
-        pivot: Point that it turns about, where that is at the start, in the world [m],
-            shape (3,): a point of a hinge; None for the position of the obstacle. It
-            moves with the velocity.
-        begin: When the motion begins [s]; before that the obstacle rests.
-        end: When it ends [s]; the obstacle stays where it is then.
+        pivot: Point of the axis of rotation at the start, in the world [m], shape (3,):
+            a point of a hinge; None for the position of the obstacle. It moves with the
+            velocity.
+        begin: Begin of the motion [s]; the obstacle rests before.
+        end: End of the motion [s]; the obstacle rests afterwards.
 
     Raises:
         SceneError: If a value is wrong.
@@ -242,11 +241,11 @@ class ConstantVelocity(Motion):
 
     @property
     def kinks(self) -> Array:
-        """When the motion begins and ends, if it does [s]."""
+        """Times of its begin and its end, if positive and finite [s]."""
         return np.array([t for t in (self.begin, self.end) if 0.0 < t < np.inf])
 
     def _turned(self, times: Array, start: Placement) -> tuple[Array, Array, Array]:
-        """Time under way (m,), rotations since the start (m, 3, 3), and levers (m, 3).
+        """Times of motion (m,), rotations since the start (m, 3, 3), and levers (m, 3).
 
         A lever leads from the pivot to the origin of the obstacle.
         """
@@ -287,7 +286,7 @@ class ConstantVelocity(Motion):
 
 
 def _checked_times(value: Any, name: str) -> Array:
-    """Take times of waypoints."""
+    """Check times of waypoints."""
     times = _numbers(value, name)
     if times.ndim != 1 or not times.size:
         raise ProblemError(f"{name} has shape {times.shape}, expected one time or more")
@@ -341,18 +340,18 @@ RotationsOrNone: TypeAlias = Annotated[
 
 @record
 class Waypoints(Motion):
-    """Pass placements at given times, steadily from one to the next.
+    """Pass placements at given times, at constant velocities between them.
 
-    After the last of them the obstacle stays where it is.
+    The obstacle rests after the last waypoint.
 
     Attributes:
         times: Times [s], increasing from 0, shape (k,).
-        positions: Positions in the world at these times [m], shape (k, 3), linear in
-            between; None to stay at the position of the obstacle.
+        positions: Positions in the world at these times [m], shape (k, 3), linear
+            between them; None for the position of the obstacle.
         rotations: Rotations obstacle_to_world, as matrices, shape (k, 3, 3), or as
-            quaternions x, y, z, w, shape (k, 4), and kept as matrices; in between it
-            turns about a fixed axis the shorter way. None to keep the rotation of the
-            obstacle.
+            quaternions x, y, z, w, shape (k, 4), and kept as matrices; between them the
+            obstacle turns about a fixed axis by the smaller angle. None for the
+            rotation of the obstacle.
 
     Raises:
         SceneError: If times are not in order or do not begin at 0, or a shape or a
@@ -364,7 +363,7 @@ class Waypoints(Motion):
     rotations: RotationsOrNone = default(None)
 
     def __post_init__(self) -> None:
-        """Check that there is a position, or a rotation, for each time."""
+        """Check that each time has a position, or a rotation."""
         super().__post_init__()
         if self.positions is None and self.rotations is None:
             raise SceneError("motion: Waypoints needs positions, rotations, or both")
@@ -391,15 +390,15 @@ class Waypoints(Motion):
 
     @property
     def kinks(self) -> Array:
-        """Times of the waypoints, as far as they are few [s]."""
+        """Times of the waypoints, unless there are many [s]."""
         times = self.times[1:]
         return times if times.size <= MOST_KINKS else np.zeros(0)
 
     @cached_property
     def _rates(self) -> Twist:
-        """Velocities from each waypoint to the next, shape (k, 3), and none at last.
+        """Velocities from each waypoint to the next, shape (k, 3); zero at the last.
 
-        Angular ones are in the axes of the obstacle, about which it turns.
+        Angular velocities are in the axes of the obstacle.
         """
         lengths = np.append(np.diff(self.times), np.inf)[:, None]
         moved = turned = np.zeros((self.times.size, 3))
@@ -429,7 +428,7 @@ class Waypoints(Motion):
         k = self._passed(checked_times(times))
         linear, angular = self._rates.linear[k], self._rates.angular[k]
         if self.rotations is not None:
-            # The axis of a turn is the same before and after it.
+            # The axis of a turn is equal before and after it.
             angular = np.einsum("mij,mj->mi", self.rotations[k], angular)
         return Twist(linear, angular)
 
@@ -453,15 +452,15 @@ def _turns(rotations: Array) -> Array:
 
 
 def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
-    """Largest of values[first:last] for many ranges, none of them empty."""
+    """Largest of values[first:last] for many ranges that are not empty."""
     if not first.size:
         return np.zeros(0)
-    padded = np.append(values, 0.0)  # so that the end is a place too
+    padded = np.append(values, 0.0)  # the end is an index, too
     ranges = np.stack([first, last], axis=1).ravel()
     return np.asarray(np.maximum.reduceat(padded, ranges)[::2])
 
 
-# -- functions of the caller's ---------------------------------------------------------
+# -- motions by functions --------------------------------------------------------------
 
 
 def _homogeneous(position: object, rotation: object) -> Array:
@@ -487,23 +486,23 @@ BoundOrNone: TypeAlias = Annotated[
 
 @record
 class PoseFunction(Motion):
-    """Be where a function says.
+    """Placements by a function of time.
 
     The function is called with times from 0 to a little beyond the end of a motion, in
-    any order, and must give the same placement for the same time. Its velocity is taken
+    any order, and must give equal placements for equal times. Its velocity is taken
     from differences, so that it should be smooth at the scale of a millisecond. To plan
     in several processes, it has to be picklable.
 
     Attributes:
         function: Placement obstacle_to_world at a time [s]: a matrix of shape (4, 4),
             a ``pinocchio.SE3``, or a pair of a position and a rotation.
-        speed: Bound on the speed of the origin [m/s], which a proof of clearance rests
-            on; None where it is not known: it is then estimated from samples.
+        speed: Bound on the speed of the origin [m/s], for proofs of clearance; None if
+            unknown: it is then estimated from samples.
         angular_speed: Bound on the angular speed [rad/s] likewise.
 
     Raises:
-        SceneError: If the function fails or gives no placement, or is seen to be faster
-            than it is said to be.
+        SceneError: If the function fails or gives no placement, or a sample is faster
+            than the bound.
     """
 
     function: Function
@@ -548,7 +547,7 @@ class PoseFunction(Motion):
 
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times, from differences of second order."""
-        # At the very start there is nothing before it.
+        # There is no time before the start.
         times = checked_times(times)
         base = np.maximum(times - STEP, 0.0)
         R, p = self.poses(base, start)
@@ -583,7 +582,7 @@ class PoseFunction(Motion):
     def speed_bounds(
         self, begin: Array, end: Array, start: Placement
     ) -> tuple[Array, Array]:
-        """Largest speeds between two times; estimates where none were given."""
+        """Largest speeds between two times; estimates without given bounds."""
         begin, end = checked_stretches(begin, end)
         linear, angular = self.speed, self.angular_speed
         if linear is not None and angular is not None:
@@ -602,10 +601,10 @@ class PoseFunction(Motion):
 
 
 def as_motion(value: object) -> Motion:
-    """Take a motion, or a function from time to a placement, as a motion.
+    """A motion from a motion, or from a function of time that gives placements.
 
     Raises:
-        SceneError: If it is neither.
+        SceneError: If the value is neither.
     """
     if isinstance(value, Motion):
         return value

@@ -108,9 +108,9 @@ class Obstacle(Record):
             ``pinocchio.SE3``, a 4x4 matrix) gives the rotation too.
         rotation: Rotation obstacle_to_world, shape (3, 3), at the start likewise; may
             be given as a quaternion (x, y, z, w) or a ``Rotation`` of SciPy.
-        motion: How it moves; None for an obstacle at rest. A function from time [s] to
-            a placement is taken as a :class:`PoseFunction`. Where the motion gives
-            positions or rotations itself, those above need not be given.
+        motion: Its motion; None for an obstacle at rest. A function from time [s] to a
+            placement is converted to a :class:`PoseFunction`. Where the motion gives
+            positions or rotations, those above may be left out.
     """
 
     name: str = field(kw_only=False)
@@ -135,10 +135,10 @@ class Obstacle(Record):
             self._check_shape()
 
     def _check_shape(self) -> None:
-        """Check what is not told by single fields; errors get the obstacle's name."""
+        """Check fields together; errors get the obstacle's name."""
 
     def _take_pose(self) -> None:
-        """Take the position from what has x, y and z, or both from a pose."""
+        """Convert a point with x, y and z to a position, or a pose to both fields."""
         self._keep(position=plain_vector(self.position))
         pose = None if _is_point(self.position) else split_pose(self.position)
         if pose is None:
@@ -155,12 +155,11 @@ class Obstacle(Record):
 
     @contextmanager
     def _named(self) -> Iterator[None]:
-        """Add the name of the obstacle to what is wrong with it."""
+        """Add the name of the obstacle to error messages."""
         try:
             yield
         except (ProblemError, SceneError) as error:
-            told = f"obstacle {self.name!r}: {error}"
-            raise SceneError(told, self.name) from error
+            raise SceneError(f"obstacle {self.name!r}: {error}", self.name) from error
 
     @property
     def _start(self) -> Placement:
@@ -196,7 +195,7 @@ class Obstacle(Record):
             return (self.motion or REST).speed_bounds(begin, end, self._start)
 
     def frozen(self, time: float) -> Obstacle:
-        """The same obstacle at rest where it is at a time [s]."""
+        """The obstacle at rest at its placement of a time [s]."""
         R, p = self.poses(np.array([number(time, "time", "a time [s]")]))
         return replace(self, motion=None, rotation=R[0], position=p[0])
 

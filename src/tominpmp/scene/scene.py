@@ -64,7 +64,7 @@ class Scene(Record):
         """Return an obstacle by its name.
 
         Raises:
-            SceneError: If there is none of that name.
+            SceneError: If no obstacle has the name.
         """
         for item in self.obstacles:
             if isinstance(name, str) and item.name == name:
@@ -81,15 +81,15 @@ class Scene(Record):
 
     @property
     def sorted(self) -> Scene:
-        """The same obstacles in the order of where they are, however they are listed.
+        """The obstacles in the order of their places, whatever the order of the list.
 
-        Rows of programs are in the order of the pairs, and what a solver makes of steps
-        that are equally good depends on it.
+        Rows of programs are in the order of the pairs, and the choice of a solver among
+        equally good steps depends on it.
         """
         return Scene(tuple(sorted(self.obstacles, key=_whereabouts)))
 
     def at(self, time: float) -> Scene:
-        """The scene with all obstacles at rest where they are at a time [s]."""
+        """The scene with all obstacles at rest at their placements of a time [s]."""
         if not self.moving:
             return self
         return Scene(
@@ -107,11 +107,11 @@ class Scene(Record):
 
 
 def as_scene(given: object, name: str) -> Scene:
-    """Take a scene, an obstacle, a list of obstacles, or None for no obstacle.
+    """A scene from a scene, an obstacle, a list of obstacles, or None.
 
     Raises:
-        ProblemError: If it is none of these.
-        SceneError: If a list holds anything else, or a name twice.
+        ProblemError: If the value has another type.
+        SceneError: If a list has an item of another type, or a name twice.
     """
     if isinstance(given, Scene):
         return given
@@ -137,7 +137,7 @@ SceneOrNone: TypeAlias = Annotated[
 
 
 def _whereabouts(obstacle: Obstacle) -> tuple[object, ...]:
-    """Where an obstacle is, and of what kind: what tells it from others."""
+    """Key of an obstacle: its placement and its kind."""
     position, rotation = obstacle.position.tolist(), obstacle.rotation.ravel().tolist()
     kind = type(obstacle).__name__
     return (obstacle.motion is not None, *position, kind, *rotation)

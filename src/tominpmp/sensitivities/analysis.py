@@ -16,7 +16,7 @@ fixed; contacts contribute by their normals.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -27,10 +27,9 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.dual_program import solve_dual_program
-from tominpmp.certificate.limit_rows import GOAL, SEGMENT, LimitRows
+from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.stays import without_stays
-from tominpmp.certificate.task import Task
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
@@ -44,6 +43,7 @@ from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.robot import Robot
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 from tominpmp.sensitivities.torques import TorqueWeights
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.stages import with_segments
 
 # Displacements of differences [m, rad], and changes of gravity, as a share of it.
@@ -80,7 +80,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
     found = None
     try:
         with np.errstate(all="ignore"):
-            motion = Motion.of(Task.of(problem), given)
+            motion = Motion.of(ProblemFunctions.of(problem), given)
             found = solve_dual_program(motion)
     except np.linalg.LinAlgError:
         pass
@@ -151,7 +151,7 @@ class SegmentRows:
 
     @property
     def _problem(self) -> Problem:
-        return self.motion.task.problem
+        return self.motion.system.problem
 
     @property
     def _robot(self) -> Robot:
@@ -216,14 +216,9 @@ class SegmentRows:
         the sums satisfy time scaling, which changes the used shares, also for motions
         away from the optimum.
         """
-        rows, more = self.rows, self._problem.motion_limits
+        rows = self.rows
         # Torques may exceed limits between nodes: their used share is not clipped.
-        used = np.where(rows.of("effort"), rows.used, 1.0 - rows.room)
-        if more is not None and more.continuous:
-            # The first and the last acceleration are zero for any limit.
-            changes = self.motion.changes
-            ends = np.isin(changes.times(rows.at), changes.t[[0, -1]])
-            used = np.where(rows.of("acceleration") & ends, 0.0, used)
+        used = np.where(rows.of(EFFORT.name), rows.used, 1.0 - rows.room)
         driven = np.isin(np.arange(self._robot.n), self.motion.driven)
         efforts = np.where(driven, self._robot.limits.effort_upper, np.inf)
         worth, held = rows.value, rows.held_above
@@ -251,9 +246,9 @@ class SegmentRows:
         """Sensitivities to all numbers of a limit of a torque over its speed."""
         motion, name = self.motion, self._robot.joint_names[joint]
         rows = self.rows.kept(self.rows.of(kind.name) & (self.rows.subject == joint))
-        state = motion.states(rows.at.inside)
-        each = rows.y / kind.scale(bound, float(motion.task.effort_half[joint]))
-        shifts = kind.shifts(bound, state.u[:, joint], state.v[:, joint])
+        v, u = motion.states(rows.at).v, motion.torques(rows.at)
+        each = rows.y / kind.scale(bound, float(motion.system.effort_half[joint]))
+        shifts = kind.shifts(bound, u[:, joint], v[:, joint])
         limit = (float(bound), self._units(kind)[joint]) if kind.numbers else ()
         for what, by in shifts.items():
             yield Sensitivity(what, name, name, -float(each @ by), "", *limit)
@@ -353,15 +348,15 @@ class SegmentRows:
         )
 
     @cached_property
-    def _moved_robots(self) -> list[tuple[Robot, Robot]]:
+    def _moved_robots(self) -> list[list[Robot]]:
         """The robot with its base displaced to both sides, along six coordinates."""
-        return [
-            (
-                _displaced(self._robot, -STEP * axis),
-                _displaced(self._robot, STEP * axis),
-            )
-            for axis in np.eye(6)
-        ]
+        every = (STEP * axis for axis in np.eye(6))
+        return [[_displaced(self._robot, twist) for twist in (-x, x)] for x in every]
+
+    def _by_base(self, value: Callable[[Robot], float]) -> Array:
+        """Derivatives of a number by a displacement of the base, shape (6,)."""
+        pairs = ([value(robot) for robot in both] for both in self._moved_robots)
+        return np.array([(after - before) / (2.0 * STEP) for before, after in pairs])
 
     @cached_property
     def _base_of_goal(self) -> Array:
@@ -370,12 +365,10 @@ class SegmentRows:
         if self._problem.goal.configuration is not None or not y.size:
             return np.zeros(6)
         state = self.motion.changes.q[node], self.motion.changes.v[node]
-        goal = self._problem.goal.nearest(self.motion.task.kinematics, *state)
-
-        def value(robot: Robot) -> float:
-            return float(y @ goal.residual(RobotKinematics(robot), *state).value)
-
-        return np.array([value(b) - value(a) for a, b in self._moved_robots]) / 2 / STEP
+        goal = self._problem.goal.nearest(self.motion.system.kinematics, *state)
+        return self._by_base(
+            lambda robot: float(y @ goal.residual(RobotKinematics(robot), *state).value)
+        )
 
     @cached_property
     def _contacts(self) -> dict[str, Array]:
@@ -390,8 +383,8 @@ class SegmentRows:
         out: dict[str, Array] = {}
         if not rows.subject.size:
             return out
-        times = self.motion.changes.times(rows.at)
-        q = self.motion.trajectory(times).q
+        times = rows.at.times(self.motion.changes.h)
+        q = self.motion.path(times).q
         normal, point = checker.witnesses(q, rows.subject, times)
         # An obstacle that moves along the normal adds clearance.
         twists = np.hstack([normal, np.cross(point, normal)]) * -rows.value[:, None]
@@ -406,9 +399,7 @@ class SegmentRows:
         out = self._base_of_goal - sum(self._contacts.values(), np.zeros(6))
         # A rotation of the base turns gravity in the axes of the base.
         out[3:] += np.cross(self._torques_by_gravity, self._robot.gravity)
-        for index, (before, after) in enumerate(self._moved_robots):
-            out[index] += (self._asked(after) - self._asked(before)) / (2.0 * STEP)
-        return np.asarray(out)
+        return np.asarray(out + self._by_base(self._asked))
 
     @cached_property
     def _asked_of(self) -> list[tuple[int, LimitRows]]:
@@ -426,8 +417,7 @@ class SegmentRows:
         total = 0.0
         for index, rows in self._asked_of:
             item = self._problem.constraints[index].on(robot)
-            state = self.motion.states(rows.at.inside)
-            values = item.value_rows(state.q, state.v, state.a)
+            values = item.evaluate(self.motion.states(rows.at))
             total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
         return total
 

@@ -9,21 +9,21 @@ is linear in each of them, so that their derivatives need no differences.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.limit_rows import LimitRows
+from tominpmp.certificate.limits import (
+    PASSIVE,
+    LimitRows,
+    SampledConstraint,
+    limits_of_joints,
+)
 from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.perturbations import MEAN, Instants
-from tominpmp.motion_limits import joint_kinds
+from tominpmp.constraints import MotorLimit, TorqueLimit
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
-
-# Multipliers below this share of the largest one are neglected.
-NOTHING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,35 +46,29 @@ class TorqueWeights:
 
     @classmethod
     def of(cls, motion: Motion, given: LimitRows) -> TorqueWeights:
-        """Gather the multipliers of torques of a motion."""
-        rows = given.kept(np.abs(given.y * given.by_torque) > 0.0)
-        changes, (interval, share) = motion.changes, rows.at
-        worth, mean = rows.y * rows.by_torque, rows.mean
-        rate = rows.of(*(k for k, kind in joint_kinds().items() if kind.of == "du"))
-        # Rows, the instants of their torques, and the factors of these.
-        parts: list[Any] = [(~mean & ~rate, 0, share, 1.0)]
-        parts += [(mean, *term) for term in MEAN]
-        parts += [
-            (rate, shift, end, factor / changes.apart(interval))
-            for shift, end, factor in changes.rise
-        ]
-        terms = []
-        for own, shift, place, factor in parts:
-            each = interval + shift, place, rows.subject, worth * factor
-            terms.append(np.stack(np.broadcast_arrays(*each))[:, own])
-        interval, share, joint, worth = np.concatenate(terms, axis=1)
-        kept = np.abs(worth) > NOTHING * np.max(np.abs(worth), initial=0.0)
-        place = np.stack([interval, share], axis=1)[kept]
-        place, row = np.unique(place, axis=0, return_inverse=True)
-        weight = np.zeros((len(place), changes.n))
-        np.add.at(weight, (row.ravel(), joint[kept].astype(int)), worth[kept])
-        at = Instants(place[:, 0].astype(int), place[:, 1])
-        state = motion.states(at.inside)
-        a = np.array(state.a)
-        for end in (0, 1):
-            a[at.share == end] = motion.a[at.interval[at.share == end], end]
-        way = np.asarray(motion.trajectory.turns.at(changes.times(at.inside)))
-        return cls(state.q, state.v, a, way, weight)
+        """Gather the multipliers of torques on a segment of a motion."""
+        n, found = motion.changes.n, []
+        for item in limits_of_joints(motion):
+            kinds = (item.kind_name, PASSIVE)[: 1 + isinstance(item, TorqueLimit)]
+            rows = given.kept(given.of(*kinds) & (given.y != 0.0))
+            if not isinstance(item, MotorLimit) or not rows.y.size:
+                continue
+            slopes = item.order > 2
+            at = motion.changes.pairs(rows.at.interval) if slopes else rows.at
+            looked = SampledConstraint.of(motion, item, at)
+            # As a function of the torques, which are those less dry friction.
+            _, q, v, a, _ = looked.states
+            states = looked.states._replace(u=motion.system.dynamics.inverse(q, v, a))
+            each = np.arange(rows.y.size), rows.component
+            by = looked.item.differentiate(states, *each)
+            assert by.by_u is not None  # noqa: S101
+            weight = np.zeros((at.size, n))
+            worth = rows.y if by.row is None else rows.y[by.row]
+            np.add.at(weight, by.at, worth[:, None] * by.by_u)
+            found.append((q, v, a, motion.ways(at), weight))
+        if not found:
+            return cls(*np.zeros((5, 0, n)))
+        return cls(*map(np.concatenate, zip(*found, strict=True)))
 
     def against(self, torque: Array) -> float:
         """Share of T that torques, shape (k, n), cost."""

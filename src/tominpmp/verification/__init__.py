@@ -1,4 +1,4 @@
-"""Verification: independent checks of a motion, and reasons where there is none."""
+"""Verification: independent checks of a motion, and reasons for a missing motion."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
 r"""Proof that a motion keeps clear, between the samples too (conservative advancement).
 
-A stretch of time is clear if the distance of every pair in its middle is more than any
-of their points can move meanwhile. Where that is not so, the stretch is cut, for that
-pair alone: the search is that of :mod:`~.closest_approach`. A point
-that hangs on the joints i moves by at most :math:`\sum_i r_i |\Delta q_i|` while the
-joints move by :math:`|\Delta q_i|` at most, where r_i bounds its distance from the axis
-of joint i (1 for sliding joints). A point of an obstacle that moves comes closer by
-its largest speed times the time meanwhile.
+A stretch of time is clear if the distance of every pair in its middle is larger than
+the displacements of their points within the stretch. Else the stretch is cut, for that
+pair alone, by the search of :mod:`~.closest_approach`. A point that the joints i move
+is displaced by at most :math:`\sum_i r_i |\Delta q_i|` while the joints move by
+:math:`|\Delta q_i|` at most, where r_i bounds its distance from the axis of joint i (1
+for sliding joints). A point of a moving obstacle comes closer by its largest speed
+times the duration.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from tominpmp.verification.closest_approach import Approach, HermitePath
 from tominpmp.verification.replay import Replay, planned
 from tominpmp.verification.stages import stages_of
 
-# Stretches looked at before the proof is given up.
+# Largest number of stretches for each pair before the proof is given up.
 MAX_STRETCHES = 20_000
-# Of more kinds of pairs than this the least and the largest margin are named.
+# Beyond this number of kinds of pairs only the least and the largest margin are named.
 MOST_KINDS = 3
-# What pairs are called.
+# Names of the kinds of pairs.
 KINDS = ("links and obstacles", "links of the robot")
-# Polynomials may be off by this many times what is measured between two rows.
+# Deviations of polynomials are bounded by this multiple of the measured deviations.
 OFF = 2.0
 
 
@@ -43,9 +43,9 @@ class Kept(NamedTuple):
     """A distance that pairs of one kind and margin keep at all times.
 
     Attributes:
-        pairs: Which pairs they are, in words.
-        margin: Distance that is asked of them [m].
-        bound: What is proved of them [m], no less than that and what it may lack.
+        pairs: The kind of pairs, in words.
+        margin: Their margin [m].
+        bound: Their proved distance [m]: at least the margin less the tolerated slack.
     """
 
     pairs: str
@@ -53,12 +53,12 @@ class Kept(NamedTuple):
     bound: float
 
     def words(self, pairs: str) -> str:
-        """What is proved of them, by a name.
+        """The proved distance, in words.
 
         Args:
-            pairs: The name.
+            pairs: Name of the pairs.
         """
-        # No more than is asked, nor than is proved: the last digit is rounded down.
+        # At most the margin and the proved distance: the last digit is rounded down.
         least = math.floor(1e4 * min(self.margin, self.bound) * (1.0 + 1e-12)) / 1e4
         apart = f"at least {least:.4f} m apart"
         if least <= 0.0:
@@ -69,17 +69,16 @@ class Kept(NamedTuple):
 
 @dataclass(frozen=True)
 class ClearanceProof:
-    """What is proved about the clearance of a motion, at all times.
+    """Proof of the clearance of a motion at all times, or its failure.
 
     Attributes:
         proved: Whether every pair keeps its margin at every time.
-        kept: What pairs are proved to keep, those of one margin together; empty without
-            a proof.
-        nearest: The pair and its distance at the tightest place that was measured, that
-            with the least room to its margin; None without pairs.
-        time: When that is [s].
-        contact: Whether a distance less than the required one was measured.
-        stretches: How many stretches of time were looked at, for each pair alone.
+        kept: Proved distances, pairs of one margin together; empty without a proof.
+        nearest: The pair with the least measured clearance beyond its margin, and its
+            distance; None without pairs.
+        time: Time of that distance [s].
+        contact: Whether a distance below the required one was measured.
+        stretches: Number of examined stretches of time, for each pair alone.
     """
 
     proved: bool
@@ -95,10 +94,10 @@ class ClearanceProof:
 
     @property
     def bound(self) -> float:
-        """Distance that every pair is proved to keep [m].
+        """Distance that all pairs are proved to keep, whatever their margins [m].
 
-        It is that of all pairs, whatever their margins. Minus infinity where a contact
-        was found or the proof was given up, infinite without pairs.
+        Minus infinity after a contact or a proof that was given up, infinite without
+        pairs.
         """
         if not self.proved:
             return -math.inf
@@ -106,17 +105,17 @@ class ClearanceProof:
 
     @property
     def distance(self) -> float:
-        """Distance at the tightest place that was measured [m]."""
+        """Distance of the nearest pair [m]."""
         return math.inf if self.nearest is None else self.nearest.distance
 
     @property
     def pair(self) -> tuple[str, str] | None:
-        """Names of the pair there; None without pairs."""
+        """Names of the nearest pair; None without pairs."""
         return None if self.nearest is None else self.nearest[:2]
 
     @property
     def room(self) -> float:
-        """Distance there beyond the margin [m]."""
+        """Distance of the nearest pair beyond its margin [m]."""
         return math.inf if self.nearest is None else -self.nearest.lack
 
     @property
@@ -141,26 +140,26 @@ class ClearanceProof:
 
     @property
     def _statement(self) -> str:
-        """What is proved, for which pairs."""
+        """The proved distances with their pairs, in words."""
         margins = [item.margin for item in self.kept]
         if len(margins) > MOST_KINDS:
             return (
                 "every pair keeps the margin asked of it at all times, "
                 f"{min(margins):.4g} to {max(margins):.4g} m"
             )
-        told = [item.words(f"{item.pairs} stay") for item in self.kept]
+        clauses = [item.words(f"{item.pairs} stay") for item in self.kept]
         if len(set(margins)) == 1:
             tightest = min(self.kept, key=lambda item: item.bound)
-            told = [tightest.words("every pair stays")]
-        return f"{', '.join(told)} at all times"
+            clauses = [tightest.words("every pair stays")]
+        return f"{', '.join(clauses)} at all times"
 
 
-# Of what can touch nothing.
+# The proof for a robot without pairs.
 NOTHING_NEAR = ClearanceProof(True, (), None, 0.0, False, 0)
 
 
 def _kept(found: Iterable[Kept]) -> tuple[Kept, ...]:
-    """What pairs keep, those of one kind and margin together."""
+    """Proved distances, pairs of one kind and margin together."""
     least: dict[tuple[str, float], float] = {}
     for pairs, margin, bound in found:
         least[pairs, margin] = min(bound, least.get((pairs, margin), math.inf))
@@ -187,16 +186,16 @@ def prove_clearance(
         checker: Distances of the pairs.
         trajectory: The motion.
         margin: Distance to keep [m], one for all pairs or by pair.
-        slack: What the distance may lack to the margin [m]. Where a motion slides along
-            at the margin, the proof needs stretches in which links move no farther.
-        deviation: How far the motion that is meant may be from the trajectory, by
-            joint, shape (n,) [rad or m]: that of a replay, say.
+        slack: Tolerated violation of the margin [m]. Along a motion at the margin the
+            proof needs stretches in which links move no farther than this.
+        deviation: Largest deviations of the real motion from the trajectory by joint,
+            shape (n,) [rad or m]: those of a replay, say.
         max_stretches: Number of stretches after which the proof is given up, in the
             mean over the pairs.
 
     Returns:
-        The proof, or where it failed. Where an obstacle is moved by a function of which
-        no bounds on its speed are known, it rests on estimates of these.
+        The proof, or its failure. For an obstacle that a function without bounds on its
+        speed moves, the proof rests on estimates of its speed.
     """
     expected = "a CollisionChecker: problem.checker"
     instance(checker, CollisionChecker, "checker", expected)
@@ -246,7 +245,7 @@ def clearance_of(
 
 
 def _lengths(value: object, name: str, count: int | None) -> Array:
-    """Take finite numbers: one, or one for each of so many."""
+    """Check finite lengths: a single one, or one for each of a number of items."""
     array = array_or_nan(value)
     if not np.all(np.isfinite(array)) or array.shape not in ((), (count,)):
         each = "" if count is None else f", or {count} of them"
@@ -262,14 +261,14 @@ def _proof(
     slack: float = 0.0,
     max_stretches: int = MAX_STRETCHES,
 ) -> ClearanceProof:
-    """The proof of a motion, or where it fails.
+    """The proof of a motion, or its failure.
 
     Args:
         checker: Distances of the pairs.
         motion: The motion.
         margins: Distances to keep by pair, shape (pairs,) [m].
-        stray: How far joints may be from the motion, shape (n,) [rad or m].
-        slack: What the distances may lack [m].
+        stray: Largest deviations of joints from the motion, shape (n,) [rad or m].
+        slack: Tolerated violation of the margins [m].
         max_stretches: Number of stretches after which the proof is given up.
     """
     least, most = margins - slack, max_stretches * margins.size
@@ -286,14 +285,15 @@ def _proof(
 
 
 def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Array]:
-    """A motion in rows, and how far joints may be from the polynomials between them.
+    """A motion in rows, and the deviations of joints from the polynomials between them.
 
     Args:
         trajectory: The motion.
-        deviation: How far joints may be from it, shape (n,) [rad or m]; None for zero.
+        deviation: Largest deviations of joints from it, shape (n,) [rad or m]; None for
+            zero.
 
     Returns:
-        The rows, and an angle or a length by joint, shape (n,) [rad or m].
+        The rows, and the largest deviations, shape (n,) [rad or m].
     """
     stray = np.zeros(trajectory.n) if deviation is None else np.abs(deviation)
     path = replace(trajectory, inverse_dynamics=None)  # its torques take time

@@ -1,10 +1,10 @@
 r"""Closest approach of pairs of bodies along a motion, at all times.
 
 The motion is cut into stretches of time. In the middle of a stretch distances are
-measured, or bounded where they are large, and no pair comes closer within it than by
-what its points can move meanwhile. Stretches in which a pair may lack room, or come
-clearly closer than what was measured so far, are cut into parts, for that pair alone.
-So it is the time between the samples, too, that is judged.
+measured, or bounded where they are large; within the stretch a distance falls by no
+more than the displacements of the points of the pair. Stretches in which a pair may
+violate its margin, or come clearly closer than the least measured distance, are cut
+into parts, for that pair alone. So the times between samples are covered, too.
 
 Between the rows of a replay the motion is a cubic polynomial, whose values lie between
 those of its Bézier points.
@@ -22,20 +22,20 @@ from tominpmp.motion.curves import states
 from tominpmp.motion.extrema import least_between
 from tominpmp.verification.replay import Replay
 
-# Rows of the replay in the stretches that are looked at first, which are cut into so
-# many parts, so often.
+# Rows of the replay in each of the first stretches, number of parts into which a
+# stretch is cut, and largest number of successive cuts.
 ROWS, PARTS, CUTS = 32, 4, 12
-# A motion that takes no time, or is lost at once, is looked at for so long [s].
+# Duration of the stretch of a motion with a single row [s].
 INSTANT = 1e-9
-# A pair is not looked for that is closer than the closest by this share of its room
-# and this much [m].
+# Pairs that are closer than the closest pair by less than this share of its clearance,
+# or by less than this [m], are not searched.
 RESOLUTION, LEAST_RESOLUTION = 0.1, 1e-6
-# Numbers of a table of stretches by pairs, and pairs in stretches that are measured and
-# that are cut at a time.
+# Entries of a table of stretches by pairs, and pairs in stretches that are measured at
+# a time, and that are cut at a time.
 TABLE, MEASURED, CUT = 400_000, 20_000, 300
-# Pairs in stretches that a replay is looked at in before the rest is left in doubt.
+# Largest number of pairs in stretches before the search is given up.
 MOST = 5_000_000
-# Pairs that are measured at first, to know how near anything comes.
+# Pairs that are measured first, for a first bound of the least clearance.
 FIRST = 8
 
 
@@ -44,11 +44,11 @@ class Stretches:
     """Stretches of time of a motion.
 
     Attributes:
-        begin: When they begin [s], shape (m,).
-        end: When they end [s], shape (m,).
+        begin: Their beginnings [s], shape (m,).
+        end: Their ends [s], shape (m,).
         time: Their middles [s], shape (m,).
-        q: Configuration then, shape (m, n) [rad or m].
-        swing: How far joints are from there within the stretch at most, shape (m, n).
+        q: Configurations in the middles, shape (m, n) [rad or m].
+        swing: Largest deviations of joints from there in the stretch, shape (m, n).
     """
 
     begin: Array
@@ -63,7 +63,7 @@ class HermitePath:
 
     Args:
         replay: The motion.
-        stray: How far joints may be from it, shape (n,) [rad or m].
+        stray: Largest deviations of joints from it, shape (n,) [rad or m].
     """
 
     def __init__(self, replay: Replay, stray: Array | float = 0.0) -> None:
@@ -97,34 +97,35 @@ class HermitePath:
         return states(self.t, self.q, self.v, None, times)[:2]
 
     def _bezier(self, begin: Array, end: Array) -> Array:
-        """Bézier points between times that one row holds, shape (4, m, n)."""
+        """Bézier points between times within one row, shape (4, m, n)."""
         (q0, v0), (q1, v1) = self._states(begin), self._states(end)
         third = (end - begin)[:, None] / 3.0
         return np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
 
 
 class Approach:
-    """The search for the least room on a motion.
+    """The search for the least clearance beyond the margins along a motion.
 
     Args:
         checker: Distances of the pairs.
         replay: The motion.
         margins: Distances to keep by pair, shape (pairs,) [m].
-        allowed: What pairs may lack near the start and near the end, shape (2, pairs)
-            [m]; None for nothing.
-        near: How far from there that is, by joint [rad or m].
-        stray: How far joints may be from the motion, shape (n,) [rad or m].
-        most: Pairs in stretches that are looked at before the rest is left in doubt.
+        allowed: Tolerated violations near the start and near the end, shape (2, pairs)
+            [m]; None without tolerance.
+        near: Largest distance of joints from there at which it holds [rad or m].
+        stray: Largest deviations of joints from the motion, shape (n,) [rad or m].
+        most: Largest number of pairs in stretches before the search is given up.
 
     Attributes:
-        pair: Index of the pair with the least room that was found.
-        time: When that is [s].
-        room: Its distance beyond the margin, as measured [m].
-        violated: Whether a pair was measured to lack more than it may.
-        doubt: By how much the bounds of some pair fall short of what is needed to tell
-            that it does not [m]; zero where all is sure.
-        stretches: How many pairs in stretches were looked at.
-        given_up: Room that pairs have where they were looked at no closer [m].
+        pair: Index of the pair with the least measured clearance beyond its margin.
+        time: Its time [s].
+        room: Its clearance beyond the margin [m].
+        violated: Whether a pair was measured to violate its margin by more than its
+            tolerance.
+        doubt: Largest possible violation that the bounds leave open [m]; zero where
+            all pairs are proved to keep their margins.
+        stretches: Number of pairs in stretches that were examined.
+        given_up: Lower bound of the clearance where the search was given up [m].
     """
 
     def __init__(
@@ -147,16 +148,16 @@ class Approach:
         self._most, self.stretches, self.given_up = most, 0, np.inf
 
     def nearest(self) -> Contact:
-        """The pair with the least room that was found, looked at more closely."""
+        """The pair with the least clearance, at its refined minimum in time."""
         self._sharpen()
         margin = float(self._margins[self.pair])
         return self._checker.contact(self.pair, self.room + margin, margin)
 
     @property
     def sure(self) -> float:
-        """Room that every pair has at all times, if it lacks no more than it may [m].
+        """Lower bound of the clearance of all pairs at all times [m].
 
-        It may be less where that is more than what a pair may lack.
+        It holds where it is above the negative tolerances of the pairs.
         """
         return min(self._wanted, self.given_up)
 
@@ -171,7 +172,7 @@ class Approach:
         return self
 
     def _look(self, stretches: Stretches) -> None:
-        """Look at all pairs in stretches of many rows."""
+        """Examine all pairs in stretches of many rows."""
         moved = self._moved(stretches)
         lower = self._checker.lower_bounds(stretches.q, stretches.time) - self._margins
         if self.room == np.inf:
@@ -192,14 +193,14 @@ class Approach:
         pair: IntArray,
         cuts: int = 0,
     ) -> None:
-        """Measure pairs in stretches, and cut those where they may come too close.
+        """Measure pairs in stretches, and cut stretches in which they may be too close.
 
         Args:
             stretches: The stretches.
-            moved: How far the pairs come closer within them at most, shape (k,) [m].
+            moved: Largest decreases of the distances within them, shape (k,) [m].
             stretch: Index of a stretch, shape (k,).
             pair: Index of a pair, shape (k,).
-            cuts: How often they were cut.
+            cuts: Number of successive cuts so far.
         """
         lower = self._measure(stretches, stretch, pair, moved) - moved
         lack = self._may_lack(stretches, stretch, pair)
@@ -219,7 +220,7 @@ class Approach:
             begin, end = edges[:, :-1].ravel(), edges[:, 1:].ravel()
             parts = self._path.stretches(begin, end)
             some, column = np.unique(pair[at : at + CUT], return_inverse=True)
-            # The same pairs in all of the parts.
+            # The same pairs in all parts.
             index = (PARTS * index[:, None] + np.arange(PARTS)).ravel()
             column = np.repeat(column, PARTS)
             closer = self._moved(parts, some)[index, column]
@@ -232,9 +233,9 @@ class Approach:
         pair: IntArray,
         moved: Array | None = None,
     ) -> Array:
-        """Room of pairs in the middle of stretches, shape (k,) [m].
+        """Clearances of pairs in the middle of stretches, shape (k,) [m].
 
-        Where it is so large that nothing more need be known it may be a bound.
+        Lower bounds where these suffice.
         """
         margins, enough = self._margins[pair], np.full(pair.size, np.inf)
         lack = self._may_lack(stretches, stretch, pair)
@@ -253,20 +254,20 @@ class Approach:
         return np.asarray(room)
 
     def _bar(self, lack: Array) -> Array:
-        """Room beyond which nothing need be known where pairs may lack so much [m]."""
+        """Clearances that need no closer examination, for tolerated violations [m]."""
         if self.violated:
             return np.full(lack.shape, self._wanted)
         return np.maximum(-lack, self._wanted)
 
     @property
     def _wanted(self) -> float:
-        """Room that pairs must come below to be looked at for the least [m]."""
+        """Clearance below which a pair is searched for the least one [m]."""
         return self.room - max(RESOLUTION * abs(self.room), LEAST_RESOLUTION)
 
     def _may_lack(
         self, stretches: Stretches, stretch: IntArray, pair: IntArray
     ) -> Array:
-        """What pairs may lack: more than nothing only near an end that they touch at.
+        """Tolerated violations of pairs: positive only near the start and the end.
 
         Shape (k,) [m], or (m, pairs) for indices that span a table.
         """
@@ -278,15 +279,15 @@ class Approach:
         return lack
 
     def _moved(self, stretches: Stretches, pairs: IntArray | None = None) -> Array:
-        """How far pairs come closer within stretches at most [m].
+        """Largest decreases of distances within stretches, shape (m, k) [m].
 
-        Shape (m, k) for k pairs; None stands for all.
+        For k pairs; None stands for all.
         """
         of = stretches
         return self._checker.closing(of.q, of.swing, of.begin, of.end, pairs)
 
     def _sharpen(self) -> None:
-        """Look for the least room around where it was found."""
+        """Refine the time of the least clearance."""
         t = self._path.t
         row = int(np.searchsorted(t, self.time))
         low, high = t[max(row - ROWS, 0)], t[min(row + ROWS, t.size - 1)]

@@ -1,8 +1,8 @@
-"""Diagnosis of failed plans: why there is no motion, in words.
+"""Diagnosis of failed plans: the reason for a missing motion, in words.
 
-The least violating motion that was found is looked at: what would have to be allowed
-for it is the smallest relaxation known. Whether the search came to an end
-("infeasible") or was cut short ("gave up") is kept apart.
+The motion with the smallest violations is examined: these are the smallest known
+relaxation of the problem. A search that came to its end ("infeasible") is distinguished
+from one that was cut short ("gave up").
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion_limits import joint_kinds
+from tominpmp.motion_limits import EFFORT, joint_kinds
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
@@ -34,7 +34,7 @@ from tominpmp.verification.replay import (
 from tominpmp.verification.stages import Stage, stages_of
 from tominpmp.verification.verification import judge
 
-# How a search ends that was cut short.
+# Ends of searches that were cut short.
 GAVE_UP = {
     Status.TIME_LIMIT: "Gave up when the planning time was used up",
     Status.ITERATION_LIMIT: "Gave up at the iteration limit",
@@ -42,23 +42,22 @@ GAVE_UP = {
     Status.STALLED: "Gave up when the iteration made no more progress",
     Status.NUMERICAL_FAILURE: "Gave up as the linear programs could not be solved",
 }
-# What is told of at most.
+# Largest number of violations in a message.
 MOST = 3
-# What a motion is measured by.
+# Tolerances for the violations of a motion that failed.
 STRICT = Tolerances(goal=1e-4, speed=1e-3, limits=1e-3, contact=1e-5)
-# Pairs that are this much nearer each other than the margin allows are told of, in
-# every start [m].
+# Violation of a margin that counts as one in every start [m].
 RESIDUE = 1e-5
-# Instants that are looked at in a motion that failed.
+# Largest number of examined instants of a motion that failed.
 MOST_INSTANTS = 1000
 
 
 class Outcome(Protocol):
-    """What one initial guess led to."""
+    """Result of an iteration from one initial guess."""
 
     @property
     def status(self) -> Status:
-        """How the iteration ended."""
+        """End of the iteration."""
 
     @property
     def trajectory(self) -> Trajectory:
@@ -70,7 +69,7 @@ class Outcome(Protocol):
 
     @property
     def history(self) -> Sequence[IterationRecord]:
-        """One record an iteration."""
+        """A record for each iteration."""
 
 
 def explain(
@@ -78,16 +77,16 @@ def explain(
     outcomes: Sequence[Outcome],
     status: Status,
 ) -> str:
-    """Say why no motion was found.
+    """Explain why no motion was found.
 
     Args:
         problem: The problem.
-        outcomes: What the initial guesses led to, none of them feasible.
-        status: How planning ended.
+        outcomes: Results of the initial guesses, all infeasible.
+        status: End of the planning.
 
     Returns:
-        One to three sentences: how it ended, what stands in the way, and what would
-        have to be allowed.
+        One to three sentences: the end, the obstructions, and the relaxation that the
+        best motion needs.
     """
     if not outcomes:
         return status.value
@@ -113,7 +112,7 @@ def explain(
 
 
 def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolation]:
-    """What a planned motion violates, the worst first."""
+    """Violations of a planned motion, the worst first."""
     motion, stages = _look(trajectory), stages_of(problem, trajectory)
     torque = torque_pieces(problem.robot, trajectory)
     checkers = [stage.problem.checker for stage in stages]
@@ -124,7 +123,7 @@ def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolat
 
 
 def _look(trajectory: Trajectory) -> Replay:
-    """A planned motion, at no more instants than an explanation needs."""
+    """A planned motion at the instants of an explanation."""
     return planned(trajectory, max(TIME_STEP, trajectory.duration / MOST_INSTANTS))
 
 
@@ -152,7 +151,7 @@ def _clause(stage: Stage, trajectory: Trajectory, item: LimitViolation) -> str:
     problem = stage.problem
     if item.kind == "goal":
         return _of_goal(problem, item)
-    if item.kind == "effort":
+    if item.kind == EFFORT.name:
         first, last = trajectory(np.array([stage.begin, stage.end])).q
         return _of_effort(problem, first, last, item)
     if item.kind == "clearance":
@@ -161,7 +160,7 @@ def _clause(stage: Stage, trajectory: Trajectory, item: LimitViolation) -> str:
 
 
 def _of_goal(problem: Problem, item: LimitViolation) -> str:
-    """A goal out of reach, or one that was not come nearer to."""
+    """A goal out of reach, or one to which the motion comes no nearer."""
     goal = problem.goal
     point = goal.nearest_point()
     if point is not None:
@@ -175,7 +174,7 @@ def _of_goal(problem: Problem, item: LimitViolation) -> str:
 def _of_effort(
     problem: Problem, first: Array, last: Array, item: LimitViolation
 ) -> str:
-    """A weight that cannot be held at the goal, or a motion that is too strong.
+    """A weight that cannot be held at the goal, or a torque that is too large.
 
     The motion leads from the first to the last configuration, each of shape (n,).
     """
@@ -196,7 +195,7 @@ def _of_effort(
                 f"{abs(holding):.3g} {item.unit} needed, {abs(bound):.3g} allowed"
             )
     way, friction = float(last[i] - first[i]), float(robot.friction[i])
-    # The torque that sets the joint moving.
+    # The torque that starts the joint.
     needed = leaving + float(np.sign(way)) * friction
     if way != 0.0 and friction != 0.0 and not low < needed < high:
         return (

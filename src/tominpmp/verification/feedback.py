@@ -1,11 +1,11 @@
-"""Replay of unstable motions: the torques with the least of feedback.
+"""Replay of unstable motions: the torques with a small feedback.
 
 An arm that is raised slowly is a row of inverted pendulums: over seconds it amplifies
-whatever it is off by, rounding included, 10^10-fold and more, and no torque over time
-brings it to the goal, in a computer or in the world. What can be shown of such a motion
-is that its torques need very little feedback. The replay then is a motion of the arm
-under torques that are known, those of the plan and those of the feedback, and is judged
-as any other; the feedback may take only a small share of the limits.
+all errors, rounding included, 10^10-fold and more, and no torque over time brings it to
+the goal, in a computer or in the world. A proof of such a motion is that its torques
+need very little feedback. The replay then is a motion of the arm under the torques of
+the plan and of the feedback, and is judged as any other; the feedback may take only a
+small share of the limits.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ from tominpmp.verification.replay import (
 )
 from tominpmp.verification.stages import Stage
 
-# The feedback is faster than the instability by this, and at least this fast [1/s].
+# Rate of the feedback as a multiple of that of the instability, and its least [1/s].
 FASTER = 4.0
 LEAST_RATE = 20.0
-# Share of what is tolerated of excess over the limits that the feedback may take.
+# Share of the tolerated excess over the torque limits that the feedback may take.
 TRACE = 0.2
-# Errors of the integration that amplified come to less than this share of what is
-# tolerated at the goal are none of the reasons why it is missed.
+# Amplified errors of the integration below this share of the tolerance at the goal are
+# neglected.
 NEGLIGIBLE = 0.1
-# How many times tighter the tolerances are that must change nothing.
+# Factor by which tighter tolerances of the integration must not change the end.
 TIGHTER = 10.0
 
 
 class TrackingPlant(Plant):
     """A robot under the torque of a plan and a feedback of its position and velocity.
 
-    Its state is how far it is off the plan. An explicit method guesses ahead within its
-    steps, and a fast feedback resists that; what stays next to nothing is integrated
-    with steps many times as long. The polynomials are those of the torques of the plan,
-    of its states and of their derivatives, 5n in all. The feedback acts on the
+    Its state is its deviation from the plan: deviations stay small, and are integrated
+    with steps many times as long as those of an explicit method for the state itself,
+    which a fast feedback makes stiff. The polynomials are those of the torques of the
+    plan, of its states and of their derivatives, 5n in all. The feedback acts on the
     accelerations: a double pole at ``-rate``.
     """
 
@@ -65,27 +65,27 @@ class TrackingPlant(Plant):
         self._plan = np.zeros(5 * robot.n)
 
     def torque(self, t: float) -> Array:
-        """Torque of the plan at the time that was looked at last, shape (n,)."""
+        """Torque of the plan at the time of the last state, shape (n,)."""
         return self._plan[: self._n]
 
     def state(self, t: float, x: Array) -> Array:
-        """The state of the plan, and what it is off by, shape (2n,)."""
+        """State of the robot: that of the plan and the deviation, shape (2n,)."""
         self._plan = super().torque(t)
         return self._plan[self._n : 3 * self._n] + x
 
     def demand(self, off: Array) -> Array:
-        """Acceleration that the feedback asks for, shape (..., n)."""
+        """Acceleration by the feedback for a deviation, shape (..., n)."""
         n, rate = self.robot.n, self.rate_of_feedback
         return np.asarray(-rate * (rate * off[..., :n] + 2.0 * off[..., n:]))
 
     def free(self, t: float, x: Array) -> Array:
-        """Derivative of the state with the feedback, if no joint were held, (2n,)."""
+        """Derivative of the state with the feedback, for free joints, shape (2n,)."""
         out = super().free(t, self.state(t, x))
         out[self._n :] += self.demand(x)
         return out
 
     def free_jacobian(self, t: float, x: Array) -> Array:
-        """Its derivative with respect to what it is off by, shape (2n, 2n)."""
+        """Derivative of :meth:`free` by the deviation, shape (2n, 2n)."""
         out = super().free_jacobian(t, self.state(t, x))
         n, rate, diagonal = self._n, self.rate_of_feedback, np.arange(self._n)
         out[n + diagonal, diagonal] -= rate * rate
@@ -93,7 +93,7 @@ class TrackingPlant(Plant):
         return out
 
     def slope(self, t: float, x: Array) -> Array:
-        """Derivative of what it is off by, shape (2n,)."""
+        """Derivative of the deviation, shape (2n,)."""
         return super().slope(t, x) - self._plan[3 * self._n :]
 
 
@@ -103,17 +103,17 @@ class Tracking(Integration):
     Args:
         stages: The segments of the motion, with their robots.
         trajectory: The plan.
-        rate: How fast the feedback is [1/s].
-        integrator: Which integrator to use.
+        rate: Rate of the feedback [1/s].
+        integrator: Name of the integrator.
 
     Attributes:
-        feedback: Its torques at the times of the replay, once that is run, shape (m, n)
-            [N m or N].
+        feedback: Torques of the feedback at the times of the replay, after its run,
+            shape (m, n) [N m or N].
     """
 
     feedback: Array
-    # Feedback lets no error grow, and what the motion is off by stays next to nothing:
-    # the first step that is tried is a whole piece, and a nanoradian is exact enough.
+    # With feedback errors do not grow, and deviations stay small: the first step may be
+    # a whole piece, and a nanoradian is exact enough.
     lsoda_tightness, hurried, atol = 1.0, True, 1e-9
 
     def __init__(
@@ -138,13 +138,13 @@ class Tracking(Integration):
         super().__init__(robot, trajectory, pieces, integrator, self._plants)
 
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
-        """Integrate from a state of shape (2n,) to the end; u has the feedback too."""
+        """Integrate from a state of shape (2n,) to the end; u includes the feedback."""
         found = super().run(start, time_step)
         self.feedback = self._feedback(found)
         return replace(found, u=found.u[:, : found.q.shape[1]] + self.feedback)
 
     def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
-        """Integrate over a piece what the motion is off by, on top of the plan."""
+        """Integrate the deviation over a piece, and add the plan."""
         times = np.concatenate([self.pieces.t[k : k + 1], ticks])
         plan = self.pieces.on(k, times)[:, x.size // 2 : 3 * x.size // 2]
         rows, way = super()._piece(k, x - plan[0], ticks)
@@ -163,7 +163,7 @@ class Tracking(Integration):
 
 
 def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
-    """How much larger a small error gets along a motion, at the most.
+    """Largest amplification of a small error along a motion.
 
     Args:
         stages: Its segments, with their robots.
@@ -171,7 +171,7 @@ def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
 
     Returns:
         The largest ratio of the error at a node to one at an earlier node: of norms of
-        positions, and velocities times a tenth of a second. Infinite where numbers
+        positions, and velocities times a tenth of a second. Infinite for numbers that
         overflow.
     """
     n, t = trajectory.n, trajectory.t
@@ -188,7 +188,7 @@ def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
     with np.errstate(all="ignore"):
         moves = expm(slopes * np.diff(t)[:, None, None])
         for move in moves * scale[:, None] / scale:
-            # The identity is added where the motion forgets errors again.
+            # Where errors have decayed, errors of later nodes are larger.
             from_start = move @ from_start
             finite = bool(np.all(np.isfinite(from_start)))
             size = float(np.linalg.norm(from_start, 2)) if finite else 0.0
@@ -207,20 +207,20 @@ def doubtful(
 
     Args:
         growth: See :func:`amplification`.
-        tolerance: What is tolerated at the goal [rad or m].
-        error: Of the integration, as a share of the growth.
-        share: Part of the tolerance from which on they matter.
+        tolerance: Tolerance at the goal [rad or m].
+        error: Errors of the integration, as a share of the growth.
+        share: Share of the tolerance above which they matter.
     """
     return not growth * error < share * tolerance
 
 
 def settled(one: Replay, finer: Replay, tolerances: Tolerances) -> bool:
-    """Whether a replay ends where one with tighter tolerances does.
+    """Whether a replay and one with tighter tolerances have the same end.
 
     Args:
         one: The replay.
-        finer: The other one.
-        tolerances: What is tolerated at the goal.
+        finer: The replay with tighter tolerances.
+        tolerances: Tolerances at the goal.
     """
     apart = np.abs([one.q[-1] - finer.q[-1], one.v[-1] - finer.v[-1]])
     allowed = NEGLIGIBLE * np.array([[tolerances.goal], [tolerances.speed]])
@@ -228,12 +228,12 @@ def settled(one: Replay, finer: Replay, tolerances: Tolerances) -> bool:
 
 
 def feedback_rate(growth: float, duration: float, tolerance: float) -> float | None:
-    """Rate of the feedback that a replay needs [1/s]; None where it needs none.
+    """Rate of the feedback that a replay needs [1/s]; None without feedback.
 
     Args:
         growth: See :func:`amplification`.
         duration: Duration of the motion [s].
-        tolerance: What is tolerated at the goal [rad or m].
+        tolerance: Tolerance at the goal [rad or m].
     """
     if not doubtful(growth, tolerance, RTOL):
         return None
@@ -244,16 +244,16 @@ def feedback_rate(growth: float, duration: float, tolerance: float) -> float | N
 def needed(
     robot: Robot, t: Array, feedback: Array, tolerance: float
 ) -> LimitViolation | None:
-    """How much of the torque limits a feedback takes, against what it may take.
+    """Excess of the torques of a feedback over its share of the torque limits.
 
     Args:
         robot: The robot.
         t: Times [s], shape (m,).
-        feedback: Torques of the feedback there, shape (m, n) [N m or N].
-        tolerance: Excess over the limits that is tolerated, as a share of their range.
+        feedback: Torques of the feedback at these times, shape (m, n) [N m or N].
+        tolerance: Tolerated excess over the limits, as a share of their range.
 
     Returns:
-        The worst of the joints; None where no torque is limited.
+        The worst joint; None without torque limits.
     """
     span = robot.limits.effort_upper - robot.limits.effort_lower
     beyond = np.abs(feedback) - TRACE * tolerance * span

@@ -1,4 +1,4 @@
-"""Limit violations of a motion: joint, time and amount."""
+"""Violations of limits by a motion: joint, time and amount."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from tominpmp.stopping import check
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
 
-# Joints slower than this may stop, turn or set out at another time than in a replay
-# [rad/s or m/s]: a tenth of what is tolerated where they are to be at rest.
+# Joints slower than this may stop, reverse or start at another time than in a replay
+# [rad/s or m/s]: a tenth of the tolerance of joints at rest.
 SLOW = 1e-3
-# Positions are known to this share of the largest one, and accelerations to what that
-# makes of them within a step of the replay: within microseconds it looks like a jerk.
+# Rounding of positions, as a share of the largest one. Accelerations have its second
+# differences: within microseconds it looks like a jerk.
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
 class LimitViolation:
-    """The worst that a motion does to one kind of limit.
+    """The worst violation of one kind of limit, or the least slack to it.
 
     Attributes:
         kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
             "effort rate", "feedback", "clearance", "duration", "arrival", or the name
             of a constraint.
         name: The joint, the frame, or the pair as "one and other".
-        time: When [s].
-        amount: How far beyond the limit, or from the goal; negative is room left.
+        time: Its time [s].
+        amount: Excess over the limit, or distance from the goal; negative for slack.
         unit: Unit of the amount.
         share: The amount relative to the limit: for positions and efforts to the range.
             For goals and clearances the amount itself.
-        violated: Whether that is more than the tolerance.
-        segment: Number of the segment it is on, from 1; None where there is one only.
-        span: When that segment begins and ends [s]; None where there is one only.
+        violated: Whether the excess is larger than the tolerance.
+        segment: Number of its segment, from 1; None for a motion of one segment.
+        span: Begin and end of that segment [s]; None for a motion of one segment.
     """
 
     kind: str
@@ -56,12 +56,12 @@ class LimitViolation:
     span: tuple[float, float] | None = None
 
     def __str__(self) -> str:
-        """Say it in a clause, and on which segment."""
+        """The violation and its segment, in words."""
         return on_segment(self.segment, self.span) + self.clause
 
     @property
     def clause(self) -> str:
-        """What there is, without the segment."""
+        """The violation in words, without the segment."""
         amount = f"{abs(self.amount):.3g} {self.unit}"
         if self.kind in ("goal", "speed"):
             of = "" if self.kind == "goal" else "the velocity of "
@@ -92,11 +92,11 @@ class LimitViolation:
 
 
 def on_segment(number: int | None, span: tuple[float, float] | None) -> str:
-    """Begin a sentence with the segment that it is about, and when that is.
+    """Begin of a sentence about a segment; empty for a motion of one segment.
 
     Args:
-        number: Its number, from 1; None where there is one only.
-        span: When it begins and ends [s], if that is known.
+        number: Number of the segment, from 1; None for a motion of one segment.
+        span: Begin and end of the segment [s], if known.
     """
     if number is None:
         return ""
@@ -107,10 +107,10 @@ def on_segment(number: int | None, span: tuple[float, float] | None) -> str:
 def limit_violations(
     problem: Problem, replay: Replay, torque: Pieces, tolerance: float
 ) -> list[LimitViolation]:
-    """The worst of each kind of limit; the tolerance is relative.
+    """The worst violation of each kind of limit; the tolerance is relative.
 
-    Torques are held against limits on both sides of every jump: there are rows for the
-    times of the replay, just after a jump, and then for those just before one.
+    Torques are compared with their limits on both sides of every jump: the rows are
+    those of the replay, just after a jump, followed by those just before each jump.
     """
     check()
     robot, limits = problem.robot, joint_limits(problem)
@@ -127,7 +127,7 @@ def limit_violations(
         a = np.array([dynamics.forward_along(q, v, u, way) for way in ways])
 
     def beyond(item: JointBounds) -> tuple[Array, Array]:
-        """Times, and amounts beyond a limit."""
+        """Times, and excesses over a limit."""
         if item.kind.of == "j":
             rounding = ROUNDING * np.max(np.abs(q), axis=0)
             return _rates(replay.t, ends, a[0], item.upper, rounding=rounding)
@@ -149,7 +149,7 @@ def limit_violations(
 def state_violations(
     problem: Problem, t: Array, q: Array, v: Array, u: Array, tolerance: float
 ) -> list[LimitViolation]:
-    """The worst of positions, velocities and torques at instants.
+    """The worst violations of limits of positions, velocities and torques.
 
     Args:
         problem: The problem, with the limits.
@@ -157,10 +157,10 @@ def state_violations(
         q: Positions, shape (m, n) [rad or m].
         v: Velocities, shape (m, n).
         u: Torques, shape (m, n) [N m or N].
-        tolerance: Excess that is tolerated, as a share.
+        tolerance: Tolerated excess, as a share.
     """
-    told = [item for item in joint_limits(problem) if item.kind.of_states]
-    rows = [(item, t, item.beyond(q, v, u, u)) for item in told]
+    limits = [item for item in joint_limits(problem) if item.kind.of_states]
+    rows = [(item, t, item.beyond(q, v, u, u)) for item in limits]
     return _worst_of(problem, rows, tolerance)
 
 
@@ -169,12 +169,12 @@ def _worst_of(
     rows: Sequence[tuple[JointBounds, Array, Array]],
     tolerance: float,
 ) -> list[LimitViolation]:
-    """The worst of amounts beyond limits of joints, by the kinds that they are part of.
+    """The worst violations of limits of joints, by the kinds that they are part of.
 
     Args:
         problem: The problem.
-        rows: Limits with times, shape (m,), and amounts beyond them, shape (m, n).
-        tolerance: Excess that is tolerated, as a share.
+        rows: Limits with times, shape (m,), and excesses over them, shape (m, n).
+        tolerance: Tolerated excess, as a share.
     """
     merged: dict[str, tuple[LimitKind, Array, Array, Array]] = {}
     for item, t, beyond in rows:
@@ -195,18 +195,18 @@ def worst_of_joints(
     scale: Array,
     tolerance: float,
 ) -> LimitViolation | None:
-    """The worst of amounts beyond a limit on joints.
+    """The worst violation of one kind of limit of joints.
 
     Args:
         robot: The robot.
         kind: The kind of limit.
         t: Times [s], shape (m,).
-        beyond: Amounts beyond the limits then, shape (m, n).
-        scale: What shares are of, by joint, shape (n,).
-        tolerance: Excess that is tolerated, as a share.
+        beyond: Excesses over the limits at these times, shape (m, n).
+        scale: Scale of the excess of each joint, shape (n,).
+        tolerance: Tolerated excess, as a share of the scale.
 
     Returns:
-        The worst; None where nothing is limited.
+        The violation; None where no joint has a limit.
     """
     units = [kind.units[int(slides)] for slides in prismatic_joints(robot)]
     joints = [*zip(robot.joint_names, units, strict=True)]
@@ -221,28 +221,28 @@ def _worst(
     scale: Array,
     tolerance: float,
 ) -> LimitViolation | None:
-    """The same of subjects with their units, one a column."""
+    """The worst violation of subjects, each with its unit and its column."""
     beyond = np.where(np.isnan(beyond), np.inf, beyond)
     # A limit that is infinite or zero is measured by 1.
     share = beyond / np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
     row, column = np.unravel_index(int(np.argmax(share)), share.shape)
     amount, worst = float(beyond[row, column]), float(share[row, column])
     if amount == -np.inf:
-        return None  # nothing is limited
+        return None  # no subject has a limit
     name, unit = subjects[int(column)]
     violated = worst > tolerance
     return LimitViolation(kind, name, float(t[row]), amount, unit, worst, violated)
 
 
 def _ways(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:
-    """Which way joints go at the rows, as far as can be told.
+    """Possible directions of the joints at the rows.
 
-    A replay that is off by a trace stops, turns and sets out a trace early or late.
-    Slow joints may go as they do in the time to the next row, or from the last one
-    where a torque ends, or as in those beside it.
+    Joints of a replay stop, reverse and start a little early or late. The direction of
+    a slow joint may be that until the next row (or since the last one, at the end of a
+    torque), or that of the row before or after.
 
     Returns:
-        These three, shape (3, m + P, n); one of them where nothing rubs.
+        These three, shape (3, m + P, n); a single one without dry friction.
     """
     count = len(replay.way)
     if not (count and np.any(robot.friction)):
@@ -260,19 +260,19 @@ def _rates(
     own: Array | None = None,
     rounding: Array | float = 0.0,
 ) -> tuple[Array, Array]:
-    """Jerks or effort rates; a jump counts as if it took a millisecond.
+    """Excesses of jerks or torque rates; a jump counts as if it took a millisecond.
 
     Args:
         t: Times of the replay [s], shape (m,).
-        ends: Numbers of those at which there may be jumps, shape (P,).
+        ends: Indices of the times at which there may be jumps, shape (P,).
         values: At the rows, shape (m + P, n).
         limit: The largest rates, shape (n,).
-        own: Values whose jumps are no fault: of dry friction where a joint turns,
-            which no rate of a motor can follow. Shape (k, m + P, n).
-        rounding: Of what the values are second derivatives of, shape (n,).
+        own: Values whose jumps are allowed: of dry friction where a joint reverses,
+            which no motor can follow. Shape (k, m + P, n).
+        rounding: Rounding of the twofold integrals of the values, shape (n,).
 
     Returns:
-        Times, and amounts beyond the limit.
+        Times, and excesses over the limit.
     """
 
     def sides(values: Array) -> tuple[Array, Array]:

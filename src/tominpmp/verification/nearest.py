@@ -1,4 +1,4 @@
-"""Nearest pair along a motion: where it comes nearest to what it must not touch."""
+"""Nearest pair of a motion, and links that touch without being checked."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from tominpmp.verification.closest_approach import Approach
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import Replay
 
-# Where a start or a goal touches something, pairs may lack a trace of room as long as
-# no joint is farther from there than this [rad or m].
+# Near a start or a goal at the margin a trace of violation is tolerated, while no joint
+# is farther from there than this [rad or m].
 NEAR_END = 0.05
-# Rows of a replay, at most, at which links are looked at that nobody watches.
+# Largest number of rows of a replay at which links that are not checked are compared.
 GLANCES = 1000
 
 
@@ -28,7 +28,7 @@ class Touch(NamedTuple):
     Attributes:
         link: Name of a link.
         other: Name of the other one.
-        time: When their meshes were first found to overlap [s].
+        time: First time at which their meshes were found to overlap [s].
     """
 
     link: str
@@ -36,7 +36,7 @@ class Touch(NamedTuple):
     time: float
 
     def __str__(self) -> str:
-        """Both of them and the time, in a sentence."""
+        """Both links and the time, in a sentence."""
         return (
             f"Links {self.link!r} and {self.other!r} touch at {self.time:.3f} s: they "
             "are not watched, as the SRDF disables their pair."
@@ -46,26 +46,26 @@ class Touch(NamedTuple):
 def closest(
     problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
 ) -> tuple[LimitViolation, Contact] | None:
-    """The pair that has the least room beyond its margin on a motion.
+    """The pair with the least clearance beyond its margin along a motion.
 
-    No pair may lack any room at any time, between the rows of the replay neither; but
-    where the start or the goal of the problem is itself at the margin, a trace of it
-    around there.
+    All pairs are to keep their margins at all times, between the rows of the replay,
+    too. Only around a start or a goal that is itself at the margin a trace of violation
+    is tolerated.
 
     Args:
         problem: The problem, with the margin.
         replay: The motion.
         checker: Distances of the pairs.
-        tolerance: What may be missing there [m].
+        tolerance: Tolerated violation there [m].
 
     Returns:
-        What the pair lacks, and the pair; None without pairs.
+        The missing clearance, and the pair; None without pairs.
     """
     check()
-    # Links of a lone robot are taken as one hull each, which are never farther apart
-    # than the links as pieces, and only those that come nearest are cut into pieces.
-    # There are a tenth of the pairs then, and most meshes need not be cut, which takes
-    # a second each when it is done for the first time.
+    # Links of a single robot are represented by one hull each, whose distances are not
+    # larger than those of the pieces, and only the nearest links are cut into pieces:
+    # this gives a tenth of the pairs, and most meshes need not be cut, which takes a
+    # second for each mesh, once.
     part = checker.with_cut(frozenset()) if checker.single_arm else checker
     if not part.pairs:
         return None
@@ -76,7 +76,7 @@ def closest(
             allowed = _touching(problem, part, margins, tolerance)
             found = Approach(part, replay, margins, allowed, NEAR_END).run()
         except Stop:
-            # No time to cut meshes: a bound of what is there is better than nothing.
+            # Without the time to cut meshes, a bound is better than no distance.
             if bound is None:
                 raise
             found = bound
@@ -97,14 +97,14 @@ def closest(
 def _touching(
     problem: Problem, checker: CollisionChecker, margins: Array, tolerance: float
 ) -> Array:
-    """What pairs may lack around ends that are at the margin, shape (2, pairs) [m]."""
+    """Tolerated violations around start and goal, shape (2, pairs) [m]."""
     ends = [problem.q_start]
     if problem.goal.configuration is not None:
         ends.append(problem.goal.configuration)
     room = checker.distances(np.array(ends), margins + tolerance) - margins
     allowed = np.zeros((2, margins.size))
     allowed[: len(ends)] = np.where(room < tolerance, tolerance, 0.0)
-    # Where what moves will be when the motion ends is not known to the problem.
+    # The places of moving obstacles at the end of the motion are not known.
     allowed[1, checker.moving_pairs] = 0.0
     return allowed
 
@@ -112,11 +112,11 @@ def _touching(
 def never_touching(problem: Problem, replay: Replay) -> tuple[Touch, ...]:
     """Links that touch although the SRDF says that they never do.
 
-    An SRDF is obeyed: pairs that it disables are not watched. But the reason "Never"
-    tells of samples that somebody took once, and a file without reasons says nothing;
-    this says which links touch, by their meshes at some rows of a replay. Pairs with
-    other reasons, such as "Adjacent" or "Default", are left out, and so are links that
-    one joint moves against each other, and those that the problem lets touch.
+    Pairs that an SRDF disables are not checked. But the reason "Never" comes from
+    random samples, and a file may give no reasons. These pairs are compared by their
+    meshes at some rows of a replay. Pairs with other reasons ("Adjacent", "Default"),
+    pairs of links that one joint moves against each other, and pairs that may touch by
+    the problem are left out.
     """
     srdf = problem.robot.srdf
     if srdf is None or problem.self_collision is False:

@@ -1,8 +1,8 @@
-"""The robot that torques are replayed on.
+"""The robot of a replay.
 
-Whether a joint with dry friction slides, and which way, or is held is a part of its
-state: between two instants at which that changes the equations of motion are smooth,
-see ``docs/friction.md``.
+The direction in which a joint with dry friction slides, or that friction holds it, is a
+part of the state: between two changes of it the equations of motion are smooth, see
+``docs/friction.md``.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from tominpmp.robot import Robot
 Slope: TypeAlias = Callable[[float, Array], Array]
 Curve: TypeAlias = Callable[[float], Array]
 
-# Speed at which a joint is at rest [rad/s or m/s]: less than errors of an integration.
+# Speed of a joint at rest [rad/s or m/s]: below the errors of an integration.
 STILL = 1e-11
-# Speed at which a joint goes back between two rows that is passed over [rad/s or m/s].
+# Speed of a reversal between two rows that is neglected [rad/s or m/s].
 GRAZE = 1e-8
 
-# Instants of a piece at which it is looked whether an arm at rest is held.
+# Instants of a piece at which it is checked that friction holds an arm at rest.
 LOOKS = 30
 
 
@@ -41,10 +41,10 @@ class Plant:
     Attributes:
         robot: The robot.
         dynamics: Its dynamics without dry friction.
-        dry: Which joints have dry friction, shape (n,).
-        way: Which way they go: 1, -1, or 0 for those that it holds, and for joints
-            without any, shape (n,).
-        still: Speed at which joints are at rest [rad/s or m/s].
+        dry: Whether each joint has dry friction, shape (n,).
+        way: Directions of these joints: 1, -1, or 0 for joints that friction holds, and
+            for joints without friction, shape (n,).
+        still: Speed of joints at rest [rad/s or m/s].
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -61,23 +61,23 @@ class Plant:
         self.begin, self.rate = 0.0, 1.0
 
     def load(self, begin: float, end: float, coefficients: Array) -> None:
-        """Take up the torque of another piece."""
+        """Replace the torque by that of another piece."""
         self._given = self.coefficients = coefficients
         self.begin, self.rate = begin, 2.0 / (end - begin)
         self._exponents = np.arange(float(coefficients.shape[1]))
         self.way = np.zeros(self._n)
 
     def torque(self, t: float) -> Array:
-        """What the friction of sliding joints leaves of the torque, shape (n,)."""
+        """Torque less the friction of sliding joints, shape (n,)."""
         s = (t - self.begin) * self.rate - 1.0
         return np.asarray(self.coefficients.dot(s**self._exponents))
 
     def state(self, t: float, x: Array) -> Array:
-        """Positions and velocities of what is integrated, shape (2n,)."""
+        """Positions and velocities for an integrated vector, shape (2n,)."""
         return x
 
     def free(self, t: float, x: Array) -> Array:
-        """Derivative of positions and velocities if no joint were held, shape (2n,)."""
+        """Derivative of positions and velocities for free joints, shape (2n,)."""
         robot, n = self.robot, self._n
         if robot.expansion_matrix is not None:
             return np.asarray(self.dynamics.forward(x[None], self.torque(t)[None])[0])
@@ -88,7 +88,7 @@ class Plant:
         return out
 
     def free_jacobian(self, t: float, x: Array) -> Array:
-        """Its derivative with respect to x, shape (2n, 2n)."""
+        """Derivative of :meth:`free` with respect to x, shape (2n, 2n)."""
         robot, n, data = self.robot, self._n, self._data
         if robot.expansion_matrix is not None:
             u = self.torque(t)[None]
@@ -111,7 +111,7 @@ class Plant:
         return self._kept(t, x, self.free_jacobian(t, x))
 
     def _kept(self, t: float, x: Array, free: Array) -> Array:
-        """A derivative with the joints that are held at rest."""
+        """A derivative with joints that friction holds at rest."""
         if self._holds:
             n, a = self._n, free.reshape(2 * self._n, -1)
             a[n:] = held_still(self._mass(t, x), a[n:], self._held)
@@ -122,14 +122,14 @@ class Plant:
         return np.asarray(self.dynamics.mass(q)[0])
 
     def settle(self, t: float, x: Array) -> Array:
-        """Tell which joints slide from here on, and which are held.
+        """Determine the joints that slide from here on, and those that friction holds.
 
         Args:
             t: The time [s].
-            x: What is integrated, shape (2n,).
+            x: The integrated vector, shape (2n,).
 
         Returns:
-            The same, with velocity zero for joints that have stopped.
+            The vector with velocity zero for joints that have stopped.
         """
         if not self.dry.any():
             return x
@@ -147,20 +147,20 @@ class Plant:
         return x
 
     def _slide(self, way: Array) -> None:
-        """Let friction act against the ways that joints go."""
+        """Let friction act against the directions of the joints."""
         self.way, self.coefficients = way, np.array(self._given)
         self.coefficients[: self._n, 0] -= self.robot.friction * way
 
     def changes(self, begin: float, end: float, curve: Curve) -> float:
-        """When in a step a joint stops or is let go for the first time.
+        """Time of the first change in a step: a joint stops, or friction releases it.
 
         Args:
-            begin: Where the step begins [s].
-            end: Where it ends [s].
-            curve: What is integrated, over time.
+            begin: Begin of the step [s].
+            end: End of the step [s].
+            curve: The integrated vector over time.
 
         Returns:
-            The time just afterwards; the end of the step if none does.
+            The time just after the change; the end of the step without a change.
         """
         if not self.dry.any():
             return end
@@ -177,14 +177,14 @@ class Plant:
         return late
 
     def unchanged(self, t: Array, x: Array) -> int:
-        """How many rows of a motion pass until a joint stops or is let go.
+        """Number of rows of a motion before a joint stops, or friction releases it.
 
         Args:
-            t: Times [s], from where the joints were told which way they go, (m + 1,).
-            x: What is integrated, there; fewer rows if it was lost, (k + 1, 2n).
+            t: Times [s], from the last :meth:`settle` on, shape (m + 1,).
+            x: The integrated vector there; fewer rows after a failure, (k + 1, 2n).
 
         Returns:
-            How many of the k rows hold.
+            Number of valid rows among the k rows.
         """
         count = len(x) - 1
         if not self.dry.any():
@@ -199,7 +199,7 @@ class Plant:
         back = np.flatnonzero((slowest < 0.0).any(axis=1))
         count = int(back[0]) if back.size else count
         rows = np.arange(count if self._holds else 0)
-        if not v.any():  # what holds the arm is a polynomial, as its torque
+        if not v.any():  # torques of an arm at rest are polynomials
             rows = np.unique(np.linspace(0, count - 1, LOOKS).astype(int))
         good = 0
         for k in rows.tolist():
@@ -209,13 +209,13 @@ class Plant:
         return count
 
     def _room(self, t: float, x: Array) -> float:
-        """How far joints are from going back, or from not being held any more."""
+        """Margin of joints to a reversal, and of friction to a release."""
         v = self.state(t, x)[self._n :]
         back = float((self.way * v).min()) + self.still
         if back < 0.0 or not self._holds:
             return back
         free, mass = self.free(t, x)[self._n :, None], self._mass(t, x)
         needed = mass @ (free - held_still(mass, free, self._held))
-        # A trace more than what sets joints out, so that they do.
+        # A trace more than the torque that starts joints, so that they start.
         rest = (1.0 + 2.0 * HOLD) * self.robot.friction - np.abs(needed[:, 0])
         return min(back, float(rest[self._held].min()))

@@ -1,8 +1,8 @@
 """Piecewise polynomials fitted to any curve, for the replay.
 
-The replay asks for torques at instants of its own choosing, thousands of times. Between
-any two nodes a trajectory is smooth: a polynomial through Chebyshev points, which lie
-inside the piece and so never on a jump, follows it to rounding.
+The replay evaluates torques at thousands of instants of its own. Between two nodes a
+trajectory is smooth: a polynomial through Chebyshev points, which are inside the piece
+and so never on a jump, follows it to rounding.
 
 SciPy's ``PPoly`` was measured beside it: equal to 6e-16, 1.3 times faster at thousands
 of instants at once, but 8.5 us against 3.2 us for the single instant that an
@@ -19,16 +19,16 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 
-# Points of a piece, and the relative deviation between them that is let pass.
+# Points of a piece, and the tolerated relative deviation between them.
 POINTS = 10
 DEVIATION = 1e-10
 # Coefficients below this, relative to the largest value, are left out.
 ROUNDING = 1e-14
-# How often pieces are halved to get there.
+# Largest number of halvings of the pieces for that.
 HALVINGS = 5
-# Where the deviation is looked at, in [-1, 1]: far from the points.
+# Places in [-1, 1] at which the deviation is measured: far from the points.
 PROBES = (-0.999, 0.16, 0.93)
-# Times at which a curve is evaluated at once, for the sake of memory.
+# Times at which a curve is evaluated at once, which limits the memory.
 CHUNK = 10_000
 
 
@@ -38,10 +38,10 @@ class Pieces:
 
     Attributes:
         t: Ends of the pieces [s], shape (P + 1,).
-        coefficients: Of 1, s, s^2, ..., shape (P, n, K). Of a curve at a single time,
-            which has no piece, its value there, shape (1, n, 1).
-        deviation: Largest deviation from the curve that was found, relative to its
-            largest value.
+        coefficients: Coefficients of 1, s, s^2, ..., shape (P, n, K); for a curve at a
+            single time, without a piece, its value, shape (1, n, 1).
+        deviation: Largest measured deviation from the curve, relative to its largest
+            value.
     """
 
     t: Array
@@ -52,8 +52,8 @@ class Pieces:
     def of(cls, curve: Callable[[Array], Array], t: Array) -> Pieces:
         """Fit a curve: a function from times of shape (m,) to values of shape (m, n).
 
-        It is smooth between the times t, shape (P + 1,) [s]; pieces are halved until
-        they follow it.
+        The curve is smooth between the times t, shape (P + 1,) [s]; pieces are halved
+        until they follow it.
         """
         if t.size == 1:
             return cls(t, curve(t)[:, :, None], 0.0)
@@ -76,7 +76,7 @@ class Pieces:
         fitted = np.linalg.solve(np.vander(s, increasing=True), values[:, :POINTS])
         guessed = np.vander(probes, POINTS, increasing=True) @ fitted
         deviation = float(np.max(np.abs(guessed - values[:, POINTS:]))) / scale
-        # Powers that are rounding are left out: each costs time in every evaluation.
+        # Negligible powers are left out: each costs time in every evaluation.
         seen = np.max(np.abs(fitted), axis=(0, 2)) > ROUNDING * scale
         terms = int(np.max(np.flatnonzero(seen), initial=0)) + 1
         fitted = np.ascontiguousarray(np.swapaxes(fitted[:, :terms], 1, 2))
@@ -104,10 +104,10 @@ class Pieces:
         return out * (2.0 / np.diff(self.t))[:, None, None]
 
     def on(self, piece: int | IntArray, times: Array) -> Array:
-        """Values of pieces at times of shape (m,), their ends among them.
+        """Values of pieces at times of shape (m,), which may be their ends.
 
         Args:
-            piece: One for all times, or one for each, shape (m,).
+            piece: Index of the piece, for all times or for each, shape (m,).
             times: The times [s].
 
         Returns:

@@ -1,9 +1,9 @@
-"""Replay: the torques of a motion, integrated by an integrator of another make.
+"""Replay: integration of the torques of a motion by an independent integrator.
 
-The transcriptions have their own integrators, or none; a motion is believed when SciPy,
-given nothing but the start of the problem and the torques over time, ends at the goal.
-The integration begins anew wherever the torque may jump, and wherever a joint with dry
-friction stops or is let go, so that no step straddles a jump of the acceleration.
+Transcriptions have their own integrators, or need no integration; a motion is accepted
+if SciPy, given only the start of the problem and the torques over time, ends at the
+goal. The integration restarts where the torque may jump, and where a joint with dry
+friction stops or is released, so that no step straddles a jump of the acceleration.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ from tominpmp.verification.polynomials import Pieces
 
 RTOL = 1e-9
 ATOL = 1e-11  # [rad, m, rad/s, m/s]
-# How many times tighter LSODA's are: it takes as many evaluations, since it begins anew
-# with short steps at every jump.
+# Factor by which the tolerances of LSODA are tighter: it takes as many evaluations, as
+# it restarts with short steps at every jump.
 LSODA_TIGHTNESS = 1000.0
 # Errors at the end of a replay, in shares of RTOL times the growth of errors along the
 # motion, see docs/verification.md.
 ERRORS: dict[str, float] = {"DOP853": 0.02, "LSODA": 0.02, "Radau": 1.0}
-# The motion is looked at this often at least [s].
+# Largest time between two rows of a replay [s].
 TIME_STEP = 1e-3
-# But no oftener than this in all: longer motions are looked at less often.
+# Largest number of rows: longer motions have more time between them.
 MOST_ROWS = 200_000
-# A step is tried that is longer by this than the last one.
+# Ratio of the first step of a piece to the last step before.
 GROWTH = 1.5
 LSODA_STEPS = 20_000
-# An integration that takes more evaluations than this is given up.
+# Largest number of evaluations before an integration is given up.
 MAX_EVALUATIONS = 500_000
-# After so many evaluations it is looked whether it is time to stop.
+# Number of evaluations between checks of the deadline.
 WATCH = 256
-# LSODA of SciPy before 1.17 keeps what it works on in one place for all threads.
+# LSODA of SciPy before 1.17 has one state for all threads.
 AT_WORK = threading.Lock()
-# Numbers beyond this are no positions or velocities of an arm any more.
+# Larger positions or velocities are those of a failed integration.
 MAX_STATE = 1e6
 
 Integrator: TypeAlias = Literal["DOP853", "LSODA", "Radau"]
@@ -57,22 +57,21 @@ Integrator: TypeAlias = Literal["DOP853", "LSODA", "Radau"]
 
 @dataclass(frozen=True, eq=False)
 class Replay(Record):
-    """A motion that torques bring about.
+    """The motion of a robot under given torques.
 
     Attributes:
         joint_names: Names of the joints, in column order.
         t: Times [s], every millisecond or closer, with all nodes, shape (m,).
-        q: Positions there [rad or m], shape (m, n).
-        v: Velocities there [rad/s or m/s], shape (m, n).
-        u: Torques there, just after a jump [N m or N], shape (m, n).
-        way: Which way joints with dry friction go between two of the times, in the
-            middle: 1, -1, or 0 for those that it holds, shape (m - 1, n).
-        nodes: Which of the times are nodes of the trajectory, shape (N + 1,).
-        integrator: "DOP853", "LSODA" or "Radau", or "planned" if nothing was
-            integrated.
-        evaluations: How often the dynamics were evaluated.
-        complete: Whether the end was reached. If not, the rows end where the motion
-            was lost.
+        q: Positions [rad or m], shape (m, n).
+        v: Velocities [rad/s or m/s], shape (m, n).
+        u: Torques, just after a jump [N m or N], shape (m, n).
+        way: Directions of joints with dry friction between two of the times, in the
+            middle: 1, -1, or 0 for joints that friction holds, shape (m - 1, n).
+        nodes: Indices of the times of the nodes of the trajectory, shape (N + 1,).
+        integrator: "DOP853", "LSODA" or "Radau", or "planned" without an integration.
+        evaluations: Number of evaluations of the dynamics.
+        complete: Whether the end was reached; else the rows end where the integration
+            failed.
     """
 
     joint_names: tuple[str, ...]
@@ -93,11 +92,11 @@ class Replay(Record):
 
     @property
     def duration(self) -> float:
-        """Time that was replayed [s]."""
+        """Time of the last row [s]."""
         return float(self.t[-1])
 
     def between(self, begin: float, end: float) -> Replay:
-        """Its rows between two times [s], those among them."""
+        """Its rows from one time to another [s], both included."""
         mine = np.flatnonzero((self.t >= begin) & (self.t <= end))
         nodes = np.searchsorted(mine, self.nodes[np.isin(self.nodes, mine)])
         t, q, v, u = (rows[mine] for rows in (self.t, self.q, self.v, self.u))
@@ -106,13 +105,13 @@ class Replay(Record):
 
 
 def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:
-    """Torque of a trajectory over time, as polynomials between which it may jump."""
+    """Torques of a trajectory as polynomials of time, between which they may jump."""
     breaks = torque_breaks(trajectory, robot.friction)
     return Pieces.of(lambda times: trajectory(times).u, breaks)
 
 
 def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
-    """A motion as it is planned, in the form of a replay.
+    """A planned motion in the form of a replay.
 
     Args:
         trajectory: The motion.
@@ -138,7 +137,7 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
 
 
 def _instants(ends: Array, time_step: float) -> Array:
-    """Times at which a motion is looked at behind one time until another, (m,) [s]."""
+    """Times of rows after one time up to another, shape (m,) [s]."""
     begin, end = ends.tolist()
     count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
     return np.linspace(begin, end, count + 1)[1:]
@@ -156,48 +155,48 @@ def replay(
 
     Args:
         problem: Robot and start.
-        trajectory: The motion, of which the torques alone are used.
-        pieces: Its torques, if they are known already.
+        trajectory: The motion, of which only the torques are used.
+        pieces: Its torques, if known.
         time_step: Largest time between two rows of the result [s].
-        integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences where
-            the arm is stiff) or "Radau" (implicit); None takes the second.
+        integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences for
+            stiff arms) or "Radau" (implicit); None for LSODA.
 
     Returns:
-        The motion that the torques bring about.
+        The motion of the robot under the torques.
     """
     integration = Integration(problem.robot, trajectory, pieces, integrator)
     return integration.run(start_of(problem), time_step)
 
 
 def start_of(problem: Problem) -> Array:
-    """State from which a motion is replayed, shape (2n,)."""
+    """First state of a replay, shape (2n,)."""
     v_start = 0.0 * problem.q_start if problem.v_start is None else problem.v_start
     return np.concatenate([problem.q_start, v_start])
 
 
 class _GivenUp(Exception):
-    """Ends an integration that takes too many evaluations."""
+    """Raised to end an integration that takes too many evaluations."""
 
 
 class Integration:
-    """The means to integrate the torques of one trajectory.
+    """Integration of the torques of a trajectory.
 
     Args:
         robot: The robot.
         trajectory: The motion.
-        pieces: Its torques, if they are known already.
-        integrator: Which integrator to use; None for LSODA.
-        plants: What moves under the torques on each segment; empty for the robot alone.
-        tightness: How many times tighter than usual its tolerances are.
+        pieces: Its torques, if known.
+        integrator: Name of the integrator; None for LSODA.
+        plants: The robots of the segments; empty for the robot on all segments.
+        tightness: Factor by which its tolerances are tighter than usual.
 
     Attributes:
         pieces: The torques.
-        plants: What moves under them.
-        integrator: Which integrator is used.
+        plants: The robots of the segments.
+        integrator: Name of the integrator.
         error: Its errors at the end, in shares of the growth of errors on the way.
-        evaluations: How often the dynamics have been evaluated.
+        evaluations: Number of evaluations of the dynamics so far.
         lsoda_tightness: See :data:`LSODA_TIGHTNESS`.
-        hurried: Whether LSODA begins with a step over the whole piece, and not with one
+        hurried: Whether the first step of LSODA is a whole piece, instead of a step
             that is short enough for any motion.
         atol: See :data:`ATOL`.
     """
@@ -230,7 +229,7 @@ class Integration:
         self._stride = np.inf
 
     def tighter(self, tightness: float) -> Integration:
-        """The same with tolerances that are so many times tighter than usual."""
+        """The integration with tolerances tighter by a factor than usual."""
         known = self._trajectory, self.pieces, self.integrator, self.plants
         return Integration(self.plants[0].robot, *known, tightness)
 
@@ -266,9 +265,9 @@ class Integration:
         )
 
     def _watched(self, slope: Slope) -> Slope:
-        """A slope that counts its evaluations, and ends what takes too long.
+        """A slope that counts its evaluations, and ends long integrations.
 
-        A piece of a slow motion may take minutes, and nobody else can end it.
+        A piece of a slow motion may take minutes, and can be ended only from here.
         """
 
         def watched(t: float, x: Array) -> Array:
@@ -282,10 +281,10 @@ class Integration:
         return watched
 
     def defects(self) -> Array:
-        """How far each interval ends from the next node when begun at its own.
+        """Defects of the intervals: their ends, integrated from their nodes.
 
         Returns:
-            Differences of the states, shape (N, 2n); NaN where the motion was lost.
+            Differences to the next nodes, shape (N, 2n); NaN for failed integrations.
         """
         nodes = np.concatenate([self._trajectory.q, self._trajectory.v], axis=1)
         pieces, out = self.pieces, np.full_like(nodes[1:], np.nan)
@@ -304,13 +303,13 @@ class Integration:
         """Integrate over a piece of torque.
 
         Args:
-            k: Which one.
-            x: The state where it begins, shape (2n,).
-            ticks: Times that are asked for, the end of the piece among them, (m,).
+            k: Index of the piece.
+            x: The state at its beginning, shape (2n,).
+            ticks: Times of rows, with the end of the piece, shape (m,).
 
         Returns:
-            States there, shape (m, 2n), and which way joints with dry friction go
-            before each of them, shape (m, n); fewer rows if x was lost.
+            States at these times, shape (m, 2n), and directions of joints with dry
+            friction before each of them, shape (m, n); fewer rows after a failure.
         """
         begin, end = float(self.pieces.t[k]), float(self.pieces.t[k + 1])
         plant = self.plants[min(self._segment[k], len(self.plants) - 1)]
@@ -319,7 +318,7 @@ class Integration:
         if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:
             return rows, ways
         times = np.concatenate([[begin], ticks])
-        # Rows that are far apart tell nothing of what happens between them.
+        # Rows far apart do not show the changes between them.
         near = not plant.dry.any() or np.max(np.diff(times)) < 2.0 * TIME_STEP
         with AT_WORK, np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -332,12 +331,12 @@ class Integration:
                 begin, x = float(times[done]), found[done]
                 if done == ticks.size or not plant.dry.any():
                     return rows, ways
-                # A joint stops, or is let go: what is left goes step by step.
+                # A joint stops or is released: the rest is integrated step by step.
             more, later = self._steps(plant, x, begin, ticks[len(rows) :])
         return np.vstack([rows, more]), np.vstack([ways, later])
 
     def _fortran(self, plant: Plant, x: Array, times: Array) -> Array:
-        """Integrate with LSODA from the first time on; its row alone if x was lost."""
+        """Integrate with LSODA from the first time on; only its row after a failure."""
         first = float(times[-1] - times[0]) if self.hurried else 0.0  # 0: its own
         try:
             rows = odeint(
@@ -349,7 +348,7 @@ class Integration:
                 rtol=self._tolerance[0],
                 atol=self._tolerance[1],
                 h0=first,
-                tcrit=times[-1:],  # the torque must not be asked for beyond it
+                tcrit=times[-1:],  # no evaluation of the torque beyond it
                 mxstep=LSODA_STEPS,
             )
         except (ODEintWarning, _GivenUp):
@@ -361,9 +360,9 @@ class Integration:
     def _steps(
         self, plant: Plant, x: Array, begin: float, ticks: Array
     ) -> tuple[Array, Array]:
-        """Integrate step by step with a solver of SciPy's newer kind.
+        """Integrate step by step with an ``OdeSolver`` of SciPy.
 
-        It begins anew wherever a joint with dry friction stops or is let go.
+        It restarts where a joint with dry friction stops or is released.
         """
         t, end, done, passed = begin, float(ticks[-1]), 0, 0
         middles = 0.5 * (ticks + np.concatenate([[begin], ticks[:-1]]))
@@ -396,9 +395,9 @@ class Integration:
         return rows[:done], ways[:done]
 
     def _solver(self, plant: Plant, t: float, x: Array, end: float) -> OdeSolver:
-        """SciPy's solver from a time on to the end of a piece."""
+        """Solver of SciPy from a time to the end of a piece."""
         rtol, atol = self._tolerance
-        # Newton's method begins without a guess in the first step.
+        # Newton's method has no initial guess in the first step.
         first = {"DOP853": min(end - t, self._stride), "Radau": 0.1 * (end - t)}
         settings: dict[str, Any] = {"first_step": first.get(self.integrator)}
         if self.integrator != "DOP853":

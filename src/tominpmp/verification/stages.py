@@ -1,8 +1,7 @@
-"""Motions of several segments, taken apart for the judge.
+"""Segments of a motion, each judged as a motion of its own.
 
-Every segment is judged as a motion of its own, with the robot and its load, the scene
-and the limits of that segment, and the goal at its end; the replay is one from the
-first start to the last end.
+A segment has a robot with its load, a scene, limits, and a goal at its end. The replay
+is a single one, from the start of the first segment to the end of the last.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
 
-# Instants of a recorded motion at which it is looked for where its segments end.
+# Largest number of instants among which ends of recorded segments are searched.
 MOST_LOOKS = 20_000
-# Share of what is tolerated that a goal is missed by where it counts as met.
+# A goal is met where its residual is below this share of the tolerance.
 MET = 1e-3
 
 
@@ -37,12 +36,13 @@ class Stage:
 
     Attributes:
         number: Its number, from 0.
-        count: How many there are.
-        problem: What is asked of it.
-        begin: When it begins [s].
-        reached: When its goal is met, and the arm stays there [s].
-        end: When it ends [s], with the time the arm stays there.
-        arrival: Earliest and latest time at which it is to end [s]; None for any.
+        count: Number of segments of the motion.
+        problem: Its problem.
+        begin: Time of its beginning [s].
+        reached: Time at which its goal is met, before its dwell [s].
+        end: Time of its end, after its dwell [s].
+        arrival: Earliest and latest time at which the goal is to be met [s]; None for
+            any time.
     """
 
     number: int
@@ -55,7 +55,7 @@ class Stage:
 
     @property
     def timeliness(self) -> list[LimitViolation]:
-        """Whether it ends when it is to; nothing if any time will do."""
+        """Deviation from its arrival times; empty without arrival times."""
         if self.arrival is None:
             return []
         (earliest, latest), reached = self.arrival, self.reached
@@ -65,13 +65,13 @@ class Stage:
         return [LimitViolation("arrival", side, reached, late, "s", late, wrong)]
 
     def named(self, item: LimitViolation) -> LimitViolation:
-        """What was found on it, with its number and times where there are others."""
+        """A violation with number and times of the segment, if there are several."""
         if self.count == 1:
             return item
         return replace(item, segment=self.number + 1, span=(self.begin, self.end))
 
     def part(self, replay: Replay, torque: Pieces) -> tuple[Replay, Pieces]:
-        """Its rows of a replay, none if that was lost before, and its torque."""
+        """Its rows of a replay, empty if that ended before it, and its torques."""
         if self.count == 1:
             return replay, torque
         part = replay.between(self.begin, self.end)
@@ -84,16 +84,16 @@ class Stage:
         )
         u = np.array(part.u)
         if self.begin == self.end:
-            # Nothing is exerted in no time: it is that which holds the arm.
+            # A segment without duration has the torques that hold the arm.
             u = RobotDynamics(self.problem.robot).inverse(part.q, part.v, 0.0 * part.v)
         elif complete:
-            # The row of a node is what holds just after it, on the next segment.
+            # The row of a node has the torque just after it, on the next segment.
             u[-1] = pieces.ends()[-1, 1]
         return replace(part, u=u, complete=complete), pieces
 
 
 def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
-    """The segments of a motion.
+    """The segments of a motion; a single one without times of their ends.
 
     Args:
         problem: The problem.
@@ -112,11 +112,11 @@ def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
 def with_segments(
     problem: Problem, trajectory: Trajectory, tolerances: Tolerances
 ) -> Trajectory:
-    """A motion with the times at which its segments end, and what it carries on each.
+    """A motion with the times at which its segments end, and the load of each.
 
-    A recorded motion tells that at most to the time between two of its rows. Its
-    segments end where it meets their goals for the first time, one after the other, or
-    comes nearest; where it does tell, around there.
+    A recorded motion has these times at best up to the time between two rows. Its
+    segments end where it first meets their goals, one after the other, or comes nearest
+    to them: near the recorded times, if there are any.
     """
     phases = problem.phases
     if not problem.segments:
@@ -138,13 +138,13 @@ def with_segments(
 def _found(
     problem: Problem, motion: Trajectory, tolerances: Tolerances, about: Array | None
 ) -> Array:
-    """Times at which the segments of a motion end, as far as can be told [s].
+    """Times at which the segments of a recorded motion end [s], shape (k,).
 
     Args:
         problem: The problem.
         motion: The motion.
-        tolerances: What counts as met.
-        about: About when they do [s], at nodes, shape (k,); None if nobody knows.
+        tolerances: Tolerances of the goals.
+        about: Recorded times, at nodes [s], shape (k,); None without them.
     """
     plain, T = replace(motion, inverse_dynamics=None), motion.duration
     step = max(TIME_STEP, T / MOST_LOOKS)
@@ -155,7 +155,7 @@ def _found(
     for number, (phase, segment) in enumerate(each):
         begin, behind = first, last + 1
         if about is not None:
-            # The row before the one that is said to be the first of the next segment.
+            # The row before the recorded first row of the next segment.
             row = max(int(np.searchsorted(motion.t, about[number])) - 1, 0)
             earliest = motion.t[row] - segment.dwell
             begin = max(first, int(np.searchsorted(times, earliest - step)))
@@ -163,7 +163,7 @@ def _found(
         missed = partial(_missed, plain, phase, tolerances)
         met = _first_met(missed, times[begin:behind])
         if segment.stop and segment.arrival is not None:
-            # It may be met earlier already, and still is.
+            # The goal may be met before its earliest time, and until then.
             allowed = segment.arrival[0]
             if met < allowed <= T and next(missed(np.array([allowed]))) <= MET:
                 met = allowed
@@ -172,7 +172,7 @@ def _found(
             later = np.searchsorted(times, met + segment.dwell - SAME)
             end = float(times[min(int(later), last)])
             if about is not None and _rests(plain, end, about[number]):
-                end = float(about[number])  # it stays for longer
+                end = float(about[number])  # a longer dwell
         first = min(int(np.searchsorted(times, end)), last)
         ends.append(end)
     return np.array([*ends, T])
@@ -181,7 +181,7 @@ def _found(
 def _missed(
     motion: Trajectory, phase: Problem, tolerances: Tolerances, times: Array
 ) -> Iterator[float]:
-    """What a motion misses a goal by at times, in units of what is tolerated."""
+    """Residuals of a goal at times of a motion, in units of the tolerances."""
     kinematics, state = RobotKinematics(phase.robot), motion(times)
     units = tolerances.goal, tolerances.speed
     for q, v in zip(state.q, state.v, strict=True):
@@ -190,7 +190,7 @@ def _missed(
 
 
 def _rests(motion: Trajectory, begin: float, end: float) -> bool:
-    """Whether the arm rests from a time to a later one, where it still is."""
+    """Whether the arm rests between two times."""
     if begin > end:
         return False
     state = motion(np.array([begin, end]))
@@ -199,13 +199,13 @@ def _rests(motion: Trajectory, begin: float, end: float) -> bool:
 
 
 def _first_met(missed: Callable[[Array], Iterator[float]], times: Array) -> float:
-    """When a goal is met first, or missed by least, at times or between two [s]."""
+    """First time at which a goal is met, or time of its least residual [s]."""
     best, least = 0, np.inf
     for k, off in enumerate(missed(times)):
         nearer = off < least
         if nearer:
             best, least = k, off
-        # What is tolerated is met before the goal is: it ends where it is nearest.
+        # The tolerance is reached before the goal: the end is at the least residual.
         if least <= MET or (least <= 1.0 and not nearer):
             break
     if least <= MET:
@@ -216,7 +216,7 @@ def _first_met(missed: Callable[[Array], Iterator[float]], times: Array) -> floa
 
 
 def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
-    """The same motion with nodes at some times, besides its own."""
+    """The motion with further nodes, at given times [s]."""
     t = np.unique(np.concatenate([motion.t, times]))
     node = np.searchsorted(motion.t, t, side="right") - 1
     state = replace(motion, inverse_dynamics=None)(t)
@@ -233,9 +233,9 @@ def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
 def arrival(
     stage: Stage, replay: Replay, tolerances: Tolerances
 ) -> list[LimitViolation]:
-    """Place and velocity where a segment ends, and before the arm stays there.
+    """Largest deviations of place and velocity from the goal of a segment.
 
-    No velocity where any will do.
+    At its end and before its dwell; no deviation of velocity if the goal has none.
     """
     rows = [replay.t.size - 1]
     if stage.reached < stage.end:

@@ -1,7 +1,7 @@
-"""Verification: what a motion does when its torques are replayed.
+"""Verification of a motion by a replay of its torques.
 
-The replay is judged, not the plan: where it ends, and by how much it passes limits and
-margins on the way, every millisecond.
+The replay is judged, not the plan: its end, and its violations of limits and margins,
+every millisecond.
 """
 
 from __future__ import annotations
@@ -48,41 +48,42 @@ from tominpmp.verification.replay import (
 )
 from tominpmp.verification.stages import Stage, arrival, stages_of, with_segments
 
-# Longer motions are not replayed, which would take too many steps [s].
+# Longer motions would take too many steps, and are not replayed [s].
 LONGEST = 1e4
-# Share of a number that it may be off by in a computer.
+# Relative rounding of a floating-point number.
 ROUNDING = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What a motion does when its torques are replayed.
+    """Result of a replay of the torques of a motion.
 
     Attributes:
         ok: Whether it reaches the goal and keeps all limits, within the tolerances.
         goal_error: Distance of the end from the goal: of the worst joint, or of the
             frame in position and angle [rad or m].
-        speed_error: Difference of the velocity at the end to the one asked for: of the
-            worst joint or direction [rad/s or m/s].
-        worst: The worst of each kind ("position", "velocity", "effort", "clearance",
-            ...) with joint or pair, time and amount, also where it is allowed.
-        violations: Those that are not within the tolerances, the goal among them.
+        speed_error: Deviation of the final velocity from that of the goal: of the worst
+            joint or direction [rad/s or m/s].
+        worst: The worst of each kind of limit ("position", "velocity", "effort",
+            "clearance", ...) with joint or pair, time and amount, also if it is within
+            the tolerance.
+        violations: Violations beyond the tolerances, those of the goal among them.
         min_clearance: Smallest distance to obstacles and between links [m], every
             millisecond; infinite without pairs.
         deviation: Largest distance of each joint from the plan, shape (n,).
         defect: Largest distance in position by which an interval that begins at its own
-            node misses the next one; None if the motion is all right. Where this is
-            small and the goal missed, the motion is unstable, or errors added up.
-        integrator: What integrated the torques.
-        complete: Whether the replay came to the end.
-        tolerances: What was tolerated.
-        seconds: Time it took [s].
+            node misses the next one; None for a motion without violations. Where this
+            is small and the goal missed, the motion is unstable, or errors added up.
+        integrator: Name of the integrator.
+        complete: Whether the replay reached the end.
+        tolerances: The tolerances.
+        seconds: Time of the computation [s].
         replay: The replayed motion.
-        problem: What it is to solve.
-        growth: How much larger errors get along the motion, to first order.
-        feedback: Largest torque of a feedback that the motion was replayed with since
-            it is unstable, shape (n,) [N m or N], see
-            :mod:`~tominpmp.verification.feedback`; None where none was needed.
+        problem: The problem that the motion is to solve.
+        growth: Amplification of errors along the motion, to first order.
+        feedback: Largest torques of the feedback in the replay of an unstable motion,
+            shape (n,) [N m or N], see :mod:`~tominpmp.verification.feedback`; None
+            without feedback.
     """
 
     ok: bool
@@ -103,35 +104,35 @@ class Verification:
     feedback: Array | None = None
 
     def __bool__(self) -> bool:
-        """Whether the motion is all right."""
+        """Whether the motion has no violation beyond the tolerances."""
         return self.ok
 
     def __repr__(self) -> str:
-        """What was found, on one line."""
+        """The result, on one line."""
         found = "ok" if self.ok else "not ok"
         return f"<Verification {found}: {shortened(self.message, 2 * BRIEF)}>"
 
     @property
     def message(self) -> str:
-        """What is wrong with the motion, or that nothing is, in a sentence."""
+        """The violations, or the absence of violations, in a sentence."""
         if not self.ok:
             return "; ".join(map(str, self.violations)) + "."
         if self.feedback is not None:
-            said = (
+            text = (
                 f"The motion is unstable: errors grow {self.growth:.0e}-fold. Its "
                 f"replay with a feedback of at most {np.max(self.feedback):.1e} N m "
                 f"(or N) reaches the goal within {self.goal_error:.1e}."
             )
         else:
-            said = f"The replay reaches the goal within {self.goal_error:.1e}."
-        return " ".join([said, *map(str, self.touches)])
+            text = f"The replay reaches the goal within {self.goal_error:.1e}."
+        return " ".join([text, *map(str, self.touches)])
 
     @cached_property
     def touches(self) -> tuple[Touch, ...]:
         """Links that touch although the SRDF says that they never do.
 
-        They are looked for in a motion that is all right, when they are first asked
-        for, and break no limit; see :func:`~.nearest.never_touching`.
+        They are searched when they are first used, in a motion without violations, and
+        violate no limit; see :func:`~.nearest.never_touching`.
         """
         return never_touching(self.problem, self.replay) if self.ok else ()
 
@@ -146,24 +147,24 @@ def verify(
     checker: CollisionChecker | None = None,
     integrator: Integrator | None = None,
 ) -> Verification:
-    """Replay the torques of a motion and judge what they bring about.
+    """Replay the torques of a motion and compare the replay with its problem.
 
     Args:
-        problem: What the motion is to solve.
-        trajectory: The motion: its torques are used, and its nodes, where they may
-            jump. Samples, from a file say, are joined to one first.
-        tolerances: What is tolerated.
-        geometry: "convex" takes links as the convex pieces that motions are planned
-            with; "mesh" takes their meshes as they are, which is slow.
-        checker: Distances to use instead of either.
+        problem: The problem that the motion is to solve.
+        trajectory: The motion: its torques are used, and its nodes, where torques may
+            jump. Samples, from a file say, are joined to a motion first.
+        tolerances: The tolerances; None for the usual ones.
+        geometry: "convex" represents links by the convex pieces that motions are
+            planned with; "mesh" by their triangles, which is slow.
+        checker: Distances that replace either.
         integrator: See :func:`~tominpmp.verification.replay.replay`.
 
     Returns:
-        What was found.
+        The result.
 
     Raises:
-        ProblemError: If the motion is one of other joints.
-        ScenarioError: If samples are.
+        ProblemError: If the motion has other joints.
+        ScenarioError: If the samples have other joints.
     """
     begin = time.perf_counter()
     instance(problem, Problem, "problem")
@@ -188,7 +189,7 @@ def verify(
     if not doubtful(growth, goal, ROUNDING, share=1.0):
         alone = integration.run(start)
         findings = judge(stages, alone, torque, tolerances, checkers)
-        # Errors of the integration may also lead a motion to its goal.
+        # Errors of the integration may also carry a motion to its goal.
         sure = not findings.violations and (
             not doubtful(growth, goal, integration.error)
             or settled(alone, integration.tighter(TIGHTER).run(start), tolerances)
@@ -207,64 +208,38 @@ def verify(
         gaps = np.where(np.isfinite(gaps), gaps, np.inf)
         defect = float(np.max(gaps, initial=0.0))
     replayed = findings.replay
-    # Without the torques, which take most of the time of an evaluation.
+    # Torques would take most of the time of an evaluation.
     plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
-    return Verification(
-        ok=not findings.violations,
-        goal_error=findings.worst_end("goal"),
-        speed_error=findings.worst_end("speed"),
-        worst=findings.worst,
-        violations=findings.violations,
-        min_clearance=findings.distance,
-        deviation=frozen_array(np.max(np.abs(replayed.q - plan), axis=0)),
-        defect=defect,
-        integrator=replayed.integrator,
-        complete=replayed.complete,
-        tolerances=tolerances,
-        seconds=time.perf_counter() - begin,
-        replay=replayed,
-        problem=problem,
-        growth=growth,
-        feedback=feedback,
-    )
+    deviation = np.max(np.abs(replayed.q - plan), axis=0)
+    found = findings.result(problem, tolerances, deviation, growth, begin)
+    return replace(found, defect=defect, feedback=feedback)
 
 
 def _too_long(
     problem: Problem, trajectory: Trajectory, tolerances: Tolerances, begin: float
 ) -> Verification:
-    """Verdict on a motion that takes longer than can be replayed."""
+    """Result for a motion that is too long to be replayed."""
     T = trajectory.duration
     beyond = T - LONGEST
+    share = beyond / LONGEST
     violation = LimitViolation(
-        "duration", "the motion", T, beyond, "s", beyond / LONGEST, True
+        "duration", "the motion", T, beyond, "s", share, violated=True
     )
-    return Verification(
-        ok=False,
-        goal_error=np.inf,
-        speed_error=np.inf,
-        worst={violation.kind: violation},
-        violations=(violation,),
-        min_clearance=-np.inf,
-        deviation=frozen_array(np.full(trajectory.n, np.inf)),
-        defect=None,
-        integrator="planned",
-        complete=False,
-        tolerances=tolerances,
-        seconds=time.perf_counter() - begin,
-        replay=planned(trajectory, np.inf),
-        problem=problem,
-        growth=np.inf,
-    )
+    plan = replace(planned(trajectory, np.inf), complete=False)
+    findings = Findings(plan, (), [violation], -np.inf)
+    deviation = np.full(trajectory.n, np.inf)
+    found = findings.result(problem, tolerances, deviation, np.inf, begin)
+    return replace(found, goal_error=np.inf, speed_error=np.inf)
 
 
 class Findings(NamedTuple):
-    """What a replay does.
+    """Comparison of a replay with its problem.
 
     Attributes:
         replay: The replay.
-        end: Where it ends, and its segments: places and velocities.
+        end: Deviations from the goals of the segments, in place and velocity.
         limits: The worst of each kind of limit, clearance among them.
-        distance: The least of pairs [m]; infinite without any.
+        distance: Least distance of the pairs [m]; infinite without pairs.
     """
 
     replay: Replay
@@ -274,7 +249,7 @@ class Findings(NamedTuple):
 
     @property
     def violations(self) -> tuple[LimitViolation, ...]:
-        """What is not within the tolerances."""
+        """Violations beyond the tolerances."""
         return tuple(item for item in (*self.end, *self.limits) if item.violated)
 
     @property
@@ -288,9 +263,44 @@ class Findings(NamedTuple):
         return found
 
     def worst_end(self, kind: str) -> float:
-        """How far a segment ends from its goal or velocity, at the most."""
+        """Largest deviation from the goals, in place ("goal") or velocity ("speed")."""
         amounts = (item.amount for item in self.end if item.kind == kind)
         return max(amounts, default=0.0)
+
+    def result(
+        self,
+        problem: Problem,
+        tolerances: Tolerances,
+        deviation: Array,
+        growth: float,
+        begin: float,
+    ) -> Verification:
+        """The verification without a defect and without feedback.
+
+        Args:
+            problem: The problem.
+            tolerances: The tolerances.
+            deviation: Largest distance of each joint from the plan, shape (n,).
+            growth: Amplification of errors along the motion.
+            begin: Begin of the computation, by ``time.perf_counter`` [s].
+        """
+        return Verification(
+            ok=not self.violations,
+            goal_error=self.worst_end("goal"),
+            speed_error=self.worst_end("speed"),
+            worst=self.worst,
+            violations=self.violations,
+            min_clearance=self.distance,
+            deviation=frozen_array(deviation),
+            defect=None,
+            integrator=self.replay.integrator,
+            complete=self.replay.complete,
+            tolerances=tolerances,
+            seconds=time.perf_counter() - begin,
+            replay=self.replay,
+            problem=problem,
+            growth=growth,
+        )
 
 
 def judge(
@@ -300,7 +310,7 @@ def judge(
     tolerances: Tolerances,
     checkers: Sequence[CollisionChecker],
 ) -> Findings:
-    """Hold a replay against the goals, the limits and the obstacles."""
+    """Compare a replay with the goals, the limits and the obstacles."""
     limits: list[LimitViolation] = []
     ends: list[LimitViolation] = []
     distance = np.inf
