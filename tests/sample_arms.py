@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 from numpy.typing import ArrayLike
 
-from tominpmp.description.joint_values import JointValues
+from tominpmp.description.joint_table import JointValues
 from tominpmp.robot import Robot, load_robot
 
 GRAVITY = 9.81

@@ -266,7 +266,7 @@ def planar() -> Robot:
 
 def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
     """All readers; files that theirs refer to are put into the folder."""
-    from tominpmp.files import bag, ros, tables
+    from tominpmp.files import ros, tables
 
     good = folder / "good"
     good.mkdir(exist_ok=True)
@@ -312,7 +312,7 @@ def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
         Reader("motion.npz", written(tables.write_npz), read_motion, scenario),
         Reader("motion.json", written(ros.write_json), read_motion, scenario),
         Reader("motion.yaml", written(ros.write_yaml), read_motion, scenario),
-        Reader("motion.mcap", written(bag.write_bag), read_motion, scenario),
+        Reader("motion.mcap", written(ros.write_bag), read_motion, scenario),
         Reader("mesh.stl", stl(), lambda p: tm.Mesh("m", path=p), tm.SceneError),
         Reader("mesh.obj", OBJ, lambda p: tm.Mesh("m", path=p), tm.SceneError),
     ]

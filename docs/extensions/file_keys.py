@@ -10,7 +10,7 @@ from tables import entries, field_rows, kinds
 import tominpmp as tm
 from tominpmp.cell.tours import Station, tour_file
 from tominpmp.constraints import PathConstraint
-from tominpmp.files import robot_table, scenario
+from tominpmp.files import scenario
 from tominpmp.files.records import classes, motions
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import MotionLimits
@@ -63,7 +63,7 @@ def scenario_keys() -> list[str]:
     top = entries(tm.Problem.__doc__, "Attributes") | TABLES
     robot = entries(load_robot.__doc__, "Args") | ROBOT
     lines = ["## At the top", "", *rows_of(scenario.SECTIONS, top)]
-    lines += ["", "## `[robot]`", "", *rows_of(robot_table.KEYS, robot)]
+    lines += ["", "## `[robot]`", "", *rows_of(scenario.ROBOT_KEYS, robot)]
     lines += ["", "## `[start]`", "", *rows_of(START, START)]
     for heading, kind in (
         ("`[motion_limits]`", MotionLimits),

@@ -61,7 +61,7 @@ from .files.export_check import (
     check_export as check_export,
     check_file as check_file,
 )
-from .files.ros_rules import (
+from .files.ros import (
     Refusal as Refusal,
     controller_refusals as controller_refusals,
 )

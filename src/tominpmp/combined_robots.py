@@ -24,9 +24,7 @@ from tominpmp.checks import plain_vector, split_pose
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.selection import links_of
-from tominpmp.description.joint_table import JointTable
-from tominpmp.description.joint_values import check_gravity
-from tominpmp.description.linkage import Linkage
+from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import joined
 from tominpmp.exceptions import ProblemError, SceneError, brief
@@ -90,28 +88,24 @@ def _checked_parts(
     parts: Sequence[Part],
 ) -> tuple[dict[str, Robot], dict[str, pin.SE3]]:
     expected = "tuples of name, robot and base"
+    wrong = partial(ProblemError, field="robots")
     if not isinstance(parts, Sequence) or not parts:
-        raise ProblemError(f"robots: got {brief(parts)}, expected {expected}", "robots")
+        raise wrong(f"robots: got {brief(parts)}, expected {expected}")
     robots: dict[str, Robot] = {}
     bases: dict[str, pin.SE3] = {}
     for part in parts:
         if not isinstance(part, Sequence) or len(part) != 3:
-            raise ProblemError(
-                f"robots: got {brief(part)}, expected {expected}", "robots"
-            )
+            raise wrong(f"robots: got {brief(part)}, expected {expected}")
         name, robot, base = part
         if not isinstance(name, str) or not name or "/" in name:
-            raise ProblemError(
-                f"robots: the name {brief(name)} is none; expected a text without '/'",
-                "robots",
+            raise wrong(
+                f"robots: the name {brief(name)} is none; expected a text without '/'"
             )
         if name in robots:
-            raise ProblemError(f"robots: two of them are named {brief(name)}", "robots")
+            raise wrong(f"robots: two of them are named {brief(name)}")
         if not isinstance(robot, Robot):
-            raise ProblemError(
-                f"robots: {brief(name)} is a {type(robot).__name__}, expected a Robot",
-                "robots",
-            )
+            kind = type(robot).__name__
+            raise wrong(f"robots: {brief(name)} is a {kind}, expected a Robot")
         robots[name], bases[name] = robot, base_placement(name, base)
     return robots, bases
 
@@ -180,13 +174,15 @@ def _joined_motion_limits(
 
 def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
     """Pairs that no robot watches, and the states that all robots have."""
+    disabled = {part: _unwatched(robot) for part, robot in robots.items()}
+    apart = {k: r.srdf.never_touch for k, r in robots.items() if r.srdf is not None}
     pairs, never = (
         tuple(
             (f"{part}/{one}", f"{part}/{other}")
-            for part, robot in robots.items()
-            for one, other in pairs_of(robot)
+            for part, own in every.items()
+            for one, other in own
         )
-        for pairs_of in (_unwatched, _never_touch)
+        for every in (disabled, apart)
     )
     states = [{} if r.srdf is None else r.srdf.group_states for r in robots.values()]
     common = {
@@ -199,11 +195,6 @@ def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescri
         if all(state in own for own in states)
     }
     return SemanticDescription(pairs, common, path, never_touch=never)
-
-
-def _never_touch(robot: Robot) -> tuple[tuple[str, str], ...]:
-    """Pairs of links of a robot that its SRDF disables as they never touch."""
-    return () if robot.srdf is None else robot.srdf.never_touch
 
 
 def _unwatched(robot: Robot) -> list[tuple[str, str]]:

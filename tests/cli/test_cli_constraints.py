@@ -8,7 +8,7 @@ import pytest
 from cli_samples import PLAN, SCENARIO, Planner, Run
 
 import tominpmp as tm
-from tominpmp.cli.text_values import constraint
+from tominpmp.cli.problem import constraint
 from tominpmp.constraints import PathConstraint
 from tominpmp.files.records import classes
 from tominpmp.files.scenario import load_scenario

@@ -14,7 +14,7 @@ import yaml
 from cli_samples import PLAN, Judge, Planner, Run
 
 from tominpmp.files.export import load_motion
-from tominpmp.files.ros_rules import controller_refusals
+from tominpmp.files.ros import controller_refusals
 from tominpmp.files.scenario import load_scenario
 
 NAMES = ["joint1", "joint2", "joint3"]

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tominpmp.cli.parser import join_lists
-from tominpmp.cli.text_values import joint_values, obstacle, positions, velocities
+from tominpmp.cli.problem import joint_values, obstacle, positions, velocities
 from tominpmp.exceptions import (
     JointNotFound,
     OptionsError,

@@ -16,9 +16,8 @@ import yaml
 from motion_samples import END, START, speed_up_and_brake
 
 from tominpmp.exceptions import MissingDependency, ProblemError, ScenarioError
-from tominpmp.files.bag import TOPIC, TYPE
 from tominpmp.files.export import export, load_message, load_motion
-from tominpmp.files.ros_rules import controller_refusals
+from tominpmp.files.ros import TOPIC, TYPE, controller_refusals
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
 
@@ -351,7 +350,7 @@ def test_small_bag_of_many_zeros(
     with pytest.raises(ScenarioError, match="is no MCAP bag") as caught:
         load_motion(path)
     assert "unpacks" not in str(caught.value)  # this much is let pass, and is no bag
-    monkeypatch.setattr("tominpmp.files.bag.MAX_UNPACKED", 2**20)
+    monkeypatch.setattr("tominpmp.files.ros.MAX_UNPACKED", 2**20)
     with pytest.raises(ScenarioError, match="unpacks to more than 1048576 bytes"):
         load_motion(path)
     path.write_bytes(bag_of(chunk(b"", 2**50, "")))

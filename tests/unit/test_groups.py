@@ -16,7 +16,7 @@ from tominpmp.exceptions import (
     ProblemError,
     TominpmpWarning,
 )
-from tominpmp.files.robot_table import read_robot, robot_table
+from tominpmp.files.scenario import read_robot, robot_table
 from tominpmp.robot import load_robot
 
 ALL = """

@@ -226,7 +226,7 @@ def test_effort_of_zero_makes_a_joint_passive(tmp_path: Path) -> None:
         ("effort", {"j1": (3, 1)}, "j1 has the lower limit 3 and the upper limit 1"),
         ("effort", [1, 2, 3], r"shape \(3,\), expected .*2 numbers.*pairs.*j1, j2"),
         ("effort", "strong", "got 'strong', expected numbers"),
-        ("effort", {"j1": "strong"}, "got 'strong', expected numbers"),
+        ("effort", {"j1": "strong"}, "joint j1 got 'strong', expected a number from 0"),
         ("effort", {"j1": (1, 2, 3)}, "joint j1 got .*expected a number from 0, or"),
         ("velocity", 0, "joint j1 got 0, expected a number greater than zero"),
         ("velocity", [1, -2], "joint j2 got -2"),

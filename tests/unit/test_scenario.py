@@ -589,6 +589,24 @@ def test_robots_differ_by_their_inertia(planar3r: Robot) -> None:
     assert hash(planar3r) == hash(load_robot("planar3r"))
 
 
+def test_curves_over_speed_have_the_forms_of_yaml_files(tmp_path: Path) -> None:
+    curves = """
+[motion_limits.effort_curves]
+joint1 = {stall = 20.0, no_load_speed = 3.0}
+joint2 = {effort = 20.0, power = 30.0, top_speed = 4.0}
+joint3 = {speed = [0.0, 2.0], effort = [20.0, 10.0]}
+"""
+    problem = load_scenario(write(tmp_path, SMALL + curves)).problem
+    assert problem.motion_limits == MotionLimits(
+        effort_curves={
+            "joint1": EffortCurve.droop(20.0, 3.0),
+            "joint2": EffortCurve.power(20.0, 30.0, 4.0),
+            "joint3": EffortCurve(np.array([0.0, 2.0]), np.array([20.0, 10.0])),
+        }
+    )
+    round_trip(problem, Options(), tmp_path)
+
+
 def test_names_of_classes() -> None:
     assert {"sphere", "box", "cylinder", "capsule"} <= set(classes(Obstacle))
     assert {"joint", "position", "pose"} <= set(classes(Goal))

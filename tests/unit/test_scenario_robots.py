@@ -14,7 +14,7 @@ import tominpmp as tm
 from tominpmp.description.files import find_robot, robot_names
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
-from tominpmp.files.robot_table import unlike
+from tominpmp.files.scenario import unlike
 from tominpmp.robot import Robot
 
 URDF = find_robot("planar3r").urdf
@@ -92,7 +92,7 @@ def test_robots_that_differ_are_told_apart() -> None:
     heavy.inertias[2] = heavy.inertias[2] + heavy.inertias[2]
     for change in ({"damping": 1.0}, {"gravity": (0, 0, 0)}):
         assert unlike(one, one.with_changes(**change)) == next(iter(change))
-    assert unlike(one, replace(one, model=heavy)) == "placements or inertias"
+    assert unlike(one, replace(one, model=heavy)) == "inertias"
 
 
 def test_where_no_files_can_lie_beside_it_is_said(tmp_path: Path) -> None:

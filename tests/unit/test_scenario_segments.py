@@ -402,9 +402,9 @@ def loaded_whole(folder: Path, first: str) -> tm.Problem:
 
 def test_what_the_problem_lacks_is_not_said_of_a_segment(tmp_path: Path) -> None:
     text = '[[constraints]]\ntype = "tool_speed"\nframe = "nose"\nlimit = 1.0\n'
-    assert refused(tmp_path, text + FIRST + LAST).key == "constraints"
+    assert refused(tmp_path, text + FIRST + LAST).key == "constraints[0]"
     goal = '[goal]\ntype = "joint"\nq = [2.0, -1.0, 0.5]\n'
-    assert refused(tmp_path, text + goal).key == "constraints"
+    assert refused(tmp_path, text + goal).key == "constraints[0]"
     place = '[goal]\ntype = "position"\nframe = "nose"\nposition = [4.0, 1.0, 0.0]\n'
     assert refused(tmp_path, place).key == "goal"
     with pytest.raises(tm.ScenarioError) as caught:

@@ -9,7 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.cli.text_values import constraint
+from tominpmp.cli.problem import constraint
 from tominpmp.constraints import States
 from tominpmp.exceptions import ProblemError
 from tominpmp.transcription.collocation import CollocationTranscription

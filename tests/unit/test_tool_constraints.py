@@ -10,7 +10,7 @@ import pytest
 from constraint_samples import check_terms_against_differences
 
 import tominpmp as tm
-from tominpmp.cli.text_values import constraint
+from tominpmp.cli.problem import constraint
 from tominpmp.constraints import States
 from tominpmp.exceptions import JointNotFound, ProblemError
 

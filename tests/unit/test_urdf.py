@@ -21,7 +21,7 @@ from robot_samples import (
 
 from tominpmp.description import xml_reader
 from tominpmp.description.files import find_robot
-from tominpmp.description.linkage import Linkage
+from tominpmp.description.joint_table import Linkage
 from tominpmp.description.model import build_model
 from tominpmp.description.srdf import read_srdf
 from tominpmp.description.tree import Mimic

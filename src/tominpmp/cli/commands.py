@@ -11,9 +11,8 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from tominpmp.cli.completion import robots as robot_names
-from tominpmp.cli.completion import supported
-from tominpmp.cli.option_fields import GeneralOptions, given
+from tominpmp.cli.option_fields import GeneralOptions, given, supported
+from tominpmp.cli.option_fields import robots as robot_names
 from tominpmp.cli.options import (
     LimitOptions,
     PlannerOptions,

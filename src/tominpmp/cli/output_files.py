@@ -223,10 +223,7 @@ def _check_message(options: PlanOptions, motion: Path | None) -> None:
         OptionsError: If nothing is written that they are about.
     """
     from tominpmp.files.export import check_options
-    from tominpmp.files.ros import check_message
 
-    if options.ros_message is not None:
-        check_message(options.ros_message)
     if not options.with_effort and options.ros_message is None:
         return
     if motion is None:

@@ -13,9 +13,6 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ScenarioError, closest, shortened
 
-# Characters of a whole message: it may list the joints of a large robot.
-LONGEST = 3000
-
 
 @dataclass(frozen=True)
 class Field:
@@ -39,7 +36,7 @@ class Field:
             ScenarioError: Always.
         """
         key = f"{shortened(self.key)}: " if self.key else ""
-        text = f"{self.path}: {key}{shortened(message, LONGEST)}"
+        text = f"{self.path}: {key}{message}"
         raise ScenarioError(text, self.path, self.key or None)
 
     def unknown(self, known: Iterable[str]) -> NoReturn:
@@ -64,6 +61,19 @@ class Field:
     def given(self) -> bool:
         """Whether there is a value: neither left out, nor None, nor empty."""
         return self.value is not None and self.value not in ("", [], {})
+
+    @property
+    def says_something(self) -> bool:
+        """Whether it is other than a message of ROS has it that was not filled in."""
+
+        def said(value: Any) -> bool:
+            if isinstance(value, dict):
+                return any(map(said, value.values()))
+            if isinstance(value, list):
+                return any(map(said, value))
+            return value not in (None, "", 0, False)
+
+        return said(self.value)
 
     def get(self, name: str) -> Field:
         """Value of a key of a table, with the value None if it is not there."""
@@ -112,17 +122,38 @@ class Field:
             self._expected("true or false")
         return self.value
 
-    def number(self, *, infinite: bool = False) -> float:
-        """A number, finite unless infinite ones are allowed."""
+    def number(
+        self,
+        expected: str = "a finite number",
+        *,
+        default: float | None = None,
+        least: float = -math.inf,
+        above: float = -math.inf,
+        most: float = math.inf,
+        infinite: bool = False,
+    ) -> float:
+        """A number in a range, finite unless infinite ones are allowed.
+
+        Args:
+            expected: What was expected, for messages.
+            default: The number where there is no value; None if there must be one.
+            least: The least number.
+            above: What the number must be greater than.
+            most: The greatest number.
+            infinite: Whether it may be infinite.
+        """
         value = self.value
+        if value is None and default is not None:
+            return default
         if isinstance(value, bool) or not isinstance(value, int | float):
             self._expected("a number")
         try:
             number = float(value)
         except OverflowError:
             number = math.nan
-        if math.isnan(number) or (math.isinf(number) and not infinite):
-            self._expected("a number" if infinite else "a finite number")
+        ranged = least <= number <= most and (above == -math.inf or number > above)
+        if not ranged or (math.isinf(number) and not infinite):
+            self._expected(expected)
         return number
 
     def numbers(self, count: int | None = None) -> list[float]:

@@ -122,13 +122,12 @@ def robot_names() -> tuple[str, ...]:
 
 def manipulators_first(names: Iterable[str]) -> tuple[str, ...]:
     """Names of robots, those of arms before those of others, as they stand else."""
-    return tuple(sorted(names, key=lambda name: not is_manipulator(name)))
 
+    def is_other(name: str) -> bool:
+        words = name.lower().replace("-", "_")
+        return words not in ARMS and not words.startswith(ARM_FAMILIES)
 
-def is_manipulator(name: str) -> bool:
-    """Whether a robot that is known by name is one arm on a fixed base, or two."""
-    words = name.lower().replace("-", "_")
-    return words in ARMS or words.startswith(ARM_FAMILIES)
+    return tuple(sorted(names, key=is_other))
 
 
 def _unknown_name(name: str, known: Iterable[str]) -> str:

@@ -95,85 +95,70 @@ class _ModelReader:
     def __init__(self, model: pin.Model, path: Path) -> None:
         self.model, self.path = model, path
         self.data = model.createData()
-        self.q = pin.neutral(model)
-        pin.forwardKinematics(model, self.data, self.q)
+        pin.forwardKinematics(model, self.data, pin.neutral(model))
         self._joint_names = set(model.names)
         self._links: set[str] = set()
         #: Link of each frame, by its index.
         self.link_of: dict[int, str] = {}
-        axes = [self._axis(j) for j in range(1, model.njoints)]
         self.main = [self._main_link(j) for j in range(model.njoints)]
-        self.joints = [self._describe(j, axis) for j, axis in enumerate(axes, 1)]
+        self.joints = [self._describe(j) for j in range(1, model.njoints)]
         self.fixed: list[JointDescription] = []
 
-    def _fail(self, message: str) -> None:
-        raise RobotLoadError(f"{self.path}: {message}", self.path)
+    @property
+    def moving(self) -> list[tuple[str, Any]]:
+        """Names and joints of the model that move freely."""
+        joints = zip(self.model.names[1:], self.model.joints[1:], strict=True)
+        return [(str(name), joint) for name, joint in joints if joint.nv == 1]
 
-    # -- joints ------------------------------------------------------------------------
+    def _describe(self, index: int) -> JointDescription:
+        """Kind, axis, limits and losses of a joint.
 
-    def _describe(self, index: int, axis: Array) -> JointDescription:
-        """Kind, limits and losses of a joint."""
+        Raises:
+            RobotLoadError: If it does not turn about one axis or slide along one.
+        """
         model, joint = self.model, self.model.joints[index]
-        kind = self._kind(index)
-        found = JointDescription(
-            str(model.names[index]),
-            kind,
-            self.main[model.parents[index]],
-            self.main[index],
-            frozen_array(model.jointPlacements[index].homogeneous),
-            frozen_array(axis),
-            -math.inf,
-            math.inf,
-            math.inf,
-            math.nan,
-        )
-        if joint.nv == 0:
-            return replace(found, mimic=Mimic(*self._mimic(index, axis)))
-        v = joint.idx_v
-        # On two numbers, cosine and sine, it turns without end.
-        bounded = joint.nq == 1
-        lower = _limit(model.lowerPositionLimit[joint.idx_q]) if bounded else -math.inf
-        upper = _limit(model.upperPositionLimit[joint.idx_q]) if bounded else math.inf
-        effort = min(abs(model.lowerEffortLimit[v]), abs(model.upperEffortLimit[v]))
-        return replace(
-            found,
-            kind=kind if bounded else "continuous",
-            lower=lower,
-            upper=upper,
-            velocity=_limit(model.velocityLimit[v]),
-            effort=_limit(effort),
-            damping=float(model.damping[v]),
-            friction=float(model.friction[v]),
-            armature=float(model.armature[v]),
-        )
-
-    def _kind(self, index: int) -> str:
-        turns = np.any(np.asarray(self.data.joints[index].S).reshape(6, -1)[3:, 0])
-        return "revolute" if turns else "prismatic"
-
-    def _axis(self, index: int) -> Array:
-        """Unit axis of a joint, in the axes of the joint, shape (3,)."""
-        motion = np.asarray(self.data.joints[index].S).reshape(6, -1)
-        kind = str(self.model.joints[index].shortname())
-        one = motion.shape[1] == 1 and np.any(motion)
-        if not one or (np.any(motion[:3]) and np.any(motion[3:])):
-            self._fail(
-                f"joint {brief(str(self.model.names[index]))} is a {kind}; only "
+        name, data = str(model.names[index]), self.data.joints[index]
+        motion = np.asarray(data.S).reshape(6, -1)
+        slides, turns = np.any(motion[:3]), np.any(motion[3:])
+        if motion.shape[1] != 1 or slides == turns:
+            raise RobotLoadError(
+                f"{self.path}: joint {brief(name)} is a {joint.shortname()}; only "
                 "joints that turn about one axis or slide along one can be planned for"
-                "; give a model with it locked (pinocchio.buildReducedModel)"
+                "; give a model with it locked (pinocchio.buildReducedModel)",
+                self.path,
             )
+        # What moves a joint that follows is scaled by the ratio.
         axis = motion[:3, 0] + motion[3:, 0]
-        return np.asarray(axis / np.linalg.norm(axis))
-
-    def _mimic(self, index: int, axis: Array) -> tuple[str, float, float]:
-        """Leader, ratio and offset of a joint that follows another."""
-        place = list(self.model.mimicking_joints).index(index)
-        leader = str(self.model.names[self.model.mimicked_joints[place]])
-        # What moves it is scaled by the ratio already, as it stands at the offset.
-        ratio = float(np.linalg.norm(np.asarray(self.data.joints[index].S)))
-        moved = pin.log6(self.data.joints[index].M)
-        travel = moved.angular if self._kind(index) == "revolute" else moved.linear
-        return leader, ratio, float(np.asarray(travel) @ axis)
+        ratio = float(np.linalg.norm(axis))
+        axis = frozen_array(axis / ratio)
+        values: dict[str, Any] = {
+            "name": name,
+            "kind": "revolute" if turns else "prismatic",
+            "parent": self.main[model.parents[index]],
+            "child": self.main[index],
+            "placement": frozen_array(model.jointPlacements[index].homogeneous),
+            "axis": axis,
+            **{"lower": -math.inf, "upper": math.inf},
+            **{"velocity": math.inf, "effort": math.nan},
+        }
+        if joint.nv == 0:
+            place = list(model.mimicking_joints).index(index)
+            leader = str(model.names[model.mimicked_joints[place]])
+            # It stands at the offset.
+            moved = pin.log6(data.M)
+            offset = float(np.asarray(moved.angular if turns else moved.linear) @ axis)
+            return JointDescription(**values, mimic=Mimic(leader, ratio, offset))
+        v = joint.idx_v
+        if joint.nq == 1:
+            values["lower"] = _limit(model.lowerPositionLimit[joint.idx_q])
+            values["upper"] = _limit(model.upperPositionLimit[joint.idx_q])
+        else:  # on two numbers, cosine and sine, it turns without end
+            values["kind"] = "continuous"
+        effort = min(abs(model.lowerEffortLimit[v]), abs(model.upperEffortLimit[v]))
+        values |= {"velocity": _limit(model.velocityLimit[v]), "effort": _limit(effort)}
+        losses = ("damping", "friction", "armature")
+        values |= {loss: float(getattr(model, loss)[v]) for loss in losses}
+        return JointDescription(**values)
 
     # -- links -------------------------------------------------------------------------
 
@@ -271,12 +256,11 @@ def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape:
 
 def _uneven_efforts(reader: _ModelReader) -> dict[str, tuple[float, float]]:
     found = {}
-    for described, joint in zip(reader.joints, reader.model.joints[1:], strict=True):
-        if joint.nv == 1:
-            low = float(reader.model.lowerEffortLimit[joint.idx_v])
-            high = float(reader.model.upperEffortLimit[joint.idx_v])
-            if low != -high and max(-low, high) <= MAX_NUMBER:
-                found[described.name] = low, high
+    for name, joint in reader.moving:
+        low = float(reader.model.lowerEffortLimit[joint.idx_v])
+        high = float(reader.model.upperEffortLimit[joint.idx_v])
+        if low != -high and max(-low, high) <= MAX_NUMBER:
+            found[name] = low, high
     return found
 
 
@@ -286,22 +270,16 @@ def _semantics(
     """What an SRDF file would say of the model."""
     states: dict[str, dict[str, float]] = {}
     for item in reader.model.referenceConfigurations:
-        states[str(item.key())] = _positions(reader, np.asarray(item.data()))
+        state, q = states.setdefault(str(item.key()), {}), np.asarray(item.data())
+        for name, joint in reader.moving:
+            part = q[joint.idx_q : joint.idx_q + joint.nq]
+            # Two numbers are cosine and sine.
+            angle = math.atan2(part[-1], part[0]) if joint.nq == 2 else float(part[0])
+            state[name] = angle
     pairs = () if collision is None else _left_out(reader, collision)
     if not pairs and not states:
         return None
     return SemanticDescription(pairs, states, path)
-
-
-def _positions(reader: _ModelReader, q: Array) -> dict[str, float]:
-    """Positions by joint name in a configuration of the model."""
-    found = {}
-    for described, joint in zip(reader.joints, reader.model.joints[1:], strict=True):
-        if joint.nv == 1:
-            part = q[joint.idx_q : joint.idx_q + joint.nq]
-            angle = math.atan2(part[-1], part[0]) if joint.nq == 2 else float(part[0])
-            found[described.name] = angle
-    return found
 
 
 def _left_out(

@@ -52,8 +52,8 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
         if (fault := _lack(model, joint, shaped)) is not None
     }
     if found:
-        told = listed([found[joint] for joint in every if joint in found])
-        warn_caller(f"{description.path}: {told}: mend the <inertial> elements")
+        faults = listed([found[joint] for joint in every if joint in found])
+        warn_caller(f"{description.path}: {faults}: mend the <inertial> elements")
 
 
 def listed(faults: Sequence[str]) -> str:

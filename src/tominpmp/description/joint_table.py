@@ -1,4 +1,4 @@
-"""Limits, friction and rotor inertia of the joints that move freely."""
+"""Which joints move freely, and their limits, friction and rotor inertia."""
 
 from __future__ import annotations
 
@@ -6,20 +6,281 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from tominpmp.arrays import Array, Record, array_or_nan
-from tominpmp.description.joint_values import (
-    JointValues,
-    check_order,
-    check_sign,
-    override,
-)
-from tominpmp.description.linkage import Linkage
+from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
+from tominpmp.checks import by_joint, in_order
 from tominpmp.description.tree import JointDescription, Mimic
-from tominpmp.exceptions import ProblemError, RobotLoadError, brief, warn_caller
+from tominpmp.exceptions import (
+    JointNotFound,
+    OptionsError,
+    ProblemError,
+    RobotLoadError,
+    brief,
+    warn_caller,
+)
+
+
+@dataclass(frozen=True)
+class Linkage:
+    """How the joints of a description depend on those that remain free.
+
+    Attributes:
+        locked: Position of every joint that cannot move [rad or m].
+        followers: Joints that follow a free joint; chains are resolved.
+    """
+
+    locked: Mapping[str, float]
+    followers: Mapping[str, Mimic]
+
+    @classmethod
+    def resolve(
+        cls, joints: Sequence[JointDescription], locked_joints: Mapping[str, float]
+    ) -> Linkage:
+        """Follow mimic joints to their leaders.
+
+        A leader that is locked, or fixed (which counts as being at zero), locks those
+        that follow it.
+
+        Args:
+            joints: All joints that can move.
+            locked_joints: Positions of the joints to lock [rad or m].
+
+        Raises:
+            JointNotFound: If a joint to lock is not there.
+            OptionsError: If a position is no finite number, or contradicts a leader.
+            RobotLoadError: If mimic joints follow each other in a circle.
+        """
+        names = [joint.name for joint in joints]
+        mimics = {joint.name: joint.mimic for joint in joints if joint.mimic}
+        positions = _check_positions(names, locked_joints)
+        locked = {k: v for k, v in positions.items() if k not in mimics}
+        followers: dict[str, Mimic] = {}
+        for name in mimics:
+            mimic = _resolve_chain(name, mimics)
+            if mimic.leader in names and mimic.leader not in locked:
+                followers[name] = mimic
+            else:
+                at = locked.get(mimic.leader, 0.0)
+                locked[name] = mimic.multiplier * at + mimic.offset
+        for name, position in positions.items():
+            if name in followers:
+                raise OptionsError(
+                    f"locked_joints: joint {name} follows {followers[name].leader}; "
+                    "lock that one",
+                    "locked_joints",
+                )
+            if not math.isclose(locked[name], position, rel_tol=1e-9, abs_tol=1e-9):
+                raise OptionsError(
+                    f"locked_joints: joint {name} got {position:g}, but it follows "
+                    f"{mimics[name].leader}, which puts it at {locked[name]:g}",
+                    "locked_joints",
+                )
+        return cls(locked, followers)
+
+    def reasons(self) -> dict[str, str]:
+        """Say of every joint that is not free why."""
+        follows = {
+            name: f"follows {mimic.leader}; set it there"
+            for name, mimic in self.followers.items()
+        }
+        return {name: "is locked" for name in self.locked} | follows
+
+    def warn_of_limits(self, joints: Sequence[JointDescription]) -> None:
+        """Warn of joints that are locked outside their limits, beyond rounding."""
+        for joint in joints:
+            position = self.locked.get(joint.name)
+            # Limits may be left out (NaN) or be nonsense where a joint is not to move.
+            if position is None or not joint.lower < joint.upper:
+                continue
+            if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
+                warn_caller(
+                    f"joint {joint.name} is locked at {position:g}, outside its "
+                    f"limits [{joint.lower:g}, {joint.upper:g}]"
+                )
+
+
+def _check_positions(
+    names: Sequence[str], locked_joints: Mapping[str, float]
+) -> dict[str, float]:
+    """Check that positions are numbers and belong to joints."""
+    if not isinstance(locked_joints, Mapping):
+        raise OptionsError(
+            f"locked_joints: got {brief(locked_joints)}, expected positions by joint "
+            "name",
+            "locked_joints",
+        )
+    for name, position in locked_joints.items():
+        if name not in names:
+            raise JointNotFound(name, names)
+        if not math.isfinite(number_or_nan(position)):
+            raise OptionsError(
+                f"locked_joints: joint {name} got {brief(position)}, expected a finite "
+                "number",
+                "locked_joints",
+            )
+    return {name: float(position) for name, position in locked_joints.items()}
+
+
+def _resolve_chain(name: str, mimics: Mapping[str, Mimic]) -> Mimic:
+    """Express a mimic joint by the first joint of its chain, which follows none."""
+    multiplier, offset, joint = 1.0, 0.0, name
+    for _ in range(len(mimics) + 1):
+        if joint not in mimics:
+            return Mimic(joint, multiplier, offset)
+        mimic = mimics[joint]
+        offset += multiplier * mimic.offset
+        multiplier *= mimic.multiplier
+        joint = mimic.leader
+    raise RobotLoadError(f"joint {name} follows itself: mimic joints form a circle")
+
+
+#: One value for all joints, one for each in joint order, or some by joint name.
+JointValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
+
+
+def override(
+    option: str,
+    values: JointValues,
+    current: Array,
+    joint_names: Sequence[str],
+    not_free: Mapping[str, str],
+) -> Array:
+    """Replace values per joint by those a caller gave.
+
+    Args:
+        option: Name of the argument, for messages.
+        values: A number for all joints, an array in joint order, or numbers by joint
+            name; joints not named keep their value.
+        current: Present values, shape (n,), or (n, 2) where a joint has a lower and an
+            upper value; then a pair may stand for each number, and a number x means
+            (-x, x).
+        joint_names: Names of the joints, length n.
+        not_free: Joints of the robot that have no value, and why.
+
+    Returns:
+        The values, same shape as ``current``.
+
+    Raises:
+        OptionsError: If a value is no number, or there are too many or too few.
+        JointNotFound: If a name is not that of a joint.
+    """
+    result = np.array(current, dtype=np.float64)
+    n, pairs = len(joint_names), current.ndim == 2
+    if not isinstance(values, Mapping):
+        try:
+            array = real_array(values)
+        except ValueError as error:
+            raise OptionsError(
+                f"{option}: got {brief(values)}, expected numbers", option
+            ) from error
+        if array.shape not in ((), (n,)) and not (pairs and array.shape == (n, 2)):
+            forms = f"{n} numbers, pairs (lower, upper)" if pairs else f"{n} numbers"
+            raise OptionsError(
+                f"{option}: got an array of shape {array.shape}, expected one number, "
+                f"{forms} in the order {', '.join(joint_names)}, or a mapping of joint "
+                "names",
+                option,
+            )
+        rows = array.tolist() if array.ndim else [float(array)] * n
+        values = dict(zip(joint_names, rows, strict=True))
+    for name, value in values.items():
+        if name in not_free:
+            raise OptionsError(f"{option}: joint {name} {not_free[name]}", option)
+        if name not in joint_names:
+            raise JointNotFound(name, joint_names)
+        array = array_or_nan(value)
+        if pairs and array.ndim == 0 and not array < 0:
+            array = np.array([-array, array])
+        if array.shape != ((2,) if pairs else ()) or np.isnan(array).any():
+            wanted = "a number from 0, or (lower, upper)" if pairs else "a number"
+            raise OptionsError(
+                f"{option}: joint {name} got {brief(value)}, expected {wanted}", option
+            )
+        result[joint_names.index(name)] = array
+    return result
+
+
+def _fault(option: str, row: np.void) -> str:
+    """What is wrong with a value that a joint was given, empty for nothing.
+
+    Args:
+        option: The column of the value.
+        row: The row of :data:`ROW` of the joint.
+    """
+    value, speed, crossed = row[option], option == "velocity", False
+    if option == "effort":
+        low, high = value
+        value, crossed = max(-low, high), low > high
+    elif option.startswith("position"):
+        low, high = row["position_lower"], row["position_upper"]
+        value, crossed = 0.0, low >= high
+    if crossed:
+        return (
+            f"has the lower limit {low:g} and the upper limit {high:g}, expected the "
+            "lower one to be less"
+        )
+    if value < 0.0 or (speed and value == 0.0) or (math.isinf(value) and not speed):
+        wanted = "a number greater than zero" if speed else "a finite number from 0"
+        return f"got {value:g}, expected {wanted}"
+    return ""
+
+
+def check_gravity(gravity: ArrayLike) -> Array:
+    """Check that gravity is a vector."""
+    vector = array_or_nan(gravity)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise OptionsError(
+            f"gravity: got {brief(gravity)}, expected three finite numbers [m/s^2]",
+            "gravity",
+        )
+    return vector
+
+
+def _part_row(values: object, joints: Sequence[str], part: str) -> Array:
+    """Values of the joints of one robot, which may be given by their own names."""
+    named = by_joint(values)
+    if named is None:
+        return real_array(values)
+    own = [joint.removeprefix(f"{part}/") for joint in joints]
+    return in_order(named, own, part)
+
+
+def stack_parts(
+    joints: Sequence[str], names: Sequence[str], values: Mapping[str, object]
+) -> Array:
+    """Put values of the joints of several robots into one array.
+
+    The names of the joints have that of their robot before each.
+
+    Raises:
+        ProblemError: If a robot is missing or unknown, or a length is wrong.
+    """
+    known = ", ".join(names) or "none; it was not combined from several"
+    for name in (*values, *names):
+        if name not in names or name not in values:
+            state = "given" if name not in names else "missing"
+            raise ProblemError(
+                f"values for {brief(name)} are {state}; the robots are: {known}", name
+            )
+    out = np.empty(len(joints))
+    for name in names:
+        rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
+        try:
+            given = _part_row(values[name], [joints[i] for i in rows], name)
+        except ValueError:
+            given = np.empty((0, 0))
+        if given.shape != (len(rows),):
+            raise ProblemError(
+                f"{name} has shape {given.shape}, expected {len(rows)} numbers, one "
+                f"for each of: {', '.join(joints[i] for i in rows)}",
+                name,
+            )
+        out[rows] = given
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +330,10 @@ ROW = np.dtype(
         ("friction", np.float64),  # dry friction [N m or N]
     ]
 )
+
+
+#: Its columns: values that callers may give instead of those of a description.
+OVERRIDES: tuple[str, ...] = ROW.names or ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,19 +420,12 @@ class JointTable:
         given = {k: value for k, value in values.items() if value is not None}
         for option, value in given.items():
             rows[option] = override(option, value, self[option], names, not_free)
-        table = JointTable(names, rows)
-        for option in ("damping", "armature", "friction", "velocity"):
-            if option in given:
-                speed = option == "velocity"
-                check_sign(option, rows[option], names, positive=speed, infinite=speed)
-        if "effort" in given:
-            low, high = rows["effort"].T
-            check_order("effort", low, high, names, equal=True)
-            check_sign("effort", np.abs(rows["effort"]).max(axis=1), names)
-        for option in ("position_lower", "position_upper"):
-            if option in given:
-                check_order(option, *table.ends, names)
-        return table
+        for option in given:
+            for name, row in zip(names, rows, strict=True):
+                fault = _fault(option, row)
+                if fault:
+                    raise OptionsError(f"{option}: joint {name} {fault}", option)
+        return JointTable(names, rows)
 
     @property
     def ends(self) -> tuple[Array, Array]:

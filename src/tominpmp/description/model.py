@@ -81,7 +81,7 @@ def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pi
 
 
 def _inertia(link: LinkDescription) -> pin.Inertia:
-    """Inertia of a link, also one that no body has: that is told of later."""
+    """Inertia of a link, also one that no body has: which is checked later."""
     inertia = pin.Inertia.Zero()
     inertia.mass, inertia.lever, inertia.inertia = (
         link.mass or 0.0,

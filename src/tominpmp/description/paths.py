@@ -85,10 +85,9 @@ def read_bytes(
     try:
         if path.is_dir():
             raise error(f"{path} is a folder, expected a file", path)
-        if not path.exists():
-            raise error(f"there is no file {path}", path)
         if not path.is_file():
-            raise error(f"{path} is no regular file", path)
+            special = f"{path} is no regular file"
+            raise error(special if path.exists() else f"there is no file {path}", path)
         size = path.stat().st_size
         if size > largest:
             raise error(

@@ -1,22 +1,40 @@
-"""Reading semantic robot descriptions (SRDF): what a URDF cannot say."""
+"""Semantic robot descriptions (SRDF): what a URDF cannot say.
+
+Which pairs of links are not watched, where joints rest, and which joints are planned
+together: the groups.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 from xml.etree.ElementTree import Element
 
 from tominpmp.arrays import record_line
-from tominpmp.description.groups import JointGroups, read_groups
 from tominpmp.description.paths import checked_path
-from tominpmp.description.tree import UrdfDescription
-from tominpmp.description.xml_reader import XmlContext, parse_xml, read_xml
-from tominpmp.exceptions import RobotLoadError, warn_caller
+from tominpmp.description.tree import JointDescription, UrdfDescription
+from tominpmp.description.xml_reader import (
+    XmlContext,
+    add,
+    parse_xml,
+    read_xml,
+    xml_text,
+)
+from tominpmp.exceptions import (
+    OptionsError,
+    RobotLoadError,
+    brief,
+    closest,
+    warn_caller,
+)
 
+# Group states, by their usual names, that say where joints rest.
+RESTING = ("default", "neutral", "home", "half_sitting")
 # Elements that are read, and those that do not touch a motion: hands and tools, spheres
 # for other collision checkers, metrics of samplers, footprints.
 READ = (
@@ -40,9 +58,89 @@ WITHOUT_EFFECT = (
 # of pairs that a file disables for a link as a whole.
 NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
 
+#: Names of two links, in alphabetical order.
+Pair: TypeAlias = "tuple[str, str]"
+#: Name of a group, names of joints, or the first and the last link of a chain.
+Group: TypeAlias = "str | Sequence[str]"
+
+
+class _ReadOnly:
+    """Base of frozen dataclasses with mappings: read-only ones, pickled as plain."""
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        for item in fields(self):  # type: ignore[arg-type]
+            object.__setattr__(self, item.name, _frozen(getattr(self, item.name)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the read-only mappings as plain ones."""
+        values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
+        return type(self), tuple(map(_plain, values))
+
+
+def _frozen(value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        return value
+    return MappingProxyType({key: _frozen(item) for key, item in value.items()})
+
+
+def _plain(value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        return value
+    return {key: _plain(item) for key, item in value.items()}
+
 
 @dataclass(frozen=True)
-class SemanticDescription:
+class JointGroup:
+    """A group of joints.
+
+    Attributes:
+        joints: Its joints that can move, in the order of the URDF file.
+        unknown: Joints, links and groups in it that the robot lacks.
+        moves_base: Whether it holds a virtual joint that is not fixed.
+    """
+
+    joints: tuple[str, ...]
+    unknown: tuple[str, ...] = ()
+    moves_base: bool = False
+
+
+@dataclass(frozen=True)
+class JointGroups(_ReadOnly):
+    """The groups of an SRDF file, and what it says of their joints.
+
+    Attributes:
+        robot: Name of the robot in the file.
+        groups: The groups by name.
+        passive: Joints that the file calls passive.
+    """
+
+    robot: str = ""
+    groups: Mapping[str, JointGroup] = field(default_factory=dict, hash=False)
+    passive: tuple[str, ...] = ()
+
+    def find(self, name: str) -> str | None:
+        """Name in the file of a group; None if there is none.
+
+        Where no group has the very name, one is taken that is meant without doubt:
+        "panda_arm" is "arm" of the robot "panda", "left_arm" is "l_arm".
+        """
+        if name in self.groups:
+            return name
+        wanted = self._words(name)
+        alike = [group for group in self.groups if self._words(group) == wanted]
+        return alike[0] if len(alike) == 1 else None
+
+    def _words(self, name: str) -> list[str]:
+        """Words of a name, without that of the robot."""
+        words = [word for word in re.split(r"[\W_]+", name.lower()) if word]
+        if len(words) > 1 and words[0] == self.robot.lower():
+            words = words[1:]
+        return [{"left": "l", "right": "r"}.get(word, word) for word in words]
+
+
+@dataclass(frozen=True)
+class SemanticDescription(_ReadOnly):
     """What an SRDF file says about a robot.
 
     Attributes:
@@ -69,131 +167,6 @@ class SemanticDescription:
         """What it holds, on one line."""
         return record_line(self)
 
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        frozen = {k: MappingProxyType(dict(v)) for k, v in self.group_states.items()}
-        object.__setattr__(self, "group_states", MappingProxyType(frozen))
-        rotors = MappingProxyType(dict(self.rotor_inertias))
-        object.__setattr__(self, "rotor_inertias", rotors)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the read-only mappings as plain ones."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        values["group_states"] = {k: dict(v) for k, v in self.group_states.items()}
-        values["rotor_inertias"] = dict(self.rotor_inertias)
-        return type(self), tuple(values.values())
-
-
-def read_srdf(
-    path: Path, description: UrdfDescription, text: bytes | None = None
-) -> SemanticDescription:
-    """Read an SRDF file, or a text with its name.
-
-    Entries about links and joints that the robot lacks are left out, for one SRDF file
-    often serves several variants of a robot.
-
-    Raises:
-        RobotLoadError: If the file is no SRDF file, or speaks of none of the links
-            that it names.
-    """
-    root = read_xml(path) if text is None else parse_xml(text, path)
-    context = XmlContext(path)
-    if root.tag != "robot":
-        context.fail(f"is no SRDF file: its root is <{root.tag}>, expected <robot>")
-    unread = {element.tag for element in root} - {*READ, *WITHOUT_EFFECT}
-    if unread:
-        names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
-        warn_caller(f"{path}: not read: {names}")
-    joints = [joint.name for joint in description.joints]
-    disabled = _disabled_pairs(root, context, description.links)
-    return SemanticDescription(
-        tuple(disabled),
-        _group_states(root, context, joints),
-        path,
-        read_groups(root, path, description),
-        _rotor_inertias(root, context),
-        tuple(
-            pair
-            for pair, reason in disabled.items()
-            if reason == NEVER or (not reason and _far_apart(description, *pair))
-        ),
-    )
-
-
-def _far_apart(description: UrdfDescription, one: str, other: str) -> bool:
-    """Whether more than one joint can move two links against each other."""
-    between = description.joints_between(one, other)
-    moving = (j for j in description.joints if j.kind != "fixed" and j.name in between)
-    return sum(1 for _ in moving) > 1
-
-
-def _disabled_pairs(
-    root: Element, context: XmlContext, links: Collection[str]
-) -> dict[tuple[str, str], str]:
-    """Why the collision of pairs of links is not to be checked.
-
-    Each pair is in alphabetical order; the reason is empty where the file has none.
-    """
-    known, strangers = set(links), set()
-    pairs: dict[tuple[str, str], str] = {}
-    for element in root.iter("disable_default_collisions"):
-        one = context.text(element, "link", element.tag)
-        if one in known:
-            pairs |= {
-                _ordered(one, other): WHOLE_LINK for other in links if other != one
-            }
-        else:
-            strangers.add(one)
-    for element in root.iter("enable_collisions"):
-        ends = (context.text(element, f"link{i}", element.tag) for i in (1, 2))
-        pairs.pop(_ordered(*ends), None)
-    for element in root.iter("disable_collisions"):
-        one, other = (context.text(element, f"link{i}", element.tag) for i in (1, 2))
-        if one in known and other in known:
-            pairs[_ordered(one, other)] = element.get("reason", "").strip()
-        else:
-            strangers |= {one, other} - known
-    if strangers and not pairs:
-        raise RobotLoadError(
-            f"{context.path} belongs to another robot: it names the links "
-            f"{', '.join(sorted(strangers)[:10])}, the robot has {', '.join(links)}",
-            context.path,
-        )
-    return pairs
-
-
-def _ordered(one: str, other: str) -> tuple[str, str]:
-    return min(one, other), max(one, other)
-
-
-def _group_states(
-    root: Element, context: XmlContext, joints: Collection[str]
-) -> dict[str, dict[str, float]]:
-    states: dict[str, dict[str, float]] = {}
-    for element in root.iter("group_state"):
-        name = context.text(element, "name", "group_state")
-        state = states.setdefault(name, {})
-        for joint in element.iter("joint"):
-            where = f"group_state {name}"
-            joint_name = context.text(joint, "name", where)
-            # A floating joint has seven values, and is none of ours.
-            if joint_name in joints:
-                context.text(joint, "value", where)
-                state[joint_name] = context.number(joint, "value", where)
-    return states
-
-
-def _rotor_inertias(root: Element, context: XmlContext) -> dict[str, float]:
-    """Inertia of rotors times the square of the gear ratio, as Pinocchio reads them."""
-    found = {}
-    for table in root.iter("rotor_params"):
-        for joint in table.iter("joint"):
-            name = context.text(joint, "name", "rotor_params")
-            inertia = context.number(joint, "mass", "rotor_params", low=0.0)
-            ratio = context.number(joint, "gear_ratio", "rotor_params")
-            found[name] = inertia * ratio**2
-    return found
-
 
 def read_semantics(
     path: str | os.PathLike[str] | None, description: UrdfDescription
@@ -210,3 +183,329 @@ def read_semantics(
         return read_srdf(Path("<text of an SRDF file>"), description, text)
     file = checked_path(path, "srdf", RobotLoadError).absolute()
     return read_srdf(file, description)
+
+
+def read_srdf(
+    path: Path, description: UrdfDescription, text: bytes | None = None
+) -> SemanticDescription:
+    """Read an SRDF file, or a text with its name.
+
+    Entries about links and joints that the robot lacks are left out, for one SRDF file
+    often serves several variants of a robot.
+
+    Raises:
+        RobotLoadError: If the file is no SRDF file, or speaks of none of the links
+            that it names, or a group lacks its name or holds itself.
+    """
+    root = read_xml(path) if text is None else parse_xml(text, path)
+    context = XmlContext(path)
+    if root.tag != "robot":
+        context.fail(f"is no SRDF file: its root is <{root.tag}>, expected <robot>")
+    unread = {element.tag for element in root} - {*READ, *WITHOUT_EFFECT}
+    if unread:
+        names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
+        warn_caller(f"{path}: not read: {names}")
+    return _SrdfReader(root, context, description).read()
+
+
+class _SrdfReader:
+    """Reads an SRDF file; groups may hold joints, links, chains and other groups."""
+
+    def __init__(
+        self, root: Element, context: XmlContext, description: UrdfDescription
+    ) -> None:
+        self.root, self.context, self.description = root, context, description
+        self.links = set(description.links)
+        self.moving = [joint.name for joint in description.joints]
+        self.carrying = {joint.child: joint.name for joint in description.tree}
+        self.virtual = {
+            joint.get("name", ""): joint.get("type", "fixed")
+            for joint in root.findall("virtual_joint")
+        }
+        self.known = {*self.carrying.values(), *self.virtual}
+        self.groups = {
+            context.text(group, "name", "group"): group
+            for group in root.findall("group")
+        }
+
+    def read(self) -> SemanticDescription:
+        disabled = self._disabled_pairs()
+        never = (
+            pair
+            for pair, reason in disabled.items()
+            if reason == NEVER or (not reason and self._far_apart(*pair))
+        )
+        passive = (
+            self.context.text(joint, "name", "passive_joint")
+            for joint in self.root.findall("passive_joint")
+        )
+        groups = {name: self._group(name) for name in self.groups}
+        return SemanticDescription(
+            tuple(disabled),
+            self._group_states(),
+            self.context.path,
+            JointGroups(self.root.get("name", ""), groups, tuple(passive)),
+            self._rotor_inertias(),
+            tuple(never),
+        )
+
+    def _far_apart(self, one: str, other: str) -> bool:
+        """Whether more than one joint can move two links against each other."""
+        between = self.description.joints_between(one, other)
+        return len(between.intersection(self.moving)) > 1
+
+    def _disabled_pairs(self) -> dict[Pair, str]:
+        """Why the collision of pairs of links is not to be checked.
+
+        The reason is empty where the file has none.
+        """
+        text, links = self.context.text, self.links
+        pairs: dict[Pair, str] = {}
+        strangers: set[str] = set()
+        for element in self.root.iter("disable_default_collisions"):
+            one = text(element, "link", element.tag)
+            if one in links:
+                others = (link for link in self.description.links if link != one)
+                pairs |= {_ordered(one, other): WHOLE_LINK for other in others}
+            else:
+                strangers.add(one)
+        for tag in ("enable_collisions", "disable_collisions"):
+            for element in self.root.iter(tag):
+                one, other = (text(element, f"link{i}", tag) for i in (1, 2))
+                pair = _ordered(one, other)
+                if tag == "enable_collisions":
+                    pairs.pop(pair, None)
+                elif links.issuperset(pair):
+                    pairs[pair] = element.get("reason", "").strip()
+                else:
+                    strangers |= {*pair} - links
+        if strangers and not pairs:
+            self.context.fail(
+                "belongs to another robot: it names the links "
+                f"{', '.join(sorted(strangers)[:10])}, the robot has "
+                f"{', '.join(self.description.links)}"
+            )
+        return pairs
+
+    def _group_states(self) -> dict[str, dict[str, float]]:
+        context = self.context
+        states: dict[str, dict[str, float]] = {}
+        for element in self.root.iter("group_state"):
+            name = context.text(element, "name", "group_state")
+            state, where = states.setdefault(name, {}), f"group_state {name}"
+            for joint in element.iter("joint"):
+                joint_name = context.text(joint, "name", where)
+                # A floating joint has seven values, and is none of ours.
+                if joint_name in self.moving:
+                    context.text(joint, "value", where)
+                    state[joint_name] = context.number(joint, "value", where)
+        return states
+
+    def _rotor_inertias(self) -> dict[str, float]:
+        """Inertia of rotors times the square of the gear ratio, as Pinocchio has it."""
+        context, where, found = self.context, "rotor_params", {}
+        for joint in self.root.findall(".//rotor_params//joint"):
+            inertia = context.number(joint, "mass", where, low=0.0)
+            ratio = context.number(joint, "gear_ratio", where)
+            found[context.text(joint, "name", where)] = inertia * ratio**2
+        return found
+
+    def _group(self, name: str) -> JointGroup:
+        found, unknown = self._members(name, ())
+        moves_base = any(self.virtual.get(k, "fixed") != "fixed" for k in found)
+        joints = tuple(joint for joint in self.moving if joint in found)
+        return JointGroup(joints, tuple(dict.fromkeys(unknown)), moves_base)
+
+    def _members(self, name: str, above: tuple[str, ...]) -> tuple[set[str], list[str]]:
+        """Joints of any kind in a group, and what the robot lacks."""
+        if name in above:
+            self.context.fail(f"the group {name!r} holds itself")
+        where, found = f"group {name}", set[str]()
+        unknown: list[str] = []
+        for element in self.groups[name]:
+            tag = element.tag
+            if tag == "chain":
+                base, tip = (
+                    self.context.text(element, f"{end}_link", where)
+                    for end in ("base", "tip")
+                )
+                lacking = [link for link in (base, tip) if link not in self.links]
+                unknown += lacking
+                if not lacking:
+                    found |= self.description.joints_between(base, tip)
+            elif tag in ("joint", "link", "group"):
+                member = self.context.text(element, "name", where)
+                if tag == "group" and member in self.groups:
+                    joints, lacking = self._members(member, (*above, name))
+                    found |= joints
+                    unknown += lacking
+                elif tag == "link" and member in self.links:
+                    # No joint carries the first link.
+                    found |= (
+                        {self.carrying[member]} if member in self.carrying else set()
+                    )
+                elif tag == "joint" and self._short(member) in self.known:
+                    found.add(self._short(member))
+                else:
+                    unknown.append(member)
+        return found, unknown
+
+    def _short(self, joint: str) -> str:
+        """A joint; some files put the name of the robot before it."""
+        return joint if joint in self.known else joint.rpartition("/")[2]
+
+
+def _ordered(one: str, other: str) -> Pair:
+    return min(one, other), max(one, other)
+
+
+def group_locks(
+    semantics: SemanticDescription | None,
+    description: UrdfDescription,
+    group: Group,
+    locked: Mapping[str, float],
+) -> dict[str, float]:
+    """Find where the joints outside a group are locked.
+
+    Args:
+        semantics: The SRDF file, if there is one: its group states say where joints
+            rest.
+        description: The robot.
+        group: Name of the group; of a link, for the chain from the base to it; names of
+            joints, or of the links before and at the end of a chain.
+        locked: Positions of joints that the caller locks [rad or m].
+
+    Returns:
+        Positions by name of those, and of all joints outside the group: where a group
+        state has them, else at zero or the limit nearest to it.
+
+    Raises:
+        OptionsError: If there is no such group, or it has no joint.
+    """
+    groups = JointGroups() if semantics is None else semantics.groups
+    states = {} if semantics is None else semantics.group_states
+    inside = _asked_for(groups, description, group)
+    outside = [j for j in description.joints if j.name not in inside and not j.mimic]
+    return {j.name: rest_position(j, states) for j in outside} | dict(locked)
+
+
+def _asked_for(
+    groups: JointGroups, description: UrdfDescription, group: Group
+) -> Collection[str]:
+    """Joints of the group of a name, or those that are meant."""
+    name = groups.find(group) if isinstance(group, str) else None
+    if name is not None:
+        found = groups.groups[name]
+        if not found.joints:
+            raise OptionsError(
+                f"group: the group {name!r} has no joint that the robot has", "group"
+            )
+        warn_of_group(name, found)
+        return found.joints
+    joints = _without_name(description, group)
+    if joints is None:
+        raise OptionsError(_no_group(groups, group), "group")
+    if not joints:
+        raise OptionsError(f"group: no joint moves {brief(group)}", "group")
+    return joints
+
+
+def _without_name(description: UrdfDescription, group: object) -> set[str] | None:
+    """Joints that are named, or of a chain of links; None if neither."""
+    moving = {joint.name for joint in description.joints}
+    links = set(description.links)
+    if isinstance(group, str):
+        return moving & description.joints_above(group) if group in links else None
+    if not isinstance(group, Sequence | set | frozenset):
+        return None
+    names = list(group)
+    if not names or not all(isinstance(name, str) for name in names):
+        return None
+    if moving.issuperset(names):
+        return set(names)
+    if len(names) == 2 and links.issuperset(names):
+        return moving & description.joints_between(*names)
+    return None
+
+
+def _no_group(groups: JointGroups, group: object) -> str:
+    known = f"; the robot has: {', '.join(groups.groups)}"
+    if not groups.groups:
+        known = ": the robot has no SRDF file with groups; give one with srdf="
+    return (
+        f"group: there is no group {brief(group)}{closest(group, list(groups.groups))}"
+        f"{known}; or give the name of the last link of a chain, two links (base, tip),"
+        " or names of joints"
+    )
+
+
+def warn_of_group(name: str, found: JointGroup) -> None:
+    """Warn of what a group has and the robot has not."""
+    faults = []
+    if found.unknown:
+        faults.append(f"names {', '.join(found.unknown)}, which the robot lacks")
+    if found.moves_base:
+        faults.append("moves the base, which is planned for as standing still")
+    if faults:
+        warn_caller(f"the group {name!r} {' and '.join(faults)}")
+
+
+def rest_position(
+    joint: JointDescription, states: Mapping[str, Mapping[str, float]]
+) -> float:
+    """Where a joint rests that is not to move: in a state of a usual name first."""
+    for state in dict.fromkeys((*RESTING, *states)):
+        if joint.name in states.get(state, {}):
+            return states[state][joint.name]
+    if not joint.lower < joint.upper:
+        return 0.0
+    return min(max(0.0, joint.lower), joint.upper)
+
+
+def warn_of_passive(passive: Collection[str], motors: Collection[str]) -> None:
+    """Warn of joints that the SRDF file calls passive, and the URDF file drives."""
+    driven = [joint for joint in passive if joint in motors]
+    if driven:
+        example = "{" + repr(driven[0]) + ": 0}"
+        warn_caller(
+            f"the SRDF file calls {', '.join(driven)} passive, but motors drive them "
+            f"here: lock them, or give effort={example}"
+        )
+
+
+def srdf_file(
+    semantics: SemanticDescription, name: str, without: Collection[str]
+) -> bytes:
+    """What an SRDF file has said, as one.
+
+    Args:
+        semantics: What it has said.
+        name: Name of the robot.
+        without: Links whose pairs are left out.
+    """
+    groups = semantics.groups
+    root = Element("robot", name=groups.robot or name)
+    for one, other in semantics.disabled_pairs:
+        if not {one, other} & set(without):
+            item = add(root, "disable_collisions", link1=one, link2=other)
+            if (one, other) in semantics.never_touch:
+                item.set("reason", NEVER)
+    for group, found in groups.groups.items():
+        element = add(root, "group", name=group)
+        for joint in (*found.joints, *found.unknown):
+            add(element, "joint", name=joint)
+        if found.moves_base:
+            base = f"{group}_base"
+            add(element, "joint", name=base)
+            add(root, "virtual_joint", name=base, type="floating")
+    for state, positions in semantics.group_states.items():
+        element = add(root, "group_state", name=state)
+        for joint, value in positions.items():
+            add(element, "joint", name=joint, value=value)
+    for joint in groups.passive:
+        add(root, "passive_joint", name=joint)
+    if semantics.rotor_inertias:
+        rotors = add(root, "rotor_params")
+        for joint, mass in semantics.rotor_inertias.items():
+            add(rotors, "joint", name=joint, mass=mass, gear_ratio=1.0)
+    return xml_text(root)

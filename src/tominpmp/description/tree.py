@@ -22,6 +22,9 @@ from tominpmp.arrays import Array, IntArray, Record, frozen_array
 # The link that the bases of several robots are fixed to, and the one that a robot
 # stands on that is somewhere else in the world.
 WORLD, GROUND = "world", "ground"
+# Attributes that give the sizes of shapes [m], and how many numbers each has.
+_ROD = {"radius": 1, "length": 1}
+SIZES = {"box": {"size": 3}, "cylinder": _ROD, "capsule": _ROD, "sphere": {"radius": 1}}
 
 
 @dataclass(frozen=True)
@@ -197,7 +200,8 @@ class UrdfDescription(Record):
         self, link: LinkDescription, parent: str, attached: object
     ) -> UrdfDescription:
         """Fix one more link to a link, which is part of what was attached."""
-        joint = self._fixed(f"{link.name}_joint", parent, link.name, pin.SE3.Identity())
+        name = self._free_name(f"{link.name}_joint")
+        joint = fixed_joint(name, parent, link.name, pin.SE3.Identity())
         return replace(
             self,
             bodies=(*self.bodies, link),
@@ -221,7 +225,8 @@ class UrdfDescription(Record):
             )
             return replace(self, tree=tuple(moved))
         ground = LinkDescription(fresh_name(GROUND, set(self.links)))
-        mount = self._fixed(f"{GROUND}_mount", ground.name, self.root, base)
+        name = self._free_name(f"{GROUND}_mount")
+        mount = fixed_joint(name, ground.name, self.root, base)
         return replace(
             self,
             bodies=(ground, *self.bodies),
@@ -229,12 +234,9 @@ class UrdfDescription(Record):
             mount=mount.name,
         )
 
-    def _fixed(
-        self, name: str, parent: str, child: str, placement: pin.SE3
-    ) -> JointDescription:
-        """A joint that fixes a link to another, with a name that no other has."""
-        name = fresh_name(name, {joint.name for joint in self.tree})
-        return fixed_joint(name, parent, child, placement)
+    def _free_name(self, name: str) -> str:
+        """A name that no joint has."""
+        return fresh_name(name, {joint.name for joint in self.tree})
 
 
 def fixed_joint(

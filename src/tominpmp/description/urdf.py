@@ -1,8 +1,9 @@
-"""Reading URDF files into a form that parses the same way everywhere.
+"""URDF files: a guarded XML file becomes a tree of links and joints, and back.
 
-The file is guarded and checked (:mod:`~tominpmp.description.urdf_syntax`), parsed by
-yourdfpy, and becomes a tree of links and joints (:mod:`~tominpmp.description.tree`), in
-which every mesh is an absolute path of a file that exists.
+Every number and name is checked where it is read, with the link or joint and the field
+in the message; what other programs have left in a file is passed over. Every mesh of
+the tree (:mod:`~tominpmp.description.tree`) is an absolute path of a file that exists.
+A file that says more of a motion than is read causes a warning.
 
 Capsules may be given as ``<capsule radius="" length=""/>``, or as a cylinder named in
 Pinocchio's extension ``<collision_checking><capsule name=""/></collision_checking>``;
@@ -12,43 +13,78 @@ element gives a gravity [m/s^2] other than the usual one along -z.
 
 from __future__ import annotations
 
+import difflib
+import hashlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
+import pinocchio as pin
 
-from tominpmp.arrays import Array, frozen_array
+from tominpmp.arrays import Array, IntArray, frozen_array
 from tominpmp.description.files import LONGEST_PATH, resolve_resource
 from tominpmp.description.tree import (
+    SIZES,
     JointDescription,
     LinkDescription,
     Mimic,
     Shape,
     UrdfDescription,
 )
-from tominpmp.description.urdf_syntax import (
-    CAPSULE,
-    MOTION,
-    checked_copy,
-    warn_of_unread,
-)
 from tominpmp.description.xml_reader import (
     MAX_NUMBER,
     XmlContext,
+    add,
     parse_xml,
     read_xml,
+    to_number,
+    xml_text,
 )
 from tominpmp.exceptions import brief, shortened, warn_caller
 
+# What follows recurses into the tree; humanoids have some hundred links.
+MAX_LINKS = 2000
 # A mesh beyond this would take minutes and gigabytes.
 MAX_MESH_BYTES = 512 * 2**20
 # Colour of what has a texture only.
 BLACK = (0.0, 0.0, 0.0, 1.0)
+
+SHAPES = (*SIZES, "mesh")
+MOTION = ("acceleration", "deceleration", "jerk")
+LIMITS = ("lower", "upper", "velocity", "effort", *MOTION)
+
+# What is compared with what a file has: other names mean something to other programs,
+# unless they are nearly these.
+CHILDREN = {
+    "robot": ("link", "joint", "material"),
+    "link": ("inertial", "visual", "collision"),
+    "joint": (
+        *("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
+        "safety_controller",
+    ),
+    "inertial": ("mass", "origin", "inertia"),
+}
+ATTRIBUTES = {
+    "limit": LIMITS,
+    "dynamics": ("damping", "friction"),
+    "mimic": ("joint", "multiplier", "offset"),
+    "origin": ("xyz", "rpy"),
+    "axis": ("xyz",),
+    "mass": ("value",),
+}
+# How alike a name must be to be taken for a mistake, from 0 to 1.
+ALIKE = 0.8
+# Soft limits this little within the limits are on them [rad or m].
+SLIGHT = 1e-9
+# Beyond as many places a warning names no more.
+MOST = 10
+# Limits of joints that turn within which nobody gives radians: five to 115 turns.
+MANY_TURNS, DEGREES = 30.0, 720.0
 
 
 def read_urdf(
@@ -61,7 +97,7 @@ def read_urdf(
             several degrees of freedom, or refers to a mesh that is not there.
     """
     root = read_xml(path) if text is None else parse_xml(text, path)
-    return _read(root, XmlContext(path), package_dirs)
+    return _UrdfReader(root, XmlContext(path), package_dirs).read()
 
 
 def read_parsed(
@@ -83,269 +119,516 @@ def read_parsed(
         for tag in ("mimic", "safety_controller"):
             said = getattr(joint, tag)
             if said is not None:
-                given = {k: str(v) for k, v in vars(said).items() if v is not None}
-                SubElement(element, tag, given)
-    return _read(root, XmlContext(path), package_dirs)
+                given = {k: v for k, v in vars(said).items() if v is not None}
+                add(element, tag, **given)
+    return _UrdfReader(root, XmlContext(path), package_dirs).read()
 
 
-def _read(
-    root: Element, context: XmlContext, folders: Sequence[Path]
-) -> UrdfDescription:
-    _check_root(root, context)
-    gravity, own = None, root.find("tominpmp")
-    if own is not None and "gravity" in own.attrib:
-        gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
-    copy = checked_copy(root, context)
-    # Its import takes a second: only what reads a file needs it.
-    import yourdfpy
+class _UrdfReader:
+    """Reads the links and joints of a file, and collects what to warn of.
 
-    source = BytesIO(tostring(copy))
-    only_text = {"build_scene_graph": False, "load_meshes": False}
-    robot = yourdfpy.URDF.load(source, **only_text).robot
-    warn_of_unread(root, robot.joints, context)
-    links = _by_name(robot.links, "link", context)
-    joints = _by_name(robot.joints, "joint", context)
-    _check_tree(links, joints, context)
-    motion = {
-        joint.get("name", ""): {k: float(v) for k, v in limit.items() if k in MOTION}
-        for joint in copy.iter("joint")
-        for limit in joint.findall("limit")
-    }
-    tree = [
-        _describe_joint(joint, motion.get(name, {}), context)
-        for name, joint in joints.items()
-    ]
-    for described in tree:
-        mimic = described.mimic
-        if mimic is not None and mimic.leader not in joints:
-            context.fail(
-                f"joint {described.name} follows {brief(mimic.leader)}, which is no "
-                "joint"
-            )
-    found = _Links(context, folders).read(links.values())
-    return UrdfDescription(
-        name=robot.name,
-        bodies=found,
-        tree=tuple(tree),
-        gravity=gravity,
-        path=context.path,
-        package_dirs=tuple(folders),
-    )
-
-
-class _Links:
-    """Links of those of yourdfpy, with meshes that are there.
-
-    Meshes to look at that are not there are left out, with a warning: motions are the
-    same without them. Those to collide with have to be there.
+    Meshes to look at that are not there are left out: motions are the same without
+    them. Those to collide with have to be there.
     """
 
-    def __init__(self, context: XmlContext, folders: Sequence[Path]) -> None:
-        self.context, self.folders = context, folders
+    def __init__(
+        self, root: Element, context: XmlContext, folders: Sequence[Path]
+    ) -> None:
+        self.root, self.context, self.folders = root, context, folders
+        # Colours may be defined anywhere, and be used by their name.
+        self.materials: dict[str, Element] = {}
+        for element in root.iter("material"):
+            if len(element):
+                self.materials.setdefault(element.get("name", ""), element)
+        #: Visual shapes without their mesh.
         self.unseen: list[str] = []
+        #: Joints with soft limits within their limits, and with limits in degrees.
+        self.softer: list[str] = []
+        self.turned: list[str] = []
 
-    def read(self, links: Iterable[Any]) -> tuple[LinkDescription, ...]:
-        found = tuple(self._link(link) for link in links)
-        if self.unseen:
-            others = len(self.unseen) - 1
-            more = f" and {others} more" if others else ""
-            warn_caller(
-                f"{self.context.path}: not shown, as their meshes are not there: "
-                f"{self.unseen[0]}{more}; folders that hold packages are given in "
-                "package_dirs"
+    def read(self) -> UrdfDescription:
+        root, context = self.root, self.context
+        self._check_root()
+        # Joints of a <transmission> or <gazebo> are not children of the root.
+        elements = {tag: self._named(tag) for tag in ("link", "joint")}
+        links = tuple(self._link(*item) for item in elements["link"].items())
+        joints = tuple(self._joint(*item) for item in elements["joint"].items())
+        gravity, own = None, root.find("tominpmp")
+        if own is not None and "gravity" in own.attrib:
+            gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
+        _check_tree(elements["link"], joints, context)
+        self._warn()
+        return UrdfDescription(
+            name=root.get("name", "").strip() or context.path.stem,
+            bodies=links,
+            tree=joints,
+            gravity=gravity,
+            path=context.path,
+            package_dirs=tuple(self.folders),
+        )
+
+    def _check_root(self) -> None:
+        """Refuse other kinds of XML files, saying what they seem to be."""
+        if self.root.tag != "robot":
+            self.context.fail(
+                f"is no URDF file: its root is <{self.root.tag}>, expected <robot>"
             )
+        for element in self.root.iter():
+            if element.tag.startswith("xacro:"):
+                self.context.fail(
+                    f"is a xacro file (it has <{element.tag}>); expand it first: "
+                    "xacro FILE > robot.urdf"
+                )
+        if self.root.find("link") is None:
+            self.context.fail("is no URDF file: it has no <link>")
+
+    def _named(self, tag: str) -> dict[str, Element]:
+        """Links or joints by their names, which must differ."""
+        elements, found = self.root.findall(tag), dict[str, Element]()
+        if len(elements) > MAX_LINKS:
+            self.context.fail(
+                f"has {len(elements)} {tag}s, at most {MAX_LINKS} are read"
+            )
+        for number, element in enumerate(elements, 1):
+            name = self.context.text(element, "name", f"{tag} number {number}")
+            if name in found:
+                self.context.fail(f"there are two {tag}s named {brief(name)}")
+            found[name] = element
         return found
 
-    def _link(self, link: Any) -> LinkDescription:
-        collisions, visuals = [], []
-        for i, item in enumerate(link.collisions):
-            shape = self._shape(item, f"link {link.name}, collision {i + 1}")
-            capsule = item.name == CAPSULE
-            collisions.append(replace(shape, kind="capsule") if capsule else shape)
-        for i, item in enumerate(link.visuals):
-            where, mesh = f"link {link.name}, visual {i + 1}", item.geometry.mesh
-            if mesh is not None and self._find(mesh.filename)[0] is None:
-                self.unseen.append(f"{where} ({shortened(repr(mesh.filename))})")
-            else:
-                visuals.append(self._coloured(self._shape(item, where), item.material))
-        shapes = tuple(collisions), tuple(visuals)
-        if link.inertial is None:
-            return LinkDescription(link.name, collisions=shapes[0], visuals=shapes[1])
-        own, axes = link.inertial, _placement(link.inertial.origin)
-        turn, moments = axes[:3, :3], own.inertia
-        inertia = np.zeros((3, 3)) if moments is None else turn @ moments @ turn.T
-        com, tensor = frozen_array(axes[:3, 3]), frozen_array(inertia)
-        return LinkDescription(link.name, float(own.mass), com, tensor, *shapes)
+    # -- links -------------------------------------------------------------------------
+
+    def _link(self, name: str, link: Element) -> LinkDescription:
+        context, where = self.context, f"link {name}"
+        shapes = self._shapes(link, where)
+        inertial = link.find("inertial")
+        if inertial is None:
+            collisions, visuals = shapes
+            return LinkDescription(name, collisions=collisions, visuals=visuals)
+        mass = context.child(inertial, "mass", f"{where}: <inertial>")
+        placement, moments = self._placement(inertial, where), inertial.find("inertia")
+        # No check of their sign: rounding leaves moments of -1e-20, and whether the
+        # robot as a whole has inertia is checked on its mass matrix.
+        rows = [
+            [context.number(moments, f"i{min(i, k)}{max(i, k)}", where) for k in "xyz"]
+            for i in "xyz"
+        ]
+        turn = placement[:3, :3]
+        return LinkDescription(
+            name,
+            context.number(mass, "value", where, low=0.0),
+            frozen_array(placement[:3, 3]),
+            frozen_array(turn @ np.array(rows) @ turn.T),
+            *shapes,
+        )
+
+    def _placement(self, element: Element, where: str) -> Array:
+        """Placement of an element in the axes of the link that it belongs to."""
+        origin = element.find("origin")
+        zeros = (0.0, 0.0, 0.0)
+        matrix = np.eye(4)
+        matrix[:3, 3] = self.context.numbers(origin, "xyz", where, zeros)
+        angles = self.context.numbers(origin, "rpy", where, zeros)
+        matrix[:3, :3] = _rotation(np.array(angles))
+        return frozen_array(matrix)
+
+    def _shapes(
+        self, link: Element, where: str
+    ) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+        """Shapes of a link to collide with, and to look at."""
+        capsules = {c.get("name") for c in link.findall("collision_checking/capsule")}
+        found: dict[str, list[Shape]] = {"collision": [], "visual": []}
+        for tag, shapes in found.items():
+            for number, item in enumerate(link.findall(tag), 1):
+                shape = self._shape(item, f"{where}, {tag} {number}")
+                if shape is None:
+                    continue
+                if tag == "visual":
+                    shape = self._coloured(shape, item.find("material"))
+                elif shape.kind == "cylinder" and item.get("name") in capsules:
+                    shape = replace(shape, kind="capsule")
+                shapes.append(shape)
+        return tuple(found["collision"]), tuple(found["visual"])
+
+    def _shape(self, item: Element, where: str) -> Shape | None:
+        """The shape of a <collision> or <visual>; None if one to look at is missing."""
+        context, place = self.context, self._placement(item, where)
+        shapes = item.findall("geometry[1]/*")
+        if len(shapes) != 1 or shapes[0].tag not in SHAPES:
+            found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
+            context.fail(
+                f"{where}: <geometry> has {found}, expected one of {', '.join(SHAPES)}"
+            )
+        (shape,), kind = shapes, shapes[0].tag
+        if kind == "mesh":
+            return self._mesh(shape, place, where, seen=item.tag == "visual")
+        sizes: list[float] = []
+        for name, count in SIZES[kind].items():
+            text = context.text(shape, name, where)
+            numbers = context.numbers(shape, name, where, (0.0,) * count)
+            if min(numbers) <= 0.0:
+                context.fail(
+                    f"{where}: {kind} {name}={text!r}, expected numbers greater than "
+                    "zero"
+                )
+            sizes += numbers
+        return Shape(kind, tuple(sizes), place)
+
+    def _mesh(
+        self, mesh: Element, place: Array, where: str, *, seen: bool
+    ) -> Shape | None:
+        """A mesh with the path of its file; None if one to look at has none."""
+        context, name = self.context, self.context.text(mesh, "filename", where)
+        scale = context.numbers(mesh, "scale", where, (1.0, 1.0, 1.0))
+        if 0.0 in scale:
+            context.fail(f"{where}: mesh scale={list(scale)}, expected none to be zero")
+        path, tried = self._find(name)
+        if path is None and seen:
+            self.unseen.append(f"{where} ({shortened(repr(name))})")
+            return None
+        if path is None:
+            places = (shortened(str(place), LONGEST_PATH) for place in tried)
+            remedy = "; give the folder that holds the package in package_dirs"
+            context.fail(
+                f"{where}: the mesh {shortened(repr(name))} is not there; tried "
+                + ", ".join(places)
+                + (remedy if name.startswith(("package://", "model://")) else "")
+            )
+        if path.stat().st_size > MAX_MESH_BYTES:
+            context.fail(
+                f"{where}: the mesh {path} has more than {MAX_MESH_BYTES} bytes"
+            )
+        return Shape("mesh", scale, place, str(path.absolute()))
 
     def _find(self, name: str) -> tuple[Path | None, tuple[Path, ...]]:
         """A file that the description refers to, and the paths tried."""
         return resolve_resource(name, self.context.path, self.folders)
 
-    def _shape(self, item: Any, where: str) -> Shape:
-        """A shape; a mesh with the absolute path of its file."""
-        placement, geometry = _placement(item.origin), item.geometry
-        if geometry.box is not None:
-            return Shape("box", _sizes(geometry.box.size), placement)
-        if geometry.sphere is not None:
-            return Shape("sphere", _sizes(geometry.sphere.radius), placement)
-        rod, mesh = geometry.cylinder, geometry.mesh
-        if rod is not None:
-            return Shape("cylinder", _sizes([rod.radius, rod.length]), placement)
-        path, tried = self._find(mesh.filename)
-        if path is None:
-            remedy = "; give the folder that holds the package in package_dirs"
-            package = mesh.filename.startswith(("package://", "model://"))
-            self.context.fail(
-                f"{where}: the mesh {shortened(repr(mesh.filename))} is not there; "
-                "tried "
-                + ", ".join(shortened(str(place), LONGEST_PATH) for place in tried)
-                + (remedy if package else "")
-            )
-        if path.stat().st_size > MAX_MESH_BYTES:
-            self.context.fail(
-                f"{where}: the mesh {path} has more than {MAX_MESH_BYTES} bytes"
-            )
-        scale = np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3)
-        return Shape("mesh", _sizes(scale), placement, str(path.absolute()))
-
-    def _coloured(self, shape: Shape, material: Any) -> Shape:
-        """Colour and texture; these are looks, so a texture not found is left out."""
+    def _coloured(self, shape: Shape, material: Element | None) -> Shape:
+        """Colour and texture; these are looks, so what is wrong is left out."""
         if material is None:
             return shape
-        texture, path = material.texture, None
-        if texture is not None:
-            path = self._find(texture.filename)[0]
-        if material.color is None and path is None:
+        if not len(material):
+            material = self.materials.get(material.get("name", ""), material)
+        color, texture = material.find("color"), material.find("texture")
+        words = () if color is None else color.get("rgba", "").split()
+        rgba = tuple(map(to_number, words))
+        known = len(rgba) == 4 and all(0.0 <= part <= 1.0 for part in rgba)
+        name = "" if texture is None else texture.get("filename", "")
+        path = self._find(name)[0] if name else None
+        if not known and path is None:
             return shape
-        colour = BLACK if material.color is None else _sizes(material.color.rgba)
-        return replace(shape, colour=colour, texture="" if path is None else str(path))
+        file = "" if path is None else str(path)
+        return replace(shape, colour=rgba if known else BLACK, texture=file)
 
+    # -- joints ------------------------------------------------------------------------
 
-def _placement(matrix: Any) -> Array:
-    return frozen_array(np.eye(4) if matrix is None else matrix)
-
-
-def _sizes(values: Any) -> tuple[float, ...]:
-    return tuple(np.ravel(values).astype(float).tolist())
-
-
-def _check_root(root: Element, context: XmlContext) -> None:
-    """Refuse other kinds of XML files, saying what they seem to be."""
-    if root.tag != "robot":
-        context.fail(f"is no URDF file: its root is <{root.tag}>, expected <robot>")
-    for element in root.iter():
-        if element.tag.startswith("xacro:"):
+    def _joint(self, name: str, joint: Element) -> JointDescription:
+        """A joint, with limits, friction and leader if it can move."""
+        context, where = self.context, f"joint {name}"
+        kind = context.text(joint, "type", where)
+        parent, child = (
+            context.text(context.child(joint, end, where), "link", where)
+            for end in ("parent", "child")
+        )
+        ends = parent, child, self._placement(joint, where)
+        if kind == "fixed":
+            return JointDescription(name, kind, *ends)
+        if kind in ("floating", "planar"):
             context.fail(
-                f"is a xacro file (it has <{element.tag}>); expand it first: "
-                "xacro FILE > robot.urdf"
+                f"{where} is {kind}; only revolute, continuous, prismatic and fixed "
+                "joints can be planned for"
+            )
+        if kind not in ("revolute", "continuous", "prismatic"):
+            context.fail(f"{where} has the unknown type {brief(kind)}")
+        axis = context.numbers(joint.find("axis"), "xyz", where, (1.0, 0.0, 0.0))
+        norm = np.linalg.norm(axis)
+        if norm < 1e-6:
+            context.fail(f"{where}: the axis {axis} has no direction")
+        limit = joint.find("limit")
+        limits = {key: context.limit(limit, key, where) for key in LIMITS}
+        for key, value in limits.items():
+            if key not in ("lower", "upper") and value < 0.0:
+                context.fail(f"{where}: limit {key}={value:g} is negative")
+        self._look_at_ends(name, joint, limits)
+        limits = {key: _bounded(value) for key, value in limits.items()}
+        lower, upper = limits["lower"], limits["upper"]
+        if kind == "continuous":
+            lower, upper = -math.inf, math.inf
+        elif math.isnan(lower) != math.isnan(upper):
+            # By the specification a limit left out is zero; if both are, they are
+            # missing.
+            lower, upper = (0.0 if math.isnan(x) else x for x in (lower, upper))
+        # Zero means that none is given.
+        acceleration, jerk = (
+            min((limits[key] for key in keys if limits[key] > 0.0), default=math.inf)
+            for keys in (MOTION[:2], MOTION[2:])
+        )
+        dynamics, leader = joint.find("dynamics"), joint.find("mimic")
+        mimic = None
+        if leader is not None:
+            (ratio,) = context.numbers(leader, "multiplier", where, (1.0,))
+            offset = context.number(leader, "offset", where)
+            mimic = Mimic(context.text(leader, "joint", where), ratio, offset)
+        return JointDescription(
+            name,
+            kind,
+            *ends,
+            frozen_array(np.array(axis) / norm),
+            lower,
+            upper,
+            limits["velocity"],
+            limits["effort"],
+            context.number(dynamics, "damping", where, low=0.0),
+            context.number(dynamics, "friction", where, low=0.0),
+            mimic,
+            acceleration=acceleration,
+            jerk=jerk,
+        )
+
+    # -- warnings ----------------------------------------------------------------------
+
+    def _look_at_ends(
+        self, name: str, joint: Element, limits: Mapping[str, float]
+    ) -> None:
+        """Note soft limits within the limits of a joint, and limits in degrees."""
+        kind, least, most = joint.get("type"), limits["lower"], limits["upper"]
+        ends = [abs(x) for x in (least, most) if not math.isnan(x)]
+        if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= DEGREES:
+            self.turned.append(name)
+        soft = joint.find("safety_controller")
+        if soft is None or kind == "continuous":
+            return
+        # What is left out, or no number, is neither more nor less than anything.
+        lower, upper = (
+            to_number(soft.get(f"soft_{end}_limit", "")) for end in ("lower", "upper")
+        )
+        # Two that are alike were left out, which the specification takes for zero.
+        if lower < upper and (lower > least + SLIGHT or upper < most - SLIGHT):
+            self.softer.append(name)
+
+    def _warn(self) -> None:
+        """Warn of likely mistakes, soft and strange limits, and meshes not there.
+
+        Controllers may keep a ``<safety_controller>``'s soft limits; they are not read.
+        """
+        path, unread = self.context.path, _mistakes(self.root, "robot")
+        for element in (*self.root.findall("link"), *self.root.findall("joint")):
+            where = f"{element.tag} {element.get('name', '').strip()}"
+            for part in (element, *element.findall("inertial")):
+                unread += _mistakes(part, where)
+        if unread:
+            warn_caller(f"{path}: not read: {'; '.join(unread[:MOST])}")
+        if self.softer:
+            warn_caller(
+                f"{path}: <safety_controller>: soft limits within the position limits "
+                f"are not kept: {_first(self.softer)}; give position_lower and "
+                "position_upper where a controller keeps them"
+            )
+        if self.turned:
+            warn_caller(
+                f"{path}: position limits of many turns, which look like degrees: "
+                f"{_first(self.turned)}; a URDF file has radians"
+            )
+        if self.unseen:
+            others = len(self.unseen) - 1
+            more = f" and {others} more" if others else ""
+            warn_caller(
+                f"{path}: not shown, as their meshes are not there: {self.unseen[0]}"
+                f"{more}; folders that hold packages are given in package_dirs"
             )
 
 
-def _by_name(items: Sequence[Any], tag: str, context: XmlContext) -> dict[str, Any]:
-    """Links or joints by their names, which must differ."""
-    found: dict[str, Any] = {}
-    for item in items:
-        if item.name in found:
-            context.fail(f"there are two {tag}s named {brief(item.name)}")
-        found[item.name] = item
-    return found
+def _rotation(angles: Array) -> Array:
+    """Rotation by roll, pitch and yaw about fixed axes, shape (3, 3)."""
+    (sx, sy, sz), (cx, cy, cz) = np.sin(angles), np.cos(angles)
+    rotation = np.array(
+        [
+            [cy * cz, sy * (sx * cz) - cx * sz, sy * (cx * cz) + sx * sz],
+            [cy * sz, sy * (sx * sz) + cx * cz, sy * (cx * sz) - sx * cz],
+            [-sy, cy * sx, cy * cx],
+        ]
+    )
+    return rotation + 0.0  # no zero has a sign
+
+
+def _bounded(value: float) -> float:
+    """A limit: infinite if it is beyond reason."""
+    # "No limit" is commonly written as 1e16 or the like.
+    return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else value
 
 
 def _check_tree(
-    links: Mapping[str, Any], joints: Mapping[str, Any], context: XmlContext
+    links: Mapping[str, Element],
+    joints: Sequence[JointDescription],
+    context: XmlContext,
 ) -> None:
-    """Check that the joints make one tree of the links."""
-    children: dict[str, list[str]] = {name: [] for name in links}
-    parent_joint: dict[str, str] = {}
-    for name, joint in joints.items():
-        parent, child = joint.parent, joint.child
-        for end, link in (("parent", parent), ("child", child)):
+    """Check that the joints make one tree of the links, and follow joints."""
+    names = [joint.name for joint in joints]
+    above: dict[str, JointDescription] = {}
+    for joint in joints:
+        for end in ("parent", "child"):
+            link = getattr(joint, end)
             if link not in links:
                 context.fail(
-                    f"joint {name}: its {end} link {brief(link)} does not exist"
+                    f"joint {joint.name}: its {end} link {brief(link)} does not exist"
                 )
-        if child in parent_joint:
+        if joint.child in above:
             context.fail(
-                f"link {child} is the child of two joints, {parent_joint[child]} and "
-                f"{name}: closed loops are not supported"
+                f"link {joint.child} is the child of two joints, "
+                f"{above[joint.child].name} and {joint.name}: closed loops are not "
+                "supported"
             )
-        parent_joint[child] = name
-        children[parent].append(child)
-    roots = [name for name in links if name not in parent_joint]
+        above[joint.child] = joint
+        if joint.mimic is not None and joint.mimic.leader not in names:
+            context.fail(
+                f"joint {joint.name} follows {brief(joint.mimic.leader)}, which is no "
+                "joint"
+            )
+    roots = [name for name in links if name not in above]
     if len(roots) > 1:
         context.fail(
             f"has {len(roots)} links without a parent joint, expected one: "
             f"{', '.join(roots[:10])}"
         )
-    reached, front = set(), list(roots)
+    reached, front = set(roots), roots
     while front:
-        link = front.pop()
-        reached.add(link)
-        front += children[link]
+        front = [joint.child for joint in joints if joint.parent in front]
+        reached.update(front)
     rest = [name for name in links if name not in reached]
     if rest:
         context.fail(f"the links {', '.join(rest[:10])} form a loop without a base")
 
 
-def _describe_joint(
-    joint: Any, motion: Mapping[str, float], context: XmlContext
-) -> JointDescription:
-    """A joint, with limits, friction and leader if it can move."""
-    where = f"joint {joint.name}"
-    kind = joint.type
-    ends = joint.parent, joint.child, _placement(joint.origin)
-    if kind == "fixed":
-        return JointDescription(joint.name, kind, *ends)
-    if kind in ("floating", "planar"):
-        context.fail(
-            f"{where} is {kind}; only revolute, continuous, prismatic and fixed "
-            "joints can be planned for"
-        )
-    if kind not in ("revolute", "continuous", "prismatic"):
-        context.fail(f"{where} has the unknown type {brief(kind)}")
-    axis, norm = tuple(joint.axis.tolist()), np.linalg.norm(joint.axis)
-    if norm < 1e-6:
-        context.fail(f"{where}: the axis {axis} has no direction")
-    lower, upper, velocity, effort = (
-        _limit(getattr(joint.limit, name, None))
-        for name in ("lower", "upper", "velocity", "effort")
-    )
-    if kind == "continuous":
-        lower, upper = -math.inf, math.inf
-    elif math.isnan(lower) != math.isnan(upper):
-        # By the specification a limit left out is zero; if both are, they are missing.
-        lower, upper = (0.0 if math.isnan(x) else x for x in (lower, upper))
-    for quantity, value in {"velocity": velocity, "effort": effort, **motion}.items():
-        if value < 0:
-            context.fail(f"{where}: limit {quantity}={value:g} is negative")
-    # Zero means that none is given.
-    known = {name: _limit(value) for name, value in motion.items() if value > 0.0}
-    # yourdfpy keeps these as text.
-    losses = (getattr(joint.dynamics, name, None) for name in ("damping", "friction"))
-    damping, friction = (float(loss or 0.0) for loss in losses)
-    leader = joint.mimic
-    return JointDescription(
-        joint.name,
-        kind,
-        *ends,
-        frozen_array(joint.axis / norm),
-        lower,
-        upper,
-        velocity,
-        effort,
-        damping,
-        friction,
-        leader and Mimic(leader.joint, leader.multiplier, leader.offset),
-        acceleration=min(
-            known.get(name, math.inf) for name in ("acceleration", "deceleration")
-        ),
-        jerk=known.get("jerk", math.inf),
-    )
+def _first(names: Sequence[str]) -> str:
+    return ", ".join(names[:MOST]) + (", ..." if len(names) > MOST else "")
 
 
-def _limit(value: float | None) -> float:
-    """A limit: NaN if it is not given, infinite if it is beyond reason."""
-    if value is None:
-        return math.nan
-    # "No limit" is commonly written as 1e16 or the like.
-    return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else value
+def _mistakes(element: Element, where: str) -> list[str]:
+    """Names of children, and of their attributes, that are nearly those read."""
+    found = []
+    for child in element:
+        meant = _nearly(child.tag, CHILDREN[element.tag])
+        if meant:
+            found.append(f"<{child.tag}> of {where} (did you mean <{meant}>?)")
+        for name in child.attrib:
+            meant = _nearly(name, ATTRIBUTES.get(child.tag, ()))
+            if meant:
+                found.append(
+                    f"the attribute {name!r} of <{child.tag}> of {where} (did you mean "
+                    f"{meant!r}?)"
+                )
+    return found
+
+
+def _nearly(name: str, known: Sequence[str]) -> str | None:
+    if name in known:
+        return None
+    close = difflib.get_close_matches(name.lower()[:80], known, n=1, cutoff=ALIKE)
+    return close[0] if close else None
+
+
+# How a limit is written that is none; readers take numbers of this size for that.
+NO_LIMIT = 1e16
+
+
+def urdf_file(
+    description: UrdfDescription, without: Collection[str], stem: str
+) -> tuple[bytes, dict[str, bytes]]:
+    """A description as a URDF file.
+
+    Args:
+        description: The description.
+        without: Names of links, each fixed to another, that are left out: payloads.
+        stem: How the names of files for its meshes begin.
+
+    Returns:
+        The file, and the meshes that are to lie beside it, by their names.
+    """
+    root, files = Element("robot", name=description.name), {}
+    for link in description.bodies:
+        if link.name not in without:
+            files.update(_add_link(root, link, stem))
+    for joint in description.tree:
+        if joint.child not in without:
+            _add_joint(root, joint)
+    if description.gravity is not None:
+        add(root, "tominpmp", gravity=description.gravity)
+    return xml_text(root), files
+
+
+def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, bytes]:
+    """Add a link, and return the meshes that no file holds."""
+    element, files = add(root, "link", name=link.name), {}
+    if link.mass is not None:
+        inertial = add(element, "inertial")
+        add(inertial, "origin", xyz=link.com)
+        add(inertial, "mass", value=link.mass)
+        moments = zip(*np.triu_indices(3), strict=True)
+        named = {f"i{'xyz'[i]}{'xyz'[k]}": link.inertia[i, k] for i, k in moments}
+        add(inertial, "inertia", **named)
+    for tag, shapes in (("collision", link.collisions), ("visual", link.visuals)):
+        for shape in shapes:
+            item = add(element, tag)
+            _add_origin(item, shape.placement)
+            files.update(_add_shape(add(item, "geometry"), shape, stem))
+            if shape.colour is not None:
+                material = add(item, "material", name="")
+                add(material, "color", rgba=shape.colour)
+                if shape.texture:
+                    add(material, "texture", filename=shape.texture)
+    return files
+
+
+def _add_shape(element: Element, shape: Shape, stem: str) -> dict[str, bytes]:
+    """Add a shape, and return its mesh if no file holds that."""
+    if shape.kind != "mesh":
+        sizes = iter(shape.sizes)
+        counts = SIZES[shape.kind].items()
+        named = {name: [*islice(sizes, count)] for name, count in counts}
+        add(element, shape.kind, **named)
+        return {}
+    item = add(element, "mesh", scale=shape.sizes, filename=shape.file)
+    if shape.corners is None or shape.faces is None:
+        return {}
+    content = _stl(shape.corners, shape.faces)
+    file = f"{stem}_{hashlib.sha256(content).hexdigest()[:32]}.stl"
+    item.set("filename", file)
+    return {file: content}
+
+
+def _stl(corners: Array, faces: IntArray) -> bytes:
+    """A binary STL file of triangles."""
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("z", "<u2")])
+    rows = np.zeros(len(faces), dtype=record)
+    rows["corners"] = corners[faces]
+    return bytes(80) + len(faces).to_bytes(4, "little") + bytes(rows.tobytes())
+
+
+def _add_origin(element: Element, placement: Array) -> None:
+    """Add a placement, exact to rounding also where the pitch is a right angle."""
+    angles = pin.rpy.matrixToRpy(placement[:3, :3])
+    add(element, "origin", xyz=placement[:3, 3], rpy=angles)
+
+
+def _add_joint(root: Element, joint: JointDescription) -> None:
+    element = add(root, "joint", name=joint.name, type=joint.kind)
+    _add_origin(element, joint.placement)
+    add(element, "parent", link=joint.parent)
+    add(element, "child", link=joint.child)
+    if joint.kind == "fixed":
+        return
+    add(element, "axis", xyz=joint.axis)
+    names = ["velocity", "effort"]
+    names += [k for k in ("acceleration", "jerk") if getattr(joint, k) < math.inf]
+    if joint.kind != "continuous":
+        names += ["lower", "upper"]
+    limits = {name: getattr(joint, name) for name in names}
+    known = {k: v for k, v in limits.items() if not math.isnan(v)}
+    most = {k: np.clip(v, -NO_LIMIT, NO_LIMIT) for k, v in known.items()}
+    add(element, "limit", **most)
+    add(element, "dynamics", damping=joint.damping, friction=joint.friction)
+    if joint.mimic is not None:
+        own = joint.mimic
+        ratio, offset = own.multiplier, own.offset
+        add(element, "mimic", joint=own.leader, multiplier=ratio, offset=offset)

@@ -1,4 +1,4 @@
-"""Reading XML that strangers wrote.
+"""Reading XML that strangers wrote, and writing it.
 
 Robot descriptions come from downloads, so they are read in bounded time and memory: no
 document type, hence no entities and nothing fetched, and a limit on size, depth and the
@@ -11,9 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
-from xml.etree.ElementTree import Element, TreeBuilder
+from typing import Any, NoReturn
+from xml.etree.ElementTree import Element, SubElement, TreeBuilder, indent, tostring
 from xml.parsers import expat
+
+import numpy as np
 
 from tominpmp.description.paths import read_bytes
 from tominpmp.exceptions import RobotLoadError
@@ -23,7 +25,7 @@ MAX_BYTES = 32 * 2**20
 MAX_ELEMENTS = 500_000
 MAX_DEPTH = 64
 
-# No attribute of a description is longer; other parsers stumble over such.
+# No attribute of a description is longer; other parsers stumble over those that are.
 MAX_TEXT = 100_000
 
 # Of files that were meant for scenarios more likely than for robots.
@@ -160,8 +162,17 @@ class XmlContext:
         """Read an attribute of one number: zero if it is left out."""
         return self.numbers(element, attribute, where, (0.0,), low)[0]
 
-    def limit(self, element: Element, attribute: str, where: str) -> float:
-        """Read a number that may be infinite."""
+    def child(self, element: Element, tag: str, where: str) -> Element:
+        """The first child of a kind, which must be there."""
+        found = element.find(tag)
+        if found is None:
+            self.fail(f"{where} lacks <{tag}>")
+        return found
+
+    def limit(self, element: Element | None, attribute: str, where: str) -> float:
+        """Read a number that may be infinite; NaN if it is left out."""
+        if element is None or attribute not in element.attrib:
+            return math.nan
         text = element.attrib[attribute]
         value = to_number(text.strip())
         if math.isnan(value):
@@ -175,3 +186,19 @@ def to_number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def add(parent: Element, tag: str, **attributes: Any) -> Element:
+    """Add an element, with texts, and numbers so that every parser reads them."""
+    element = SubElement(parent, tag)
+    for name, value in attributes.items():
+        numbers = () if isinstance(value, str) else np.ravel(value).tolist()
+        written = " ".join(repr(float(number)) for number in numbers)
+        element.set(name, value if isinstance(value, str) else written)
+    return element
+
+
+def xml_text(root: Element) -> bytes:
+    """A document as the content of a file, an element a line."""
+    indent(root)
+    return b'<?xml version="1.0"?>\n' + tostring(root, encoding="unicode").encode()

@@ -6,7 +6,7 @@ columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``, ``a_<joi
 and ``u_<joint>``, without units, so that any program takes the names as they are; those
 of several segments have a last column ``segment`` with their numbers from 1. YAML
 and JSON files are messages of ROS 2, see :mod:`~tominpmp.files.ros`; MCAP files are
-bags of them, see :mod:`~tominpmp.files.bag`. Numbers are written in full: what is read
+bags of them. Numbers are written in full: what is read
 back is what was there, to the last bit; the times of ROS messages are whole
 nanoseconds, and the motion is looked at then.
 """
@@ -25,13 +25,14 @@ from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path
 from tominpmp.description.yaml_reader import parse_yaml, read_bytes
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
-from tominpmp.files.bag import parse_bag, write_bag
 from tominpmp.files.ros import (
     MESSAGE,
     check_message,
     message_samples,
+    parse_bag,
     parse_json,
     read_message,
+    write_bag,
     write_json,
     write_yaml,
 )

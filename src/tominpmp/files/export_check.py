@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ from tominpmp.files.export import (
     load_motion,
     message_motion,
 )
-from tominpmp.files.ros_rules import (
+from tominpmp.files.ros import (
     Refusal,
     controller_needs,
     controller_refusals,
@@ -195,7 +196,7 @@ def check_export(
     if motion is None:
         raise ProblemError(f"there is no motion: {solution.message}", "trajectory")
     path = checked_path(path)
-    judge = _Judge(solution, motion)
+    judge = partial(_judged, solution, motion)
     check = _check(solution.problem, path, judge)
     if not check.violations:
         return check
@@ -290,48 +291,39 @@ def _others(dt: float | None) -> list[float | None]:
     return [None, *(period for period in PERIODS if period < dt * (1.0 - 1e-9))]
 
 
-@dataclass(frozen=True)
-class _Judge:
-    """Judges what readers make of a motion that was planned."""
+def _judged(solution: Solution, planned: Trajectory, motion: Trajectory) -> Found:
+    """Judge what a reader makes of a plan; by its replay if nothing simpler tells."""
+    problem, known = solution.problem, solution.verification
+    tolerances = solution.options.tolerances
+    if known is not None and known.ok and _is_planned(problem, planned, motion):
+        return (), known
+    # Of several segments, torques are known only when it is known where they end.
+    if not problem.segments:
+        times = _inner_instants(motion.t)
+        state, clearly = motion(times), CLEARLY * tolerances.limits
+        found = state_violations(problem, times, state.q, state.v, state.u, clearly)
+        broken = tuple(item for item in found if item.violated)
+        if broken:
+            return broken, None
+    replayed = verify(problem, motion, tolerances)
+    return replayed.violations, replayed
 
-    solution: Solution
-    motion: Trajectory
 
-    def __call__(self, motion: Trajectory) -> Found:
-        """Judge a motion; by its replay if nothing simpler tells."""
-        problem, known = self.solution.problem, self.solution.verification
-        tolerances = self.solution.options.tolerances
-        if known is not None and known.ok and self._is_planned(motion):
-            return (), known
-        # Of several segments, torques are known only when it is known where they end.
-        if not problem.segments:
-            times = _inner_instants(motion.t)
-            state, clearly = motion(times), CLEARLY * tolerances.limits
-            rows = times, state.q, state.v, state.u
-            found = state_violations(problem, *rows, clearly)
-            broken = tuple(item for item in found if item.violated)
-            if broken:
-                return broken, None
-        replayed = verify(problem, motion, tolerances)
-        return replayed.violations, replayed
-
-    def _is_planned(self, motion: Trajectory) -> bool:
-        """Whether a motion is the planned one, up to rounding."""
-        plan = self.motion
-        if abs(plan.duration - motion.duration) > SHORTEST:
-            return False
-        nodes = np.union1d(plan.t, motion.t)
-        times = _inner_instants(nodes)
-        ours, theirs = plan(times), motion(times)
-        limits = self.solution.problem.robot.limits
-        span = limits.effort_upper - limits.effort_lower
-        span = np.where(span > 0.0, span, max(float(np.max(span)), 1e-12))
-        apart = (
-            (ours.q - theirs.q) / SAME_Q,
-            (ours.v - theirs.v) / SAME_V,
-            (ours.u - theirs.u) / (SAME_U * span),
-        )
-        return all(bool(np.all(np.abs(part) <= 1.0)) for part in apart)
+def _is_planned(problem: Problem, planned: Trajectory, motion: Trajectory) -> bool:
+    """Whether a motion is the planned one, up to rounding."""
+    if abs(planned.duration - motion.duration) > SHORTEST:
+        return False
+    times = _inner_instants(np.union1d(planned.t, motion.t))
+    ours, theirs = planned(times), motion(times)
+    limits = problem.robot.limits
+    span = limits.effort_upper - limits.effort_lower
+    span = np.where(span > 0.0, span, max(float(np.max(span)), 1e-12))
+    apart = (
+        (ours.q - theirs.q) / SAME_Q,
+        (ours.v - theirs.v) / SAME_V,
+        (ours.u - theirs.u) / (SAME_U * span),
+    )
+    return all(bool(np.all(np.abs(part) <= 1.0)) for part in apart)
 
 
 def _inner_instants(nodes: Array) -> Array:

@@ -188,13 +188,13 @@ def load_limited_robot(
 def _warn_of_joints(
     limits: MoveItLimits, joints: Collection[str], followers: Collection[str]
 ) -> None:
-    told = []
+    notes = []
     unknown = [brief(joint) for joint in limits.joints if joint not in joints]
     if unknown:
-        told.append(f"the robot has no joints {', '.join(unknown[:20])}")
+        notes.append(f"the robot has no joints {', '.join(unknown[:20])}")
     led = [joint for joint in limits.joints if joint in followers]
     if led:
-        told.append(
+        notes.append(
             f"limits of joints that follow others are not used: {', '.join(led)}"
         )
     scalings = limits.velocity_scaling, limits.acceleration_scaling
@@ -204,9 +204,9 @@ def _warn_of_joints(
         if value < 1.0
     ]
     if factors:
-        told.append(f"the limits are taken whole, without {' and '.join(factors)}")
-    if told:
-        message = f"{limits.path}: {'; '.join(told)}"
+        notes.append(f"the limits are taken whole, without {' and '.join(factors)}")
+    if notes:
+        message = f"{limits.path}: {'; '.join(notes)}"
         warn_caller(message)
 
 
@@ -248,15 +248,13 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
                 notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
         notes += _unread(limits)
     if notes:
-        told = ", ".join(brief(note).strip("'") for note in notes[:20])
-        warn_caller(f"{path}: not used: {told}")
-    scaling = []
-    for key in _SCALINGS:
-        factor = table.get(key)
-        scaling.append(factor.number() if factor.given else 1.0)
-        if not 0.0 < scaling[-1] <= 1.0:
-            factor.fail(f"is {scaling[-1]:g}, expected a factor from 0 to 1")
-    speed, acceleration = scaling
+        unread = ", ".join(brief(note).strip("'") for note in notes[:20])
+        warn_caller(f"{path}: not used: {unread}")
+    scaling = (table.get(key) for key in _SCALINGS)
+    speed, acceleration = (
+        factor.number("a factor from 0 to 1", default=1.0, above=0.0, most=1.0)
+        for factor in scaling
+    )
     return MoveItLimits(
         path, **found, velocity_scaling=speed, acceleration_scaling=acceleration
     )
@@ -270,12 +268,11 @@ def _limit(limits: Field, flag: str, key: str) -> float | None:
     value = limits.need(key) if said.given else limits.get(key)
     if not value.given:
         return None
-    number = value.number()
-    if key == _SLOWING[1] and number == 0.0:
+    if key == _SLOWING[1] and value.number() == 0.0:
         value.fail("is 0, expected a number less than zero")
-    if key not in (_SLOWING[1], "min_position", "max_position") and number <= 0.0:
-        value.fail(f"is {number:g}, expected a number greater than zero")
-    return number
+    if key in (_SLOWING[1], "min_position", "max_position"):
+        return value.number()
+    return value.number("a number greater than zero", above=0.0)
 
 
 def _unread(limits: Field) -> list[str]:
@@ -315,10 +312,9 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
     document.only("effort_scale", "joints", *kinds)
     if not document.given:
         document.fail(f"is empty, expected {', '.join(kinds)}, effort_scale or joints")
-    scale = document.get("effort_scale")
-    share = 1.0 if scale.value is None else scale.number()
-    if not 0.0 < share <= 1.0:
-        scale.fail(f"is {share:g}, expected a share greater than 0, at most 1")
+    share = document.get("effort_scale").number(
+        "a share greater than 0, at most 1", default=1.0, above=0.0, most=1.0
+    )
     values: dict[str, dict[str, Any]] = {
         name: dict.fromkeys(robot.joint_names, _positive(item, kind))
         for name, kind in kinds.items()
@@ -332,7 +328,7 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
         limits.only("effort_curve", *kinds)
         for name, item in limits.table().items():
             curve = name == "effort_curve"
-            read: Any = _curve(item) if curve else _positive(item, kinds[name])
+            read: Any = read_curve(item) if curve else _positive(item, kinds[name])
             if moves:
                 own = values.setdefault("effort_curves" if curve else name, {})
                 own[joint] = read
@@ -340,22 +336,21 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
 
 
 def _positive(item: Field, kind: LimitKind) -> float:
-    number = item.number(infinite=True)
-    if not number > 0.0:
-        item.fail(f"is {number:g}, expected a positive number [{kind.unit}]")
-    return number
+    return item.number(f"a positive number [{kind.unit}]", above=0.0, infinite=True)
 
 
-def _curve(item: Field) -> EffortCurve:
-    """Curve of torque over speed in one of its forms."""
+def read_curve(item: Field) -> EffortCurve:
+    """Read a curve of torque over speed in one of its forms.
+
+    Raises:
+        ScenarioError: If it is none.
+    """
     given = item.table()
     for key, (make, keys) in CURVES.items():
         if key in given:
             item.only(*keys)
-            numbers = [item.need(name).number() for name in keys]
-            for name, number in zip(keys, numbers, strict=True):
-                if not number > 0.0:
-                    item.get(name).fail(f"is {number:g}, expected a positive number")
+            values = (item.need(name) for name in keys)
+            numbers = [value.number("a positive number", above=0.0) for value in values]
             curve: EffortCurve = make(*numbers)
             return curve
     item.only("speed", "effort")

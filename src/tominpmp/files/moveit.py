@@ -1,4 +1,7 @@
-"""MoveIt motion plan requests (YAML): start and goal of a problem.
+"""MoveIt's planning scenes and motion plan requests (YAML): obstacles, start and goal.
+
+Both ways of writing the messages are read: short (``type: box``, ``position: [x, y,
+z]``) and as ROS prints them (``type: 1``, ``position: {x: .., y: .., z: ..}``).
 
 A tolerance that stands for accuracy gives a goal at the middle of what is tolerated; a
 wider one is a freedom, and gives a goal region. No region is larger than what the
@@ -9,35 +12,35 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import NoneType
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
+from tominpmp.checks import instance
 from tominpmp.description.fields import Field
-from tominpmp.description.groups import (
+from tominpmp.description.files import LONGEST_PATH, resolve_resource
+from tominpmp.description.paths import checked_path
+from tominpmp.description.srdf import (
+    JointGroups,
+    SemanticDescription,
     rest_position,
     warn_of_group,
 )
-from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.tree import JointDescription, UrdfDescription
-from tominpmp.exceptions import ProblemError, brief, warn_caller
-from tominpmp.files.moveit_scene import (
-    REQUEST,
-    Frames,
-    load_moveit_scene,
-    read_frames,
-    read_mesh_corners,
-    read_message,
-    read_pose,
-    read_primitive,
-    read_rotation,
-    read_scene,
-    refuse_attached,
-    warn_of_unread,
+from tominpmp.description.tree import UrdfDescription
+from tominpmp.description.yaml_reader import read_yaml
+from tominpmp.exceptions import (
+    ProblemError,
+    RobotLoadError,
+    ScenarioError,
+    brief,
+    shortened,
+    warn_caller,
 )
 from tominpmp.files.records import blaming
 from tominpmp.goals import (
@@ -53,8 +56,415 @@ from tominpmp.goals import (
 )
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot, RobotSource, load_robot, read_source
+from tominpmp.scene import Box, Cylinder, Mesh, Obstacle, Scene, Sphere, rotation_matrix
 
-__all__ = ["load_moveit", "load_moveit_scene"]
+# Beyond as many keys a warning names no more.
+SHOWN = 20
+# What a MotionPlanRequest and a PlanningScene have: read, refused, or without effect on
+# the motion (bounds for bases that move, and how MoveIt is to look for a motion).
+REQUEST = frozenset(
+    (
+        *("start_state", "goal_constraints", "path_constraints"),
+        *("trajectory_constraints", "workspace_parameters", "pipeline_id"),
+        *("planner_id", "group_name", "num_planning_attempts", "allowed_planning_time"),
+        *("max_velocity_scaling_factor", "max_acceleration_scaling_factor"),
+        *("cartesian_speed_limited_link", "cartesian_speed_end_effector_link"),
+        "max_cartesian_speed",
+    )
+)
+# Links are watched as the SRDF says; of entries about objects, and of padding, a
+# warning of its own tells.
+SCENE = frozenset(
+    (
+        *("name", "robot_model_name", "robot_state", "world", "object_colors"),
+        *("fixed_frame_transforms", "allowed_collision_matrix", "link_padding"),
+        *("link_scale", "is_diff"),
+    )
+)
+# Tables in them, and lists of tables, that are looked through for further keys.
+TABLES = frozenset(
+    (
+        *("start_state", "robot_state", "joint_state", "multi_dof_joint_state"),
+        *("goal_constraints", "joint_constraints", "position_constraints"),
+        *("orientation_constraints", "constraint_region", "world"),
+        "collision_objects",
+    )
+)
+# What else such tables have: read, refused, or without effect on the motion.
+INSIDE = TABLES | frozenset(
+    (
+        *("header", "name", "position", "velocity", "effort", "joint_names"),
+        *("transforms", "wrench", "attached_collision_objects", "is_diff"),
+        *("joint_name", "tolerance_above", "tolerance_below", "weight"),
+        *("link_name", "target_point_offset", "orientation", "visibility_constraints"),
+        *(f"absolute_{axis}_axis_tolerance" for axis in "xyz"),
+        *("primitives", "primitive_poses", "meshes", "mesh_poses", "planes"),
+        *("plane_poses", "subframe_names", "subframe_poses", "id", "type", "pose"),
+        *("operation", "octomap"),
+    )
+)
+
+
+def _warn_of_unread(message: Field, keys: Iterable[str]) -> None:
+    """Warn of keys of a message that say something and are not read."""
+    unread = list(dict.fromkeys(keys))
+    if unread:
+        shown = ", ".join(brief(key).strip("'\"") for key in unread[:SHOWN])
+        warn_caller(f"{message.path}: not read: {shown}")
+
+
+def _unread(table: Field, known: Collection[str]) -> Iterator[str]:
+    """Keys of a table and of those in it that say something and are not known."""
+    for name, item in table.table().items():
+        if name not in known and item.says_something:
+            yield item.key
+        elif name in TABLES and item.given:
+            parts = item.items() if isinstance(item.value, list) else (item,)
+            for part in parts:
+                yield from _unread(part, INSIDE)
+
+
+# Numbers of the shapes in the message SolidPrimitive.
+_SHAPES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
+_SIZES = {"box": "x, y and z", "sphere": "the radius", "cylinder": "height and radius"}
+# Keys of the message of which there is one at least.
+SCENE_KEYS = ("world", "robot_state", "fixed_frame_transforms", "robot_model_name")
+# Places beyond this are a mistake [m].
+FARTHEST = 1e6
+# Keys under which tools write the file of a mesh.
+MESH_FILES = ("resource", "mesh_path", "filename", "path")
+# Frames that are the world whatever the file is about.
+_WORLD = ("", "world", "/world")
+
+
+@dataclass(frozen=True)
+class _Frames:
+    """The frames in which poses of a file may be given.
+
+    Attributes:
+        base: Placement base_to_world of the robot's first link.
+        root: Name of that link, empty if no robot is given.
+        fixed: Placements child_to_world of further frames.
+        package_dirs: Folders in which to look for the packages of mesh files.
+    """
+
+    base: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    root: str = ""
+    fixed: Mapping[str, pin.SE3] = field(default_factory=dict)
+    package_dirs: tuple[Path, ...] = ()
+
+    def to_base(self, header: Field) -> pin.SE3:
+        """Placement frame_to_base of the frame that a header names, else of the world.
+
+        Raises:
+            ScenarioError: If the frame is not known.
+        """
+        frame_id = header.get("frame_id")
+        name = frame_id.text() if frame_id.given else ""
+        if name in _WORLD:
+            return self.base.inverse()
+        if name.lstrip("/") == self.root:
+            return pin.SE3.Identity()
+        if name in self.fixed:
+            return self.base.actInv(self.fixed[name])
+        known = ["world", *([self.root] if self.root else []), *self.fixed]
+        frame_id.fail(
+            f"there is no frame {brief(name)} that stands still; there are: "
+            f"{', '.join(dict.fromkeys(known))}"
+        )
+
+
+def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
+    """Load the obstacles of a MoveIt planning scene.
+
+    Poses become those in the frame of the robot's first link, which the scene may have
+    put elsewhere in the world (a joint of several freedoms in its robot state).
+
+    Args:
+        path: YAML file with a ``PlanningScene`` message.
+        robot: The robot, whose first link is then known as a frame.
+
+    Returns:
+        The scene; an object of several shapes becomes several obstacles, ``NAME.0``,
+        ``NAME.1`` and so on.
+
+    Raises:
+        ScenarioError: If the file is wrong, or holds what cannot be read: attached
+            objects, an octree, planes, cones.
+    """
+    instance(robot, (Robot, NoneType), "robot", "a Robot or None")
+    message = _read_message(path)
+    return _read_scene(message, _read_frames(message, robot))
+
+
+def _read_message(path: str | Path) -> Field:
+    """Read a message from a YAML file; it must be a table.
+
+    Raises:
+        ScenarioError: If it is no YAML file with a table.
+    """
+    path = checked_path(path, "path", ScenarioError)
+    message = Field(read_yaml(path), path)
+    message.table()
+    return message
+
+
+def _read_frames(
+    message: Field, robot: Robot | None, start_state: Field | None = None
+) -> _Frames:
+    """Collect the frames of a planning scene.
+
+    Args:
+        message: The planning scene.
+        robot: The robot, if there is one.
+        start_state: A robot state that says more about where the base is.
+    """
+    base = pin.SE3.Identity()
+    for state in (message.get("robot_state"), start_state):
+        joints = None if state is None else state.get("multi_dof_joint_state")
+        if joints is None or not joints.get("transforms").given:
+            continue
+        placements = [_read_pose(item) for item in joints.get("transforms").items()]
+        if len(placements) > 1:
+            joints.get("transforms").fail(
+                f"holds {len(placements)} transforms, expected that of the base only"
+            )
+        base = placements[0]
+    fixed: dict[str, pin.SE3] = {}
+    for item in message.get("fixed_frame_transforms").items():
+        name = item.need("child_frame_id").text()
+        parent = item.get("header").get("frame_id")
+        if parent.given and parent.value not in (*_WORLD, *fixed, name):
+            # Frames may hang on frames that are said later or not at all.
+            continue
+        above = fixed.get(str(parent.value), pin.SE3.Identity())
+        fixed[name] = above * _read_pose(item.need("transform"))
+    if robot is None:
+        return _Frames(base, "", fixed)
+    urdf = robot.description
+    # Packages are often found beside that of the robot.
+    return _Frames(base, urdf.links[0], fixed, urdf.package_dirs)
+
+
+def _read_pose(value: Field) -> pin.SE3:
+    """Read a pose or transform; what is left out is zero.
+
+    Args:
+        value: A message ``Pose`` (position, orientation) or ``Transform`` (translation,
+            rotation).
+
+    Raises:
+        ScenarioError: If it is none.
+    """
+    place, turn = value.get("position"), value.get("orientation")
+    if not place.given and not turn.given:
+        place, turn = value.get("translation"), value.get("rotation")
+    position = place.vector("xyz") if place.given else np.zeros(3)
+    if np.any(np.abs(position) > FARTHEST):
+        place.fail(f"is {position.tolist()}, expected a place within {FARTHEST:g} m")
+    return pin.SE3(_read_rotation(turn), position)
+
+
+def _read_rotation(value: Field) -> np.ndarray:
+    """Read a quaternion (x, y, z, w); all zeros, the ROS default, is no rotation."""
+    quaternion = value.vector("xyzw") if value.given else np.zeros(4)
+    if not np.any(quaternion):
+        return np.eye(3)
+    with blaming(value):
+        return np.array(rotation_matrix(quaternion))
+
+
+def _read_scene(message: Field, frames: _Frames) -> Scene:
+    """Read the obstacles of a planning scene message.
+
+    Raises:
+        ScenarioError: As :func:`load_moveit_scene`.
+    """
+    if not any(key in message.table() for key in SCENE_KEYS):
+        message.fail(f"is no planning scene: it has none of {', '.join(SCENE_KEYS)}")
+    _refuse_attached(message.get("robot_state"))
+    world = message.get("world")
+    unread = *_unread_precautions(message), *_unread(message, SCENE)
+    _warn_of_unread(message, unread)
+    octree = world.get("octomap").get("octomap").get("data")
+    if octree.given:
+        octree.fail("octrees are not read")
+    obstacles: list[Obstacle] = []
+    for item in world.get("collision_objects").items():
+        obstacles += _read_object(item, frames)
+    with blaming(world.get("collision_objects")):
+        return Scene(obstacles)
+
+
+def _refuse_attached(state: Field) -> None:
+    """Refuse a robot state in which the robot holds something.
+
+    Raises:
+        ScenarioError: If it does.
+    """
+    attached = state.get("attached_collision_objects")
+    if attached.given:
+        names = [item.get("object").get("id").value for item in attached.items()]
+        attached.fail(
+            "objects attached to the robot are not read: "
+            f"{', '.join(str(name) for name in names)}"
+        )
+
+
+def _unread_precautions(message: Field) -> Iterator[str]:
+    """Keys of a scene that would make a motion safer or freer, and are not read."""
+    for name, key, neutral in (
+        ("link_padding", "padding", 0.0),
+        ("link_scale", "scale", 1.0),
+    ):
+        for item in message.get(name).items():
+            if item.get(key).number(default=neutral) != neutral:
+                yield item.get(key).key
+    objects = message.get("world").get("collision_objects").items()
+    known = [item.get("id").value for item in objects]
+    allowed = message.get("allowed_collision_matrix")
+    names = [item.value for item in allowed.get("entry_names").items()]
+    if any(isinstance(name, str) and name in known for name in names):
+        yield "allowed_collision_matrix (its entries about objects)"
+
+
+def _read_object(item: Field, frames: _Frames) -> list[Obstacle]:
+    """Read a CollisionObject: one obstacle for each of its shapes."""
+    name = item.need("id").text()
+    operation = item.get("operation")
+    if operation.given and operation.value not in (0, "add", "ADD"):
+        operation.fail("only objects that are added can be read (operation 0)")
+    if item.get("planes").given:
+        item.get("planes").fail("planes are not read; use a large box")
+    place = frames.to_base(item.get("header"))
+    if item.get("pose").given:
+        place = place * _read_pose(item.get("pose"))
+    found: list[tuple[Field, pin.SE3]] = []
+    for kind in ("primitive", "mesh"):
+        shapes, poses = _shapes_and_poses(item, kind, optional="poses")
+        within = [place * _read_pose(pose) for pose in poses] or [place] * len(shapes)
+        found += zip(shapes, within, strict=True)
+    if not found:
+        item.fail(f"the object {brief(name)} has no shapes")
+    return [
+        _obstacle(name if len(found) == 1 else f"{name}.{index}", *shape, frames)
+        for index, shape in enumerate(found)
+    ]
+
+
+def _shapes_and_poses(
+    item: Field, kind: str, *, optional: str
+) -> tuple[list[Field], list[Field]]:
+    """Shapes of a kind, "primitive" or "mesh", and their poses.
+
+    Args:
+        item: What has them as lists.
+        kind: The kind.
+        optional: "shapes" or "poses": there may be none of these at all.
+
+    Raises:
+        ScenarioError: If there are more of one than of the other.
+    """
+    plural = {"primitive": "primitives", "mesh": "meshes"}[kind]
+    shapes, poses = list(item.get(plural).items()), item.get(f"{kind}_poses")
+    places = list(poses.items())
+    if {"shapes": shapes, "poses": places}[optional] and len(shapes) != len(places):
+        poses.fail(f"holds {len(places)} poses for {len(shapes)} {plural}")
+    return shapes, places
+
+
+def _obstacle(name: str, shape: Field, place: pin.SE3, frames: _Frames) -> Obstacle:
+    where: dict[str, Any] = {"position": place.translation, "rotation": place.rotation}
+    with blaming(shape):
+        if "type" not in shape.table():
+            return Mesh(name, **_mesh(shape, frames), **where)
+        kind, size = _read_primitive(shape)
+        if kind == "box":
+            return Box(name, size=np.array(size), **where)
+        if kind == "sphere":
+            return Sphere(name, radius=size[0], **where)
+        return Cylinder(name, radius=size[1], length=size[0], **where)
+
+
+def _read_primitive(shape: Field) -> tuple[str, list[float]]:
+    """Read a SolidPrimitive.
+
+    Returns:
+        "box", "sphere" or "cylinder", and the dimensions in the order of MoveIt: edges;
+        radius; height and radius [m].
+
+    Raises:
+        ScenarioError: If it is none of these.
+    """
+    kind = shape.need("type")
+    name = kind.value.lower() if isinstance(kind.value, str) else kind.value
+    if isinstance(name, int):
+        name = _SHAPES.get(name, name)
+    if not isinstance(name, str) or name not in _SIZES:
+        kind.fail(
+            f"there is no shape {brief(name)} here; there are: {', '.join(_SIZES)}, "
+            "and meshes"
+        )
+    size = shape.need("dimensions")
+    count = {"box": 3, "sphere": 1, "cylinder": 2}[name]
+    if not isinstance(size.value, list) or len(size.value) != count:
+        size.fail(f"is {brief(size.value)}, expected {_SIZES[name]} of a {name} [m]")
+    return name, size.numbers(count)
+
+
+def _read_mesh_corners(shape: Field, frames: _Frames) -> Array:
+    """Read the corners of a mesh [m], shape (k, 3).
+
+    Raises:
+        ScenarioError: If it is no mesh or cannot be read.
+    """
+    with blaming(shape):
+        return Mesh("region", **_mesh(shape, frames)).points
+
+
+def _mesh(shape: Field, frames: _Frames) -> dict[str, Any]:
+    """Read a mesh: corners and triangles, or the name of a file."""
+    named = [shape.get(key) for key in MESH_FILES if shape.get(key).given]
+    if named:
+        scale = shape.get("dimensions" if shape.get("dimensions").given else "scale")
+        values: dict[str, Any] = {"path": _mesh_file(named[0], frames)}
+        if scale.given:
+            values["scale"] = np.array(scale.numbers(3))
+        return values
+    if not (shape.get("vertices").given and shape.get("triangles").given):
+        shape.fail(
+            "has neither a type, as primitives have, nor vertices and triangles, nor "
+            f"the file of a mesh ({', '.join(MESH_FILES)})"
+        )
+    rows = [item.vector("xyz") for item in shape.get("vertices").items()]
+    return {
+        "vertices": np.array(rows),
+        "triangles": np.array([_corners(t) for t in shape.get("triangles").items()]),
+    }
+
+
+def _corners(triangle: Field) -> list[int]:
+    indices = triangle
+    if isinstance(triangle.value, dict):
+        indices = triangle.need("vertex_indices")
+    numbers = indices.numbers(3)
+    if not all(number.is_integer() and 0 <= number < 2**31 for number in numbers):
+        indices.fail(f"is {brief(indices.value)}, expected three numbers of vertices")
+    return [int(number) for number in numbers]
+
+
+def _mesh_file(name: Field, frames: _Frames) -> Path:
+    """Find the file of a mesh: relative to the scene, or in a package."""
+    try:
+        path, tried = resolve_resource(name.text(), name.path, frames.package_dirs)
+    except RobotLoadError as error:
+        name.fail(str(error).removeprefix(f"{name.path}: "))
+    if path is None:
+        places = [shortened(str(place), LONGEST_PATH) for place in tried[:10]]
+        file = shortened(repr(name.value))
+        name.fail(f"there is no file {file}; tried: {', '.join(places)}")
+    return path
+
 
 # A joint that follows may be this far from where its leader puts it [rad or m].
 TOGETHER = 1e-9
@@ -68,43 +478,23 @@ ACCURACY = 0.0101
 MOST = 64
 
 
-def _start_positions(request: Field) -> dict[str, float]:
-    """Joint positions of the start state by name [rad or m].
+def _start_values(request: Field, key: str) -> dict[str, float]:
+    """Positions or velocities of the start state by joint [SI units].
 
     Raises:
-        ScenarioError: If there are none, or a joint is there twice.
+        ScenarioError: If there are none, or more or fewer than joints, or a joint is
+            there twice.
     """
     state = request.get("start_state").get("joint_state")
-    return joint_values(state, "name", "position")
-
-
-def joint_values(state: Field, names: str, values: str) -> dict[str, float]:
-    """Values by joint name of a JointState.
-
-    Raises:
-        ScenarioError: If there are more or fewer values than names, or a name twice.
-    """
-    joints = [item.text() for item in state.need(names).items()]
-    found = state.need(values)
+    joints = [item.text() for item in state.need("name").items()]
+    found = state.need(key)
     numbers = found.numbers()
     if len(numbers) != len(joints):
         found.fail(f"holds {len(numbers)} numbers for {len(joints)} joints")
     if len(set(joints)) != len(joints):
         twice = next(name for name in joints if joints.count(name) > 1)
-        state.get(names).fail(f"the joint {brief(twice)} is there twice")
+        state.get("name").fail(f"the joint {brief(twice)} is there twice")
     return dict(zip(joints, numbers, strict=True))
-
-
-def unmoved(request: Field, start: Mapping[str, float]) -> dict[str, float]:
-    """Joints of the start state of which a goal of joint positions says nothing.
-
-    Returns:
-        Their positions [rad or m]; none for goals of other kinds.
-    """
-    moved = _goal_joints(request)
-    if not moved or _goal_links(request):
-        return {}  # any joint may move to bring a link to its place
-    return {name: value for name, value in start.items() if name not in moved}
 
 
 def _goal_joints(request: Field) -> set[str]:
@@ -127,7 +517,7 @@ def _goal_links(request: Field) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def group_locks(
+def _outside_group(
     request: Field,
     start: Mapping[str, float],
     description: UrdfDescription,
@@ -151,28 +541,29 @@ def group_locks(
     name = request.get("group_name")
     if not name.given:
         return {}
-    groups = None if semantics is None else semantics.groups
-    found = None if groups is None else groups.find(name.text())
-    moving = set[str]()
-    if groups is not None and found is not None:
+    groups = JointGroups() if semantics is None else semantics.groups
+    states = {} if semantics is None else semantics.group_states
+    found = groups.find(name.text())
+    links, moving = _goal_links(request), set[str]()
+    if found is not None:
         moving = set(groups.groups[found].joints)
         if moving:
             warn_of_group(found, groups.groups[found])
-    links, named = _goal_links(request), bool(moving)
+    named = bool(moving)
     if not named:
-        moving = _goal_joints(request)
-        for link in links:
-            moving |= description.joints_above(link)
-    joints = description.joints
-    outside = [j for j in joints if j.name not in moving and not j.mimic]
+        moving = _goal_joints(request).union(*map(description.joints_above, links))
+    outside = [
+        joint
+        for joint in description.joints
+        if joint.name not in moving and not joint.mimic
+    ]
     if not named and links and outside:
-        known = "none" if groups is None else ", ".join(groups.groups) or "none"
         warn_caller(
             f"{name.path}: {name.key}: the robot has no group {brief(name.text())} (it "
-            f"has: {known}); planned are the joints that carry the links of the goal, "
+            f"has: {', '.join(groups.groups) or 'none'}); planned are the joints that "
+            "carry the links of the goal, "
             f"and {', '.join(j.name for j in outside)} are held"
         )
-    states = {} if semantics is None else semantics.group_states
     lacking = [joint.name for joint in outside if joint.name not in start]
     if lacking:
         warn_caller(
@@ -180,26 +571,6 @@ def group_locks(
             "outside the group; held where the robot's SRDF file has them, else at 0"
         )
     return {j.name: start.get(j.name, rest_position(j, states)) for j in outside}
-
-
-def followers(
-    start: Mapping[str, float],
-    joints: Sequence[JointDescription],
-    locks: Mapping[str, float],
-) -> dict[str, float]:
-    """Positions of joints that follow locked ones, where the start state has them so.
-
-    Others are left out with a warning: where they are follows from their leaders.
-    """
-    found = {}
-    for joint in joints:
-        mimic = joint.mimic
-        if mimic is None or mimic.leader not in locks or joint.name not in start:
-            continue
-        there = mimic.multiplier * locks[mimic.leader] + mimic.offset
-        if abs(there - start[joint.name]) <= TOGETHER:
-            found[joint.name] = start[joint.name]
-    return found
 
 
 def load_moveit(
@@ -240,17 +611,17 @@ def load_moveit(
         RobotLoadError: If the robot cannot be loaded.
         ProblemError: If the margin is wrong.
     """
-    scene_message, request = read_message(scene_path), read_message(request_path)
-    state, start = request.get("start_state"), _start_positions(request)
+    scene_message, request = _read_message(scene_path), _read_message(request_path)
+    state, start = request.get("start_state"), _start_values(request, "position")
     arm = _grouped_robot(robot, request, start)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
-    warn_of_unread(request, REQUEST)
-    refuse_attached(state)
-    frames = read_frames(scene_message, arm, state)
+    _warn_of_unread(request, _unread(request, REQUEST))
+    _refuse_attached(state)
+    frames = _read_frames(scene_message, arm, state)
     _check_upright(frames, arm, scene_message)
-    scene = read_scene(scene_message, frames)
-    goal = _read_goal(request, arm, frames, start)
+    scene = _read_scene(scene_message, frames)
+    goal = _GoalReader(arm, frames, start).read(request)
     try:
         return Problem(
             _scaled(arm, request),
@@ -258,7 +629,7 @@ def load_moveit(
             goal,
             scene=scene,
             margin=margin,
-            v_start=_start_velocity(arm, state.get("joint_state")),
+            v_start=_start_velocity(arm, request),
             self_collision=self_collision,
         )
     except ProblemError as error:
@@ -278,20 +649,28 @@ def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, fl
     Raises:
         ScenarioError: If the file is wrong.
     """
-    request = read_message(request_path)
-    return _locks(request, _start_positions(request), source)
+    request = _read_message(request_path)
+    return _locks(request, _start_values(request, "position"), source)
 
 
 def _locks(
     request: Field, start: Mapping[str, float], source: RobotSource
 ) -> dict[str, float]:
-    description, semantics = source.description, source.semantics
-    joints = {joint.name: joint for joint in description.joints}
-    locks = group_locks(request, start, description, semantics)
-    for name, position in unmoved(request, start).items():
-        if name in joints and joints[name].mimic is None:
-            locks[name] = position
-    return locks | followers(start, description.joints, locks)
+    """Joints to lock for a request, and those that follow them, by name [rad or m]."""
+    description, moved = source.description, _goal_joints(request)
+    locks = _outside_group(request, start, description, source.semantics)
+    # Any joint may move to bring a link to its place.
+    if moved and not _goal_links(request):
+        still = (j.name for j in description.joints if j.mimic is None)
+        locks |= {k: start[k] for k in still if k in start and k not in moved}
+    for joint in description.joints:
+        mimic = joint.mimic
+        if mimic is not None and mimic.leader in locks and joint.name in start:
+            there = mimic.multiplier * locks[mimic.leader] + mimic.offset
+            # Where others are follows from their leaders; a warning tells.
+            if abs(there - start[joint.name]) <= TOGETHER:
+                locks[joint.name] = start[joint.name]
+    return locks
 
 
 def _grouped_robot(
@@ -300,8 +679,8 @@ def _grouped_robot(
     """The robot with the joints locked that the request does not move."""
     if not isinstance(robot, Robot):
         source = read_source(robot)
-        return load_robot(robot, locked_joints=_locks(request, start, source))
-    locks = group_locks(request, start, robot.description, robot.srdf)
+        return load_robot(source, locked_joints=_locks(request, start, source))
+    locks = _outside_group(request, start, robot.description, robot.srdf)
     further = {k: v for k, v in locks.items() if k in robot.joint_names}
     return robot.with_locked(further) if further else robot
 
@@ -332,14 +711,14 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
             )
 
 
-def _start_velocity(robot: Robot, state: Field) -> Array | None:
-    if not state.get("velocity").given:
+def _start_velocity(robot: Robot, request: Field) -> Array | None:
+    if not request.get("start_state").get("joint_state").get("velocity").given:
         return None
-    velocity = joint_values(state, "name", "velocity")
+    velocity = _start_values(request, "velocity")
     held = [name for name in robot.locked_joints if velocity.get(name, 0.0) != 0.0]
     if held:
         warn_caller(
-            f"{state.path}: {', '.join(held)} move at the start, but are locked"
+            f"{request.path}: {', '.join(held)} move at the start, but are locked"
         )
     return np.array([velocity[name] for name in robot.joint_names])
 
@@ -352,11 +731,11 @@ def _refuse_unread(request: Field) -> None:
                 request.get(key).get(name).fail("constraints on the way are not read")
     speed = request.get("max_cartesian_speed")
     # MoveIt takes zero, and what is below it, for no limit.
-    if speed.given and speed.number() > 0.0:
+    if speed.number(default=0.0) > 0.0:
         speed.fail(f"is {speed.number():g}: speeds of links are not limited here")
 
 
-def _check_upright(frames: Frames, robot: Robot, message: Field) -> None:
+def _check_upright(frames: _Frames, robot: Robot, message: Field) -> None:
     """Refuse a base that stands askew: gravity would have another direction."""
     turned = frames.base.rotation.T @ robot.gravity
     if not np.allclose(turned, robot.gravity, atol=1e-6 * (1.0 + np.abs(turned).max())):
@@ -387,7 +766,7 @@ def _scaled(robot: Robot, request: Field) -> Robot:
 
 def _factor(field: Field) -> float:
     """A factor; MoveIt takes whatever is not in (0, 1] for 1."""
-    value = field.number() if field.given else 1.0
+    value = field.number(default=1.0)
     return value if 0.0 < value < 1.0 else 1.0
 
 
@@ -408,216 +787,182 @@ class _Turn:
         return not np.any(self.tolerance)
 
 
+#: Where a point is to be: a place in the frame of the base, and the radius of a sphere
+#: about it, or half edges of a box, shape (3,) [m]; a radius of zero is a point.
+_Region: TypeAlias = "tuple[pin.SE3, float | Array]"
+
+
 @dataclass(frozen=True)
-class _Region:
-    """Where a point is to be.
+class _GoalReader:
+    """Reads the goals of requests.
 
     Attributes:
-        kind: "point", "sphere" or "box".
-        size: Radius, or half edges, shape (3,) [m]; zero for a point.
-        pose: Placement in the frame of the base.
-    """
-
-    kind: str
-    size: Array
-    pose: pin.SE3
-
-
-def _read_goal(
-    request: Field, robot: Robot, frames: Frames, start: Mapping[str, float]
-) -> Goal:
-    """Read the goal of a request; several sets of constraints are alternatives.
-
-    Args:
-        request: A message ``MotionPlanRequest``.
         robot: The robot.
-        frames: Frames in which its poses may be given.
+        frames: Frames in which poses may be given.
         start: Start, by joint; joints stay there of which a goal of joint positions
             says nothing.
-
-    Raises:
-        ScenarioError: If there is no goal or a constraint is wrong, or of a kind that
-            is not read: visibility.
     """
-    constraints = request.need("goal_constraints")
-    goals: list[Goal] = []
-    for item in constraints.items():
-        if any(value.given for value in item.table().values()):
-            goals += _alternatives(item, robot, frames, start)
-    if not goals:
-        constraints.fail("is empty, expected a goal")
-    if len(goals) > MOST:
-        constraints.fail(f"holds {len(goals)} alternatives, expected {MOST} at most")
-    return goals[0] if len(goals) == 1 else AnyGoal(goals)
 
+    robot: Robot
+    frames: _Frames
+    start: Mapping[str, float]
 
-def _alternatives(
-    item: Field, robot: Robot, frames: Frames, start: Mapping[str, float]
-) -> list[Goal]:
-    """Goals of which each meets one set of constraints."""
-    joints = list(item.get("joint_constraints").items())
-    places = list(item.get("position_constraints").items())
-    turns = _turns(item, robot, frames)
-    if item.get("visibility_constraints").given:
-        item.get("visibility_constraints").fail("visibility goals are not read")
-    with blaming(item):
-        if joints and not places and not turns:
-            return [_joint_goal(joints, robot, start)]
-        fixed = [_joint_region(joints, robot)] if joints else []
-        choices = [_regions(place, turns, robot, frames) for place in places]
-        if np.prod([len(regions) for regions in choices]) > MOST:
-            item.fail(f"holds more than {MOST} combinations of regions")
-        found = []
-        for regions in itertools.product(*choices):
-            parts: list[Goal] = [*fixed, *_frame_goals(places, regions, turns)]
-            if not parts:
-                item.fail("asks for nothing: every orientation will do")
-            found.append(parts[0] if len(parts) == 1 else AllGoals(parts))
-    return found
+    def read(self, request: Field) -> Goal:
+        """Read the goal of a request; several sets of constraints are alternatives.
 
-
-def _joints(
-    constraints: Sequence[Field], robot: Robot
-) -> dict[str, tuple[float, float]]:
-    """Middle and half width of what is tolerated, by joints that move."""
-    asked: dict[str, tuple[float, float]] = {}
-    seen = set()
-    for item in constraints:
-        name = item.need("joint_name").text()
-        position = item.need("position").number()
-        above, below = (
-            _tolerance(item.get(f"tolerance_{side}")) for side in ("above", "below")
-        )
-        if name in seen:
-            item.get("joint_name").fail(f"the joint {brief(name)} is there twice")
-        seen.add(name)
-        if name in robot.joint_names:
-            loose = max(above, below) > ACCURACY
-            middle, half = 0.5 * (above - below), 0.5 * (above + below)
-            asked[name] = (position + middle, half) if loose else (position, 0.0)
-            continue
-        if name not in robot.locked_joints:
-            item.get("joint_name").fail(
-                f"there is no joint {brief(name)} that moves; the robot has: "
-                f"{', '.join(robot.joint_names)}"
+        Raises:
+            ScenarioError: If there is no goal or a constraint is wrong, or of a kind
+                that is not read: visibility.
+        """
+        constraints = request.need("goal_constraints")
+        goals: list[Goal] = []
+        for item in constraints.items():
+            if any(value.given for value in item.table().values()):
+                goals += self._alternatives(item)
+        if not goals:
+            constraints.fail("is empty, expected a goal")
+        if len(goals) > MOST:
+            constraints.fail(
+                f"holds {len(goals)} alternatives, expected {MOST} at most"
             )
-        at = robot.locked_joints[name]
-        if not -max(below, APART) <= at - position <= max(above, APART):
-            item.get("position").fail(
-                f"is {position:g}, but joint {brief(name)} is locked at {at:g}"
+        return goals[0] if len(goals) == 1 else AnyGoal(goals)
+
+    def _alternatives(self, item: Field) -> list[Goal]:
+        """Goals of which each meets one set of constraints."""
+        joints = list(item.get("joint_constraints").items())
+        places = list(item.get("position_constraints").items())
+        turns = self._turns(item)
+        if item.get("visibility_constraints").given:
+            item.get("visibility_constraints").fail("visibility goals are not read")
+        with blaming(item):
+            alone = not places and not turns
+            fixed = [self._joint_goal(joints, alone)] if joints else []
+            if joints and alone:
+                return fixed
+            choices = [self._regions(place, turns) for place in places]
+            if np.prod([len(regions) for regions in choices]) > MOST:
+                item.fail(f"holds more than {MOST} combinations of regions")
+            found = []
+            for regions in itertools.product(*choices):
+                parts = [*fixed, *_frame_goals(places, regions, turns)]
+                if not parts:
+                    item.fail("asks for nothing: every orientation will do")
+                found.append(parts[0] if len(parts) == 1 else AllGoals(parts))
+        return found
+
+    def _joint_goal(self, constraints: Sequence[Field], alone: bool) -> Goal:
+        """Goal for joints, alone or beside goals for frames."""
+        asked = self._joints(constraints)
+        if alone:
+            names = self.robot.joint_names
+            rows = [asked.get(name, (self.start[name], 0.0)) for name in names]
+            q, tolerance = np.array(rows).T
+            return JointRegionGoal(q, tolerance) if np.any(tolerance) else JointGoal(q)
+        if not asked:
+            constraints[0].get("joint_name").fail("is of a joint that does not move")
+        q, tolerance = np.array(list(asked.values())).T
+        return JointRegionGoal(q, tolerance, tuple(asked))
+
+    def _joints(self, constraints: Sequence[Field]) -> dict[str, tuple[float, float]]:
+        """Middle and half width of what is tolerated, by joints that move."""
+        asked: dict[str, tuple[float, float]] = {}
+        robot, seen = self.robot, set[str]()
+        for item in constraints:
+            name = item.need("joint_name").text()
+            position = item.need("position").number()
+            above, below = (
+                _tolerance(item.get(f"tolerance_{side}")) for side in ("above", "below")
             )
-    return asked
+            if name in seen:
+                item.get("joint_name").fail(f"the joint {brief(name)} is there twice")
+            seen.add(name)
+            if name in robot.joint_names:
+                loose = max(above, below) > ACCURACY
+                middle, half = 0.5 * (above - below), 0.5 * (above + below)
+                asked[name] = (position + middle, half) if loose else (position, 0.0)
+                continue
+            if name not in robot.locked_joints:
+                item.get("joint_name").fail(
+                    f"there is no joint {brief(name)} that moves; the robot has: "
+                    f"{', '.join(robot.joint_names)}"
+                )
+            at = robot.locked_joints[name]
+            if not -max(below, APART) <= at - position <= max(above, APART):
+                item.get("position").fail(
+                    f"is {position:g}, but joint {brief(name)} is locked at {at:g}"
+                )
+        return asked
+
+    def _turns(self, item: Field) -> dict[str, _Turn]:
+        """Orientations that are asked for, by link."""
+        found: dict[str, _Turn] = {}
+        for turn in item.get("orientation_constraints").items():
+            link = self._link(turn)
+            if link in found:
+                turn.get("link_name").fail(f"the link {brief(link)} is there twice")
+            rotation = _read_rotation(turn.need("orientation"))
+            keys = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
+            tolerance = np.minimum([_tolerance(turn.get(k)) for k in keys], np.pi)
+            tolerance[tolerance <= ACCURACY] = 0.0
+            base = self.frames.to_base(turn.get("header")).rotation
+            found[link] = _Turn(base @ rotation, tolerance)
+        return found
+
+    def _regions(self, place: Field, turns: Mapping[str, _Turn]) -> list[_Region]:
+        """Regions for the origin of a link, any of which will do."""
+        turn = turns.get(self._link(place))
+        region = place.need("constraint_region")
+        base = self.frames.to_base(place.get("header"))
+        offset = place.get("target_point_offset")
+        shift = offset.vector("xyz") if offset.given else np.zeros(3)
+        if np.any(shift):
+            if turn is None or not turn.exact:
+                offset.fail("an offset without an exact orientation is not read")
+            base = pin.SE3(np.eye(3), -turn.rotation @ shift) * base
+        found: list[_Region] = []
+        for kind in ("primitive", "mesh"):
+            # A pose without a shape is a point.
+            shapes, poses = _shapes_and_poses(region, kind, optional="shapes")
+            for shape, pose in itertools.zip_longest(shapes, poses):
+                size: float | Array = 0.0
+                spot = base * _read_pose(pose)
+                if shape is not None and kind == "primitive":
+                    size = _region_size(shape)
+                elif shape is not None:
+                    # The middle of a mesh is within what is tolerated, its convex hull.
+                    centre = _read_mesh_corners(shape, self.frames).mean(axis=0)
+                    spot = spot * pin.SE3(np.eye(3), centre)
+                found.append((spot, size))
+        if not found:
+            region.fail("holds 0 regions, expected one or more")
+        if len(found) > MOST:
+            region.fail(f"holds {len(found)} regions, expected {MOST} at most")
+        return found
+
+    def _link(self, item: Field) -> str:
+        link = item.need("link_name")
+        with blaming(link):
+            self.robot.frame_id(link.text())
+        return link.text()
 
 
 def _tolerance(item: Field) -> float:
-    value = 0.0 if item.value is None else item.number()
-    if value < 0.0:
-        item.fail(f"is {value:g}, expected a number >= 0")
-    return value
+    return item.number("a number >= 0", default=0.0, least=0.0)
 
 
-def _joint_goal(
-    constraints: Sequence[Field], robot: Robot, start: Mapping[str, float]
-) -> Goal:
-    asked = _joints(constraints, robot)
-    rows = [asked.get(name, (start[name], 0.0)) for name in robot.joint_names]
-    q, tolerance = np.array(rows).reshape(-1, 2).T
-    return JointRegionGoal(q, tolerance) if np.any(tolerance) else JointGoal(q)
-
-
-def _joint_region(constraints: Sequence[Field], robot: Robot) -> Goal:
-    """Goal for some joints beside goals for frames."""
-    asked = _joints(constraints, robot)
-    if not asked:
-        constraints[0].get("joint_name").fail("is of a joint that does not move")
-    q, tolerance = np.array(list(asked.values())).T
-    return JointRegionGoal(q, tolerance, tuple(asked))
-
-
-def _turns(item: Field, robot: Robot, frames: Frames) -> dict[str, _Turn]:
-    """Orientations that are asked for, by link."""
-    found: dict[str, _Turn] = {}
-    for turn in item.get("orientation_constraints").items():
-        link = _link(turn, robot)
-        if link in found:
-            turn.get("link_name").fail(f"the link {brief(link)} is there twice")
-        rotation = read_rotation(turn.need("orientation"))
-        widths = [
-            _tolerance(turn.get(f"absolute_{axis}_axis_tolerance")) for axis in "xyz"
-        ]
-        tolerance = np.minimum(widths, np.pi)
-        tolerance[tolerance <= ACCURACY] = 0.0
-        base = frames.to_base(turn.get("header")).rotation
-        found[link] = _Turn(base @ rotation, tolerance)
-    return found
-
-
-def _regions(
-    place: Field, turns: Mapping[str, _Turn], robot: Robot, frames: Frames
-) -> list[_Region]:
-    """Regions for the origin of a link, any of which will do."""
-    turn = turns.get(_link(place, robot))
-    region = place.need("constraint_region")
-    base = frames.to_base(place.get("header"))
-    offset = place.get("target_point_offset")
-    shift = offset.vector("xyz") if offset.given else np.zeros(3)
-    if np.any(shift):
-        if turn is None or not turn.exact:
-            offset.fail("an offset without an exact orientation is not read")
-        base = pin.SE3(np.eye(3), -turn.rotation @ shift) * base
-    shapes = list(region.get("primitives").items())
-    poses = list(region.get("primitive_poses").items())
-    # A pose without a shape is a point.
-    if shapes and len(shapes) != len(poses):
-        region.get("primitive_poses").fail(
-            f"holds {len(poses)} poses for {len(shapes)} primitives"
-        )
-    found = [
-        _region(shapes[index] if shapes else None, base * read_pose(pose))
-        for index, pose in enumerate(poses)
-    ]
-    found += _mesh_centres(region, base, frames)
-    if not found:
-        region.fail("holds 0 regions, expected one or more")
-    if len(found) > MOST:
-        region.fail(f"holds {len(found)} regions, expected {MOST} at most")
-    return found
-
-
-def _mesh_centres(region: Field, base: pin.SE3, frames: Frames) -> list[_Region]:
-    """Middles of meshes: within what is tolerated, which is their convex hull."""
-    meshes = list(region.get("meshes").items())
-    poses = list(region.get("mesh_poses").items())
-    if len(meshes) not in (len(poses), 0):
-        region.get("mesh_poses").fail(
-            f"holds {len(poses)} poses for {len(meshes)} meshes"
-        )
-    found = []
-    for index, pose in enumerate(poses):
-        centre = np.zeros(3)
-        if meshes:
-            centre = read_mesh_corners(meshes[index], frames).mean(axis=0)
-        place = base * read_pose(pose) * pin.SE3(np.eye(3), centre)
-        found.append(_Region("point", np.zeros(3), place))
-    return found
-
-
-def _region(shape: Field | None, pose: pin.SE3) -> _Region:
-    kind, size = ("point", [0.0]) if shape is None else read_primitive(shape)
-    half = np.array(size)
-    if shape is not None and not np.all(half > 0.0):
+def _region_size(shape: Field) -> float | Array:
+    """Radius or half edges of a region [m], zero where it stands for accuracy."""
+    kind, size = _read_primitive(shape)
+    if not min(size) > 0.0:
         shape.get("dimensions").fail(f"is {size}, expected positive lengths [m]")
-    if kind == "box":
-        half = 0.5 * half
-    elif kind == "cylinder":
+    half = 0.5 * np.array(size)
+    if kind == "sphere":
+        return size[0] if size[0] > ACCURACY else 0.0
+    if kind == "cylinder":
         # The largest box in it that is as long.
-        kind, radius = "box", size[1] * 0.5**0.5
+        radius = size[1] * 0.5**0.5
         half = np.array([radius, radius, 0.5 * size[0]])
-    else:
-        half = np.full(3, size[0])
-    if np.all(half <= ACCURACY):
-        return _Region("point", np.zeros(3), pose)
-    return _Region(kind, half, pose)
+    return half if np.any(half > ACCURACY) else 0.0
 
 
 def _frame_goals(
@@ -629,17 +974,14 @@ def _frame_goals(
     for place, region in zip(places, regions, strict=True):
         link = place.need("link_name").text()
         turn = left.get(link)
-        pose, half = region.pose, region.size
-        if region.kind == "point":
-            if turn is not None and turn.exact:
-                parts.append(PoseGoal(link, pin.SE3(turn.rotation, pose.translation)))
-                del left[link]
-            else:
-                parts.append(PositionGoal(link, pose.translation))
-        elif region.kind == "sphere":
-            parts.append(PositionGoal(link, pose.translation, tolerance=half[0]))
+        pose, size = region
+        if isinstance(size, np.ndarray):
+            parts.append(RegionGoal(link, -size, size, pose))
+        elif size == 0.0 and turn is not None and turn.exact:
+            parts.append(PoseGoal(link, pin.SE3(turn.rotation, pose.translation)))
+            del left[link]
         else:
-            parts.append(RegionGoal(link, -half, half, pose))
+            parts.append(PositionGoal(link, pose.translation, tolerance=size))
     for link, turn in left.items():
         if np.any(turn.tolerance < np.pi):
             parts.append(_turn_goal(link, turn))
@@ -661,10 +1003,3 @@ def _turn_goal(link: str, turn: _Turn) -> Goal:
     most = np.full(3, np.inf)
     pose = pin.SE3(turn.rotation, np.zeros(3))
     return RegionGoal(link, -most, most, pose, turn.tolerance)
-
-
-def _link(item: Field, robot: Robot) -> str:
-    link = item.need("link_name")
-    with blaming(link):
-        robot.frame_id(link.text())
-    return link.text()

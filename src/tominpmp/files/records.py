@@ -109,10 +109,8 @@ def to_table(record: Any, folder: Path) -> Any:
     """
     if isinstance(record, pin.SE3):
         return _placement_table(record)
-    if isinstance(record, np.ndarray):
+    if isinstance(record, np.ndarray | np.generic):
         return record.tolist()
-    if isinstance(record, np.generic):
-        return record.item()
     if isinstance(record, os.PathLike):
         return file_name(Path(record), folder)
     if isinstance(record, bool | int | float | str):
@@ -193,8 +191,8 @@ def _rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
     for digits in (3, 9, 15, 17):
         rounded = np.round(quaternion, digits)
         if np.array_equal(rotation_matrix(rounded), rotation):
-            return [float(value) for value in rounded]
-    return [[float(value) for value in row] for row in rotation]
+            return list(rounded.tolist())
+    return list(rotation.tolist())
 
 
 def _placement_table(placement: pin.SE3) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Motions as messages of ROS 2, as YAML and JSON.
+"""Motions as messages of ROS 2, as YAML, JSON and bags, and what controllers refuse.
 
 The YAML is what ``ros2 topic pub`` and ``ros2 action send_goal`` take and ``ros2 topic
 echo`` prints, the JSON has the same fields. ROS counts time in whole nanoseconds, so
@@ -10,23 +10,44 @@ the motion itself.
 
 Whatever a file says that does not become part of the motion is told of: a key that no
 message has is an error, tolerances of a goal and the like a warning.
+
+Bags are MCAP files with one message ``JointTrajectory``. Played with ``ros2 bag play``,
+it goes to the topic that a joint trajectory controller listens to. The file stands for
+itself; no folder around it is needed.
+
+The rules of that controller are those of its documentation and of its messages in the
+log, from Humble on. Drivers that take the same message (Universal Robots, Franka,
+MoveIt) have them too.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+import struct
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.checks import choice
+from tominpmp.checks import choice, instance, wrong
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import MAX_VALUES
-from tominpmp.exceptions import ProblemError, ScenarioError, warn_caller
+from tominpmp.exceptions import (
+    ProblemError,
+    ScenarioError,
+    brief,
+    optional,
+    shortened,
+    warn_caller,
+)
+from tominpmp.files.tables import filled_samples
 from tominpmp.motion.samples import BILLION, Samples
 from tominpmp.motion.trajectory import Trajectory
 
@@ -271,20 +292,11 @@ def _look_beside(message: Field, wrapper: str, mention: bool) -> None:
         if name in MULTIPLE:
             if item.get("points").given or item.get("joint_names").given:
                 item.fail("moves joints of several degrees of freedom: not supported")
-        elif name == wrapper or name in ASIDES or _says_nothing(item.value):
-            continue
-        elif mention:
+        elif mention and name not in (wrapper, *ASIDES) and item.says_something:
             warn_caller(
                 f"{message.path}: {item.key} is not looked at: it is no part of the "
                 "motion"
             )
-
-
-def _says_nothing(value: Any) -> bool:
-    """Whether a value is empty, or zero as in messages that were not filled in."""
-    if isinstance(value, dict):
-        return all(map(_says_nothing, value.values()))
-    return value in (None, "", 0) or value == []
 
 
 def read_message(message: Field) -> Samples:
@@ -313,12 +325,8 @@ def read_message(message: Field) -> Samples:
         if key == "q" or any(given):
             rows = [item.numbers(len(names)) for item in found]
             parts[key] = np.array(rows).reshape(len(points), len(names))
-        else:
-            parts[key] = np.full((len(points), len(names)), np.nan)
-    times = np.array([_seconds(point.need("time_from_start")) for point in points])
-    return Samples(
-        names, times.reshape(len(points)), **parts, interpolation="controller"
-    )
+    times = [_seconds(point.need("time_from_start")) for point in points]
+    return filled_samples(names, np.array(times), parts, interpolation="controller")
 
 
 def _seconds(value: Field) -> float:
@@ -338,3 +346,395 @@ def _seconds(value: Field) -> float:
         item.number()  # refuses what does not fit into a float
         total += item.value * unit
     return total / BILLION
+
+
+TYPE = "trajectory_msgs/msg/JointTrajectory"
+TOPIC = "/joint_trajectory_controller/joint_trajectory"
+# Version 8 of the metadata is what Humble and its successors read.
+VERSION = 8
+# Bytes that the chunks of a bag may unpack to.
+MAX_UNPACKED = 2**28
+# How MCAP files are laid out: a mark at both ends; records of a kind and a size; chunks
+# that begin with times, their size and the name of the packing.
+MAGIC = b"\x89MCAP0\r\n"
+RECORD, CHUNK, CHUNK_HEAD = 9, 6, 32
+
+
+def _rosbags() -> Any:
+    """The package, and its types of the messages of ROS 2."""
+    with optional("rosbags", "ros", "reading and writing bags (.mcap)"):
+        from rosbags import rosbag2
+        from rosbags.typesys import Stores, get_typestore
+    return rosbag2, get_typestore(Stores.ROS2_HUMBLE)
+
+
+def write_bag(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
+    """Write samples as a bag.
+
+    Raises:
+        ProblemError: If the message is none that goes over a topic to a controller.
+        MissingDependency: If rosbags is not installed.
+    """
+    if message != MESSAGE:
+        raise ProblemError(
+            f"bags (.mcap) hold a JointTrajectory, which a topic carries, not "
+            f"{message}: write that as .yaml or .json",
+            "message",
+        )
+    rosbag2, types = _rosbags()
+    plugin = rosbag2.StoragePlugin.MCAP
+    with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
+        path = Path(folder) / "motion"
+        with rosbag2.Writer(path, version=VERSION, storage_plugin=plugin) as writer:
+            connection = writer.add_connection(TOPIC, TYPE, typestore=types)
+            content = types.serialize_cdr(_typed(samples, types.types), TYPE)
+            writer.write(connection, 0, content)
+        file.write((path / "motion.mcap").read_bytes())
+
+
+def _typed(samples: Samples, types: dict[str, Any]) -> Any:
+    """A message as rosbags has it, whose constructors check the fields."""
+    duration = types["builtin_interfaces/msg/Duration"]
+    point = types["trajectory_msgs/msg/JointTrajectoryPoint"]
+    data = message_data(samples)
+    points = [
+        point(
+            **{
+                name: duration(**value) if isinstance(value, dict) else np.array(value)
+                for name, value in item.items()
+            }
+        )
+        for item in data["points"]
+    ]
+    time = types["builtin_interfaces/msg/Time"](**data["header"]["stamp"])
+    header = types["std_msgs/msg/Header"](stamp=time, frame_id="")
+    return types[TYPE](header, data["joint_names"], points)
+
+
+def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
+    """The only JointTrajectory of a bag, as plain values.
+
+    Raises:
+        ScenarioError: If it is no bag, or does not hold one such message.
+        MissingDependency: If rosbags is not installed.
+    """
+    rosbag2, types = _rosbags()
+    with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
+        copy = Path(folder) / "motion.mcap"
+        copy.write_bytes(content)
+        try:
+            _check_size(content)
+            with rosbag2.Reader(copy) as reader:
+                found = [item for item in reader.connections if item.msgtype == TYPE]
+                # Without a connection the reader would give all messages.
+                rows = [item[2] for item in reader.messages(found)] if found else []
+            held = [types.deserialize_cdr(row, TYPE) for row in rows[:2]]
+        except Exception as error:  # a damaged bag may raise anything
+            why = " ".join(str(error).split())[:300]
+            raise ScenarioError(f"{path} is no MCAP bag: {why}", path) from error
+    if len(held) != 1:
+        raise ScenarioError(
+            f"{path} holds {len(rows)} messages {TYPE}, expected one",
+            path,
+            "points",
+        )
+    return dict(_plain(held[0]))
+
+
+def _check_size(content: bytes) -> None:
+    """Check that the chunks of a bag unpack to no more than memory can hold.
+
+    A small chunk may hold any number of zeros, and the reader unpacks it as a whole.
+
+    Raises:
+        ValueError: If they do not, or end before they should.
+    """
+    left, at = MAX_UNPACKED, len(MAGIC)
+    while at < len(content) - len(MAGIC):
+        kind, size = struct.unpack_from("<BQ", content, at)
+        at += RECORD
+        if size > len(content) - at:
+            raise ValueError("a record goes beyond the end of the file")
+        if kind == CHUNK:
+            _, _, stated, _, name = struct.unpack_from("<QQQII", content, at)
+            begin = at + CHUNK_HEAD + name
+            packing = content[at + CHUNK_HEAD : begin].decode()
+            packed = content[begin + 8 : at + size]
+            if packing:
+                stated = len(_unpacker(packing).decompress(packed, max_length=left + 1))
+            left -= stated
+        if left < 0:
+            raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
+        at += size
+
+
+def _unpacker(packing: str) -> Any:
+    """What unpacks a chunk piece by piece, from the packages that rosbags needs."""
+    if packing == "lz4":
+        return import_module("lz4.frame").LZ4FrameDecompressor()
+    if packing != "zstd":
+        raise ValueError(f"its compression {packing[:20]!r} is not known")
+    home = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return import_module(home).ZstdDecompressor()
+
+
+def _plain(value: Any) -> Any:
+    """A message of rosbags, or a part of one, as YAML would have it."""
+    if is_dataclass(value):
+        # The name of the message counts as a field.
+        names = (item.name for item in fields(value) if item.name != "__msgtype__")
+        return {name: _plain(getattr(value, name)) for name in names}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [_plain(item) for item in value] if isinstance(value, list) else value
+
+
+# A velocity at the end up to this is rest [rad/s or m/s]: rounding of single precision.
+REST = float(np.finfo(np.float32).eps)
+# Seconds of a Duration are 32 bits wide.
+MAX_SECONDS = 2**31
+TOLERANCES = (
+    "path_tolerance",
+    "goal_tolerance",
+    "component_path_tolerance",
+    "component_goal_tolerance",
+)
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A rule that a message breaks.
+
+    Attributes:
+        reason: What is wrong, in a clause.
+        field: Field of the message or point.
+        point: Index of the point, from 0; None if it is about the whole.
+        joint: The joint, if it is about one.
+    """
+
+    reason: str
+    field: str
+    point: int | None = None
+    joint: str | None = None
+
+    def __str__(self) -> str:
+        """Say where, and what is wrong."""
+        where = self.field if self.point is None else f"points[{self.point}]"
+        if self.point is not None and self.field:
+            where += f".{self.field}"
+        if self.joint is not None:
+            where += f", joint {shortened(self.joint)}"
+        return f"{where}: {self.reason}"
+
+
+def controller_refusals(
+    message: object,
+    joint_names: Sequence[str] | None = None,
+    *,
+    effort_interface: bool = False,
+    moving_end: bool = False,
+    partial: bool = False,
+) -> tuple[Refusal, ...]:
+    """Hold a message against the rules of the joint trajectory controller.
+
+    Args:
+        message: A JointTrajectory, or a goal of FollowJointTrajectory or a
+            RobotTrajectory that holds one, of plain values, as YAML and JSON are read.
+        joint_names: Joints of the controller; None takes those of the message.
+        effort_interface: Whether the controller commands efforts, without which it
+            refuses them; those before ROS 2 Jazzy always do.
+        moving_end: Whether its ``allow_nonzero_velocity_at_trajectory_end`` is set.
+        partial: Whether its ``allow_partial_joints_goal`` is.
+
+    Returns:
+        The rules that are broken, one entry a field and point; empty for a message that
+        the controller takes and follows.
+
+    Raises:
+        ProblemError: If the message is no table of fields, or names are none.
+        ScenarioError: If it holds no trajectory, or more than joints.
+    """
+    if not isinstance(message, Mapping):
+        raise wrong(message, "message", "a table of fields")
+    if joint_names is not None:
+        instance(joint_names, (list, tuple), "joint_names", "a list of names")
+        for name in joint_names:
+            instance(name, str, "joint_names", "a list of names")
+    outer = dict(message)
+    field = Field(outer, Path("the message"))
+    found = find_trajectory(field, mention=False).value
+    if not isinstance(found, Mapping):
+        raise ProblemError("the message holds no JointTrajectory", "message")
+    names, points = found.get("joint_names"), found.get("points")
+    if not isinstance(names, list) or not names:
+        return (Refusal("there are no joint names", "joint_names"),)
+    if not isinstance(points, list) or not points:
+        return (Refusal("there are no points", "points"),)
+    if not all(isinstance(name, str) for name in names):
+        return (Refusal(f"are {brief(names)}, expected names", "joint_names"),)
+    rules = _Rules(names, points)
+    broken = [
+        *rules.joints(joint_names, partial),
+        *_goal(outer, rules.names),
+        *_stamp(found.get("header")),
+        *rules.times(),
+        *rules.values(effort_interface),
+        *rules.uniform(),
+        *([] if moving_end else rules.end()),
+    ]
+    return tuple(broken)
+
+
+def controller_needs(samples: Samples, moving: bool) -> list[str]:
+    """What a controller must be set to for a message, in sentences."""
+    notes = []
+    if np.any(np.isfinite(samples.u)):
+        notes.append(
+            "The points have efforts: only controllers that command efforts take them."
+        )
+    if moving:
+        notes.append(
+            "The motion ends in motion: the controller needs "
+            "allow_nonzero_velocity_at_trajectory_end."
+        )
+    return notes
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """The rules for joints and points."""
+
+    names: list[str]
+    points: list[Any]
+
+    def joints(self, known: Sequence[str] | None, partial: bool) -> Iterator[Refusal]:
+        """Names are those of the controller, each once, and all of them."""
+        for index, name in enumerate(self.names):
+            if not name:
+                yield Refusal("is empty", "joint_names")
+            if name in self.names[:index]:
+                yield Refusal("is named twice", "joint_names", joint=name)
+            if known is not None and name not in known:
+                reason = "is no joint of the controller"
+                yield Refusal(reason, "joint_names", joint=name)
+        for name in () if known is None or partial else known:
+            if name not in self.names:
+                reason = "is missing: the controller expects all of its joints"
+                yield Refusal(reason, "joint_names", joint=name)
+
+    def times(self) -> Iterator[Refusal]:
+        """Times are whole nanoseconds that increase, and none lies before the start."""
+        before = -1
+        for index, point in enumerate(self.points):
+            now = _ticks(point)
+            if now is None:
+                reason = "is no time: expected sec and nanosec, whole numbers"
+                yield Refusal(reason, "time_from_start", index)
+                continue
+            if now < 0:
+                yield Refusal("lies before the start", "time_from_start", index)
+            elif now <= before:
+                reason = (
+                    f"is {now / BILLION:.9f} s, not after the {before / BILLION:.9f} s "
+                    "of the point before"
+                )
+                yield Refusal(reason, "time_from_start", index)
+            before = max(before, now)
+
+    def values(self, effort_interface: bool) -> Iterator[Refusal]:
+        """Arrays hold a finite number for each joint, or nothing."""
+        for index, point in enumerate(self.points):
+            for field in POINT_FIELDS.values():
+                yield from self._array(index, field, _values(point, field))
+            if _values(point, "effort") and not effort_interface:
+                reason = "is refused by controllers that do not command efforts"
+                yield Refusal(reason, "effort", index)
+                return  # the same for all others
+
+    def _array(self, index: int, field: str, row: Any) -> Iterator[Refusal]:
+        if not isinstance(row, list | tuple):
+            yield Refusal("is no list of numbers", field, index)
+            return
+        if len(row) != len(self.names) and (row or field == "positions"):
+            reason = f"holds {len(row)} numbers for {len(self.names)} joints"
+            yield Refusal(reason, field, index)
+            return
+        for name, value in zip(self.names, row, strict=False):
+            if not _is_finite(value):
+                reason = f"is {brief(value)}, expected a finite number"
+                yield Refusal(reason, field, index, name)
+
+    def uniform(self) -> Iterator[Refusal]:
+        """All points say the same, or stretches are followed by straight lines."""
+        first = self.points[0]
+        for index, point in enumerate(self.points):
+            for field in POINT_FIELDS.values():
+                given = bool(_values(point, field))
+                if given != bool(_values(first, field)):
+                    has = "has them, the first point has not"
+                    lacks = "is empty, that of the first point is not"
+                    yield Refusal(has if given else lacks, field, index)
+                    return
+        if _values(first, "accelerations") and not _values(first, "velocities"):
+            yield Refusal("is not followed without velocities", "accelerations", 0)
+
+    def end(self) -> Iterator[Refusal]:
+        """The motion ends at rest."""
+        last = len(self.points) - 1
+        row = _values(self.points[last], "velocities")
+        for name, value in zip(self.names, row, strict=False):
+            if _is_finite(value) and abs(value) > REST:
+                reason = f"is {value:.3g} at the end, expected 0"
+                yield Refusal(reason, "velocities", last, name)
+
+
+def _values(point: Any, field: str) -> Any:
+    """Numbers of a point; none if it does not say."""
+    row = point.get(field) if isinstance(point, Mapping) else None
+    if isinstance(row, np.ndarray):
+        row = row.tolist()
+    return [] if row is None else row
+
+
+def _is_finite(value: Any) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and abs(value) <= sys.float_info.max
+
+
+def _ticks(point: Any) -> int | None:
+    """Time of a point [ns]; None if it has none that ROS could hold."""
+    time = point.get("time_from_start") if isinstance(point, Mapping) else None
+    if not isinstance(time, Mapping) or not set(time) <= {"sec", "nanosec"}:
+        return None
+    sec, nanosec = time.get("sec", 0), time.get("nanosec", 0)
+    whole = all(type(part) is int for part in (sec, nanosec))
+    if not whole or not (-MAX_SECONDS <= sec < MAX_SECONDS and 0 <= nanosec < BILLION):
+        return None
+    return int(sec) * BILLION + int(nanosec)
+
+
+def _stamp(header: Any) -> Iterator[Refusal]:
+    """A motion in a file begins when it is sent."""
+    stamp = header.get("stamp") if isinstance(header, Mapping) else None
+    if isinstance(stamp, Mapping) and any(stamp.values()):
+        reason = "is not zero: the motion would have to be sent before that time"
+        yield Refusal(reason, "header.stamp")
+
+
+def _goal(outer: dict[str, Any], names: list[str]) -> Iterator[Refusal]:
+    """Tolerances of a goal are those of its joints."""
+    inner = outer.get("goal")
+    goal = inner if isinstance(inner, Mapping) else outer
+    for field in TOLERANCES:
+        items = goal.get(field) or []
+        for item in items if isinstance(items, list) else [items]:
+            table = item if isinstance(item, Mapping) else {}
+            name = table.get("name", table.get("joint_name"))
+            if name not in names:
+                reason = f"is for {brief(name)}, which is no joint of the message"
+                yield Refusal(reason, field)
+    wait = goal.get("goal_time_tolerance")
+    seconds = wait.get("sec") if isinstance(wait, Mapping) else None
+    # -1 s stands for any time.
+    if isinstance(seconds, int | float) and seconds < -1:
+        yield Refusal("is negative", "goal_time_tolerance")

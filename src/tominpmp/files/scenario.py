@@ -40,14 +40,47 @@
     [options]
     intervals = 60
 
-A motion of several segments has a list of ``[[segments]]`` in place of the goal, see
-:mod:`~tominpmp.files.scenario_tables`.
+A motion of several segments has a list of ``[[segments]]`` in place of the goal, the
+goals that it passes one after the other.
+
+::
+
+    may_touch = [["panda_hand", "lid"]]     # on all segments
+
+    [[segments]]
+    goal = {type = "joint", q = {panda_joint1 = 1.2}}
+
+    [[segments]]
+    stop = true                             # the arm is at rest at its end
+    dwell = 0.1                             # and stays there so long [s]
+    arrival = [1.0, 2.5]                    # no earlier and no later [s]
+    may_touch = [["box", "table"]]
+    motion_limits = {acceleration = 5.0}
+    goal = {type = "position", frame = "panda_hand_tcp", position = [0.5, 0.0, 0.1]}
+    payload = {mass = 1.0, frame = "panda_hand"}
+
+    [[segments.constraints]]
+    type = "tool_speed"
+    frame = "panda_hand_tcp"
+    limit = 0.5
+
+    [[segments.scene.obstacles]]            # instead of those of the problem
+    type = "box"
+    name = "table"
+    size = [1.0, 1.0, 0.1]
+
+Joints that the goal of a segment does not name are where the segment before ends, if
+its goal says so; ``scene = {}`` is a segment without obstacles.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+import tempfile
+import warnings
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,33 +88,661 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record
 from tominpmp.checks import instance
+from tominpmp.constraints import PathConstraint
 from tominpmp.description.fields import Field
+from tominpmp.description.files import find_robot, find_srdf
+from tominpmp.description.joint_table import OVERRIDES, JointTable, Linkage
 from tominpmp.description.paths import checked_path
+from tominpmp.description.srdf import SemanticDescription, srdf_file
+from tominpmp.description.urdf import urdf_file
 from tominpmp.description.yaml_reader import read_bytes
-from tominpmp.exceptions import ScenarioError, TominpmpError
-from tominpmp.files.records import field_table, make, to_table
-from tominpmp.files.robot_table import (
-    Beside,
-    check_given_back,
-    read_robot,
-    robot_table,
+from tominpmp.exceptions import (
+    JointNotFound,
+    ProblemError,
+    RobotLoadError,
+    ScenarioError,
+    TominpmpError,
 )
-from tominpmp.files.scenario_tables import (
-    beyond,
-    blamed,
-    followed,
-    key_of,
-    positions,
-    read_conditions,
-    read_goal,
-    read_segments,
-    vector,
+from tominpmp.files.limits import (
+    load_joint_limits,
+    load_limited_robot,
+    load_motion_limits,
+    read_curve,
+)
+from tominpmp.files.records import (
+    blaming,
+    classes,
+    field_table,
+    file_name,
+    from_table,
+    make,
+    to_table,
 )
 from tominpmp.files.writing import toml_text, write_bytes
-from tominpmp.goals import Goal
+from tominpmp.goals import Goal, JointGoal
+from tominpmp.motion_limits import MotionLimits, classes_of_limits, kinds_of
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.segments import Segment
+from tominpmp.robot import DEFAULT_GRAVITY, Robot
+from tominpmp.robot.payload import Payload
+from tominpmp.scene import Obstacle, Scene
+
+
+def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
+    """Read the limits.
+
+    Args:
+        table: Their table, keys as the fields of
+            :class:`~tominpmp.motion_limits.MotionLimits`; may be left out. ``file``
+            names a YAML file that the other keys go before, see
+            :mod:`~tominpmp.files.limits`.
+        robot: The robot.
+
+    Returns:
+        The limits; None if there are none.
+
+    Raises:
+        ScenarioError: If the table is wrong.
+    """
+    if not table.given:
+        return None
+    kind = _class_with(table.table().keys() - {"file"})
+    table.only("file", *(field.name for field in fields(kind)))
+    values = _of_file(table.get("file"), robot)
+    for name, item in table.table().items():
+        if name != "file":
+            values[name] = _limit(name, item, values.get(name, {}))
+    with blaming(table):
+        limits = kind(**values)
+        limits.check(robot.joint_names)
+    return limits
+
+
+def _class_with(names: Set[str]) -> type[MotionLimits]:
+    """The first class of motion limits that has some fields; a caller's may be one."""
+    every = classes_of_limits()
+    fitting = (kind for kind in every if names <= {item.name for item in fields(kind)})
+    return next(fitting, MotionLimits)
+
+
+def _of_file(item: Field, robot: Robot) -> dict[str, Any]:
+    """Limits of the YAML file that a table refers to, relative to its own file."""
+    if item.value is None:
+        return {}
+    limits = load_motion_limits(item.path.parent / item.text(), robot)
+    given = {name: getattr(limits, name) for name in kinds_of(limits)}
+    found: dict[str, Any] = {k: dict(value) for k, value in given.items() if value}
+    return found | {"effort_scale": limits.effort_scale}
+
+
+def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
+    if name == "effort_curves":
+        curves = {joint: read_curve(curve) for joint, curve in item.table().items()}
+        return {**before, **curves}
+    if isinstance(item.value, dict):
+        own = {k: v.number(infinite=True) for k, v in item.table().items()}
+        return {**before, **own}
+    return item.value
+
+
+def beyond(
+    limits: MotionLimits, others: MotionLimits | None, robot: Robot
+) -> MotionLimits:
+    """The same limits, so that they are what they are over those of the robot."""
+    if others is None:
+        return limits
+    names = robot.joint_names
+    freed: dict[str, Any] = {}
+    for name in kinds_of(others, numbers=True):
+        own, below = limits.by_joint(name, names), others.by_joint(name, names)
+        if np.any(np.isinf(own) & np.isfinite(below)):
+            freed[name] = dict(zip(names, own.tolist(), strict=True))
+    return replace(limits, **freed)
+
+
+def read_scene(table: Field) -> Scene:
+    """Read a scene from its table, whose key ``obstacles`` is a list of tables.
+
+    Raises:
+        ScenarioError: If the table is wrong.
+    """
+    if not table.given:
+        return Scene()
+    table.only("obstacles")
+    kinds = classes(Obstacle)
+    items = table.get("obstacles").items()
+    obstacles = [from_table(item, kinds, "obstacle") for item in items]
+    with blaming(table.get("obstacles")):
+        return Scene(obstacles)
+
+
+def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
+    """Read a list of constraints; none if it is left out.
+
+    Raises:
+        ScenarioError: If one is wrong.
+    """
+    if not table.given:
+        return ()
+    kinds = classes(PathConstraint, "")
+    return tuple(from_table(item, kinds, "constraint") for item in table.items())
+
+
+def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
+    """Read a goal.
+
+    Args:
+        table: Its table: ``type`` and the fields of its class. That of a configuration
+            may give the joints by name, or a ``state``.
+        robot: The robot.
+        before: Where the joints that are not named are, shape (n,) [rad or m]; None if
+            that is not known.
+
+    Raises:
+        ScenarioError: If the table is wrong.
+    """
+    kinds = classes(Goal)
+    if table.get("type").value != "joint":
+        goal: Goal = from_table(table, kinds, "goal")
+        return goal
+    table.only("type", "q", "v", "state")
+    q = positions(table, robot, before)
+    v = table.get("v")
+    with blaming(table):
+        return JointGoal(q, None if v.value is None else vector(v, robot))
+
+
+def positions(table: Field, robot: Robot, base: Array | None) -> Array:
+    """Read positions of all joints: numbers, a group state, some by name, or both.
+
+    Args:
+        table: The table that has them as ``q``, ``state``, or both.
+        robot: The robot.
+        base: Positions of the joints that are not named, shape (n,); None if all have
+            to be.
+
+    Raises:
+        ScenarioError: If the table is wrong.
+    """
+    state, q = table.get("state"), table.get("q")
+    if not state.given and q.value is None:
+        table.fail("says nothing of joint positions: expected q or state")
+    if isinstance(q.value, str):
+        state, q = q, Field(None, q.path, q.key)
+    if state.given:
+        if isinstance(q.value, list):
+            q.fail("expected joints by name beside a state")
+        with blaming(state):
+            base = robot.group_state(state.text())
+    if q.value is None:
+        return np.array(base)
+    return vector(q, robot, base)
+
+
+def vector(value: Field, robot: Robot, base: Array | None = None) -> Array:
+    """Read values of all joints: numbers in joint order, or by name.
+
+    Positions that are not named are those of the base, velocities are zero.
+
+    Raises:
+        ScenarioError: If there are too many or too few, or a joint is unknown.
+    """
+    if not isinstance(value.value, dict):
+        numbers = value.numbers()
+        if len(numbers) != robot.n:
+            value.fail(
+                f"holds {len(numbers)} numbers, expected {robot.n}, one for each of: "
+                f"{', '.join(robot.joint_names)}"
+            )
+        return np.array(numbers)
+    given = value.table()
+    for name, item in given.items():
+        if name not in robot.joint_names:
+            item.fail(str(JointNotFound(name, robot.joint_names)))
+    lacking = [name for name in robot.joint_names if name not in given]
+    if lacking and base is None and value.key.endswith("q"):
+        value.fail(f"says nothing about {', '.join(lacking)}")
+    rest = np.zeros(robot.n) if base is None else base
+    known = dict(zip(robot.joint_names, rest, strict=True))
+    known |= {name: item.number() for name, item in given.items()}
+    return np.array([known[name] for name in robot.joint_names])
+
+
+SEGMENT_KEYS = tuple(field.name for field in fields(Segment))
+
+
+def read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, ...]:
+    """Read the segments of a problem.
+
+    Args:
+        table: The list of their tables, keys as the fields of
+            :class:`~tominpmp.problem.segments.Segment`; may be left out.
+        robot: The robot.
+        q_start: Where the first begins, shape (n,) [rad or m].
+
+    Raises:
+        ScenarioError: If a table is wrong.
+    """
+    found: list[Segment] = []
+    before: Array | None = q_start
+    for item in table.items():
+        segment = _read_segment(item, robot, before)
+        before = segment.goal.configuration
+        found.append(segment)
+    return tuple(found)
+
+
+def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
+    table.only(*SEGMENT_KEYS)
+    found = read_conditions(table, robot)
+    if table.get("motion_limits").value == {}:
+        # A table without limits is another value than no table, and comes back so.
+        found["motion_limits"] = MotionLimits()
+    try:
+        segment = Segment(read_goal(table.need("goal"), robot, before), **found)
+    except ProblemError as error:
+        key_of(table, error.field).fail(str(error))
+    with blaming(table.get("payload")):
+        loaded = segment.robot(robot)
+    check_names(table, loaded, segment.goal, segment.constraints)
+    return segment
+
+
+def check_names(
+    table: Field,
+    robot: Robot,
+    goal: Goal | None,
+    constraints: Sequence[PathConstraint],
+) -> None:
+    """Check that a robot has the frames and joints that a table names.
+
+    Args:
+        table: Table of a scenario or a segment.
+        robot: The robot, with the payload of the segment.
+        goal: Goal in the table, if there is one.
+        constraints: Constraints in the table.
+
+    Raises:
+        ScenarioError: If it lacks one.
+    """
+    parts: list[tuple[Field, Any]] = [(table.get("goal"), goal)] if goal else []
+    parts += zip(table.get("constraints").items(), constraints, strict=True)
+    for item, part in parts:
+        with blaming(item):
+            part.validate(robot)
+
+
+def read_payload(table: Field) -> Payload:
+    """Read a payload.
+
+    Raises:
+        ScenarioError: If it is none.
+    """
+    return make(Payload, table.table(), table, classes(Obstacle))
+
+
+def read_pairs(
+    table: Field, about: str = "of what may touch"
+) -> tuple[tuple[str, str], ...]:
+    """Read pairs of names; none if they are left out.
+
+    Args:
+        table: The list of them.
+        about: What the names are, for messages.
+
+    Raises:
+        ScenarioError: If they are no such pairs.
+    """
+    found = []
+    for item in table.items():
+        names = [name.text() for name in item.items()]
+        if len(names) != 2:
+            item.fail(f"holds {len(names)} names, expected two, {about}")
+        found.append((names[0], names[1]))
+    return tuple(found)
+
+
+def key_of(
+    table: Field, field: str | None, keys: Collection[str] = SEGMENT_KEYS
+) -> Field:
+    """What of a table an error is about, by the field that it names.
+
+    Args:
+        table: Table of a scenario or a segment.
+        field: The field, for example "segment.constraints[0].during".
+        keys: Keys of such a table.
+
+    Returns:
+        The value of the key; of constraints the one, as far as the file has it; the
+        table if the field is none of it.
+    """
+    steps = re.findall(r"\w+", field or "")
+    at = next((i for i, step in enumerate(steps) if step in keys), None)
+    if at is None:
+        return table
+    found = table.get(steps[at])
+    for step in steps[at + 1 :] if steps[at] == "constraints" else ():
+        if isinstance(found.value, list) and step.isdigit():
+            found = list(found.items())[int(step)]
+        elif isinstance(found.value, dict) and step in found.value:
+            found = found.get(step)
+    return found
+
+
+# How the keys are read that whole scenarios and segments have.
+READERS: dict[str, Callable[[Field], Any]] = {
+    "scene": read_scene,
+    "margin": Field.number,
+    "self_collision": Field.flag,
+    "constraints": _read_constraints,
+    "payload": read_payload,
+    "may_touch": read_pairs,
+    "stop": Field.flag,
+    "dwell": Field.number,
+    "arrival": lambda item: item.value,
+}
+
+
+def read_conditions(table: Field, robot: Robot) -> dict[str, Any]:
+    """Read what holds on the way of a scenario, a tour or a segment.
+
+    Returns:
+        The values that are given, as arguments by name.
+
+    Raises:
+        ScenarioError: If a value is wrong.
+    """
+    items = table.table().items()
+    found = {name: READERS[name](item) for name, item in items if name in READERS}
+    limits = read_motion_limits(table.get("motion_limits"), robot)
+    return found | {"motion_limits": limits}
+
+
+# Placements and inertias of a robot that was written and read again differ by less.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Files that are to lie beside a scenario.
+
+    Attributes:
+        stem: How their names begin.
+        files: Their contents by their names.
+    """
+
+    stem: str
+    files: dict[str, bytes] = field(default_factory=dict)
+
+    def urdf(self, robot: Robot) -> str:
+        """Add the URDF file of a robot, and return its name."""
+        text, meshes = urdf_file(robot.description, _loads(robot), self.stem)
+        self.files.update(meshes)
+        self.files[f"{self.stem}.urdf"] = text
+        return f"{self.stem}.urdf"
+
+    def srdf(self, robot: Robot, semantics: SemanticDescription) -> str:
+        """Add the SRDF file of a robot, and return its name."""
+        name = f"{self.stem}.srdf"
+        self.files[name] = srdf_file(semantics, robot.name, _loads(robot))
+        return name
+
+    def write(self, folder: Path) -> None:
+        """Write them into a folder.
+
+        Raises:
+            ScenarioError: If one cannot be written.
+        """
+        for name, content in self.files.items():
+            write_bytes(folder / name, content)
+
+
+def _loads(robot: Robot) -> list[str]:
+    """Names of the payloads, which the scenario has in a table of its own."""
+    return [payload.name for payload in robot.payloads]
+
+
+def unlike(one: Robot, other: Robot) -> str:
+    """What two robots differ in by more than rounding and where they come from."""
+    mine, theirs = _values(one), _values(other)
+    return next((name for name in mine if not _agree(mine[name], theirs[name])), "")
+
+
+def _agree(one: Any, other: Any) -> bool:
+    if not isinstance(one, np.ndarray):
+        return bool(one == other)
+    near = one.shape == other.shape
+    return near and np.allclose(one, other, rtol=ROUNDING, atol=ROUNDING)
+
+
+def _values(robot: Robot) -> Mapping[str, object]:
+    """What a robot has by joint, what collides, and arrays that may be rounded."""
+    model, said = robot.model, robot.srdf
+    items = robot.collision_model.geometryObjects
+    movers = [str(model.names[item.parentJoint]) for item in items]
+    kinds = [type(item.geometry).__name__ for item in items]
+    places = [*(frame.placement for frame in model.frames), *model.jointPlacements]
+    numbers = ("damping", "armature", "friction", "gravity")
+    return {
+        "joints, or another order of them": robot.joint_names,
+        "locked joints": dict(robot.locked_joints),
+        "limits": robot.limits,
+        "motion limits": robot.motion_limits,
+        "frames": [frame.name for frame in model.frames],
+        "shapes": sorted(zip(movers, kinds, strict=True)),
+        "pairs of links": () if said is None else sorted(said.disabled_pairs),
+        "group states": {} if said is None else dict(said.group_states),
+        **{name: getattr(robot, name).tolist() for name in numbers},
+        "placements": np.array([place.homogeneous for place in places]),
+        "inertias": np.array([body.toDynamicParameters() for body in model.inertias]),
+    }
+
+
+ROBOT_KEYS = (
+    "name",
+    "path",
+    "srdf",
+    "package_dirs",
+    "group",
+    "limits",
+    "joint_limits",
+    "motion_limits",
+    "gravity",
+    "locked_joints",
+    "payloads",
+    *OVERRIDES,
+)
+
+
+def read_robot(table: Field) -> Robot:
+    """Load the robot of a scenario.
+
+    Args:
+        table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``,
+            ``limits``, ``locked_joints``, ``gravity`` and the overrides as for
+            :func:`load_robot`;
+            ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
+            (see :func:`read_motion_limits`); ``payloads``, a list of tables with the
+            fields of :class:`~tominpmp.robot.payload.Payload`. Paths are relative to
+            the scenario.
+
+    Raises:
+        ScenarioError: If the table is wrong or the robot cannot be loaded.
+    """
+    table.only(*ROBOT_KEYS)
+    if table.get("name").given == table.get("path").given:
+        table.fail("expected either the name or the path of a robot")
+    folder = table.path.parent
+
+    def file(key: str) -> Path | None:
+        item = table.get(key)
+        return folder / _path(item) if item.given else None
+
+    moveit = file("joint_limits")
+    values = {key: table.get(key).value for key in ("gravity", *OVERRIDES)}
+    try:
+        robot = load_limited_robot(
+            None if moveit is None else load_joint_limits(moveit),
+            file("path") or table.get("name").text(),
+            {key: value for key, value in values.items() if value is not None},
+            package_dirs=[folder / _path(k) for k in table.get("package_dirs").items()],
+            srdf=file("srdf"),
+            group=table.get("group").value,
+            limits=table.get("limits").value,
+            locked_joints=table.get("locked_joints").value or {},
+        )
+        limits = read_motion_limits(table.get("motion_limits"), robot)
+        if limits is not None:
+            limits = limits.over(robot.motion_limits, robot.joint_names)
+            robot = replace(robot, motion_limits=limits)
+    except ScenarioError:
+        raise
+    except TominpmpError as error:
+        option = getattr(error, "option", None)
+        where = table.get(option) if option in ROBOT_KEYS else table
+        where.fail(str(error))
+    for item in table.get("payloads").items():
+        payload = read_payload(item)
+        with blaming(item):
+            robot = robot.with_payload(payload)
+    return robot
+
+
+def _path(item: Field) -> Path:
+    """Path in a table, relative to the folder of its file or not."""
+    with blaming(item):
+        return checked_path(item.text())
+
+
+def robot_table(
+    robot: Robot, folder: Path, beside: Beside | None = None
+) -> dict[str, Any]:
+    """Write down how to load a robot.
+
+    Args:
+        robot: The robot.
+        folder: Folder of the scenario; paths inside it are written relative to it.
+        beside: Takes the files of a robot that was loaded from none; None refuses it.
+
+    Returns:
+        The table for :func:`read_robot`.
+
+    Raises:
+        TypeError: If the robot holds what cannot be written.
+    """
+    if robot.parts:
+        raise TypeError(
+            f"it was combined from several: {', '.join(robot.parts)}; expected one "
+            "that was loaded"
+        )
+    table = _source(robot, folder, beside)
+    default = find_srdf(robot.urdf_path)
+    if "name" in table:
+        default = find_robot(robot.name).srdf
+    if robot.srdf is not None and robot.srdf.path != default:
+        path = robot.srdf.path
+        write = None if beside is None else partial(beside.srdf, robot, robot.srdf)
+        table["srdf"] = _file(path, folder, f"its SRDF file is {path}", write)
+    if robot.package_dirs:
+        table["package_dirs"] = [file_name(d, folder) for d in robot.package_dirs]
+    gravity = robot.description.gravity or DEFAULT_GRAVITY
+    if not np.array_equal(robot.gravity, gravity):
+        table["gravity"] = robot.gravity.tolist()
+    followers = {joint.name for joint in robot.description.joints if joint.mimic}
+    locked = {k: v for k, v in robot.locked_joints.items() if k not in followers}
+    if locked:
+        table["locked_joints"] = locked
+    if robot.payloads:
+        table["payloads"] = to_table(robot.payloads, folder)
+    if robot.motion_limits is not None:
+        table["motion_limits"] = to_table(robot.motion_limits, folder)
+    return table | _overrides(robot, locked)
+
+
+def _source(robot: Robot, folder: Path, beside: Beside | None) -> dict[str, Any]:
+    """Name or path of the description, which may be one of the files beside."""
+    path = robot.urdf_path
+    try:
+        if path.is_file() and find_robot(robot.name).urdf == path:
+            return {"name": robot.name}
+    except RobotLoadError:
+        pass
+    said = f"it was loaded from {path}"
+    write = None if beside is None else partial(beside.urdf, robot)
+    return {"path": _file(path, folder, said, write)}
+
+
+def _file(path: Path, folder: Path, said: str, write: Callable[[], str] | None) -> str:
+    """Name of a file of a robot, which is written beside the scenario if need be."""
+    if path.is_file():
+        return file_name(path, folder)
+    if write is None:
+        raise TypeError(
+            f"{said}, expected one that was loaded from a file: "
+            "tominpmp.save_scenario() writes one beside the scenario"
+        )
+    return write()
+
+
+def check_given_back(
+    robot: Robot, table: Mapping[str, Any], path: Path, beside: Beside | None
+) -> None:
+    """Check that a robot that is written down and loaded again is the same.
+
+    One whose files would lie beside the scenario may differ by rounding, and by where
+    it comes from.
+
+    Args:
+        robot: The robot.
+        table: What was written down of it, by :func:`robot_table`.
+        path: File of the scenario.
+        beside: What took the files that are to lie beside it.
+
+    Raises:
+        ScenarioError: If it cannot be loaded again.
+        TypeError: If it would be another, or cannot be written.
+    """
+    with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they were shown at first loading
+        if beside is None or not beside.files:
+            if read_robot(Field(table, path, "robot")) != robot:
+                raise TypeError(
+                    "it differs from its files by more than the arguments of load_robot"
+                )
+            return
+        # Paths of the table are relative to its folder, which is another one there.
+        elsewhere = Path(name)
+        table = robot_table(robot, elsewhere, Beside(beside.stem))
+        beside.write(elsewhere)
+        again = read_robot(Field(table, elsewhere / path.name, "robot"))
+        different = unlike(again, robot)
+    if different:
+        raise TypeError(
+            f"it was loaded from {robot.urdf_path}, and a URDF file of it would have "
+            f"other {different}; expected one that was loaded from a file"
+        )
+
+
+def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
+    """Values per joint that are not those of the description."""
+    # No URDF file says these, which models of Pinocchio have.
+    joints = tuple(replace(one, armature=0.0) for one in robot.description.joints)
+    plain = JointTable.from_description(
+        robot.joint_names, joints, Linkage.resolve(joints, locked)
+    )
+    table: dict[str, Any] = {}
+    for key in OVERRIDES:
+        present, described = robot._table()[key], plain[key]
+        changed = {
+            name: present[i].tolist()
+            for i, name in enumerate(robot.joint_names)
+            if not np.array_equal(present[i], described[i])
+        }
+        if changed:
+            table[key] = changed
+    return table
+
 
 try:
     import tomllib
@@ -141,26 +802,23 @@ def load_scenario(path: str | Path) -> Scenario:
     start = document.need("start")
     start.only("q", "v", "state")
     q_start = positions(start, robot, None)
-    v_start = start.get("v")
+    speeds = start.get("v")
+    v_start = None if speeds.value is None else vector(speeds, robot)
     goal = _read_goal(document, robot, q_start)
     segments = read_segments(document.get("segments"), robot, q_start)
+    conditions = read_conditions(document, robot)
+    check_names(document, robot, goal, conditions.get("constraints", ()))
     try:
         problem = Problem(
             robot,
             q_start,
             goal,  # type: ignore[arg-type]
-            v_start=None if v_start.value is None else vector(v_start, robot),
+            v_start=v_start,
             segments=segments,
-            **read_conditions(document, robot),
+            **conditions,
         )
-    except ScenarioError:
-        raise
     except TominpmpError as error:
-        field = getattr(error, "field", None)
-        if field is not None:
-            _named(document, field).fail(str(error))
-        # That a frame or a joint is unknown does not say who named it.
-        blamed(document, goal, segments, robot).fail(str(error))
+        _blamed(document, getattr(error, "field", None) or "").fail(str(error))
     return Scenario(problem, options)
 
 
@@ -181,17 +839,17 @@ def _read_goal(document: Field, robot: Robot, q_start: Array) -> Goal | None:
     return None
 
 
-def _named(document: Field, path: str) -> Field:
-    """What of a scenario a path in a problem leads to, as "segments[1].goal.q"."""
-    of_one = re.match(r"segments\[(\d+)\]\.(.*)", path)
+def _blamed(document: Field, field: str) -> Field:
+    """What of a scenario a field of its problem leads to, as "segments[1].goal.q"."""
+    of_one = re.match(r"segments\[(\d+)\]\.(.*)", field)
     if of_one is not None:
-        number, path = int(of_one[1]), of_one[2]
-        if number > 0 or not path.startswith(STARTS):
-            return key_of(list(document.get("segments").items())[number], path)
-    name = re.split(r"[.\[]", path)[0]
-    key = name if name in SECTIONS else "goal"
-    found = document.get("start" if name in STARTS else key)
-    return followed(found, path[len(name) :]) if name == "constraints" else found
+        number, field = int(of_one[1]), of_one[2]
+        if number > 0 or not field.startswith(STARTS):
+            return key_of(list(document.get("segments").items())[number], field)
+    if field.startswith(STARTS):
+        return document.get("start")
+    found = key_of(document, field, SECTIONS)
+    return document.get("goal") if found is document else found
 
 
 def save_scenario(

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import csv
 import io
-import itertools
 import math
 import zipfile
-from collections.abc import Iterator
+from array import array
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -34,10 +34,6 @@ MAX_NUMBERS = 2**24
 MAX_MEMBERS, MAX_NAMES = 100, 2**20
 # A longer line is none of a motion [characters].
 LONGEST_LINE = 2**20
-# Rows that are converted together.
-BATCH = 10_000
-
-
 SEGMENT = "segment"
 # More segments without a row of their own, one after the other, are a mistake.
 MOST_SEGMENTS = 100
@@ -92,12 +88,27 @@ def read_csv(content: bytes, path: Path) -> Samples:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ScenarioError(f"{path} is no CSV file: {error}", path) from error
     n = len(joint_names)
-    parts = dict.fromkeys(QUANTITIES, np.full((len(table), n), np.nan))
-    for i, key in enumerate(quantities):
-        parts[key] = table[:, 1 + i * n : 1 + (i + 1) * n]
-    q, v, a, u = (parts[key] for key in QUANTITIES)
+    parts = {
+        key: table[:, 1 + i * n : 1 + (i + 1) * n] for i, key in enumerate(quantities)
+    }
     ends = _segment_ends(table, path) if numbered and len(table) else None
-    return Samples(joint_names, table[:, 0], q, v, a, u, segment_ends=ends)
+    return filled_samples(joint_names, table[:, 0], parts, segment_ends=ends)
+
+
+def filled_samples(
+    joint_names: tuple[str, ...], t: Array, parts: Mapping[str, Array], **more: Any
+) -> Samples:
+    """Samples of the quantities that a file has; the others are NaN.
+
+    Args:
+        joint_names: Names of the n joints.
+        t: Times, shape (N,) [s].
+        parts: Quantities by :data:`QUANTITIES`, "q" among them, shape (N, n).
+        **more: Further fields of the samples.
+    """
+    lacking = np.full(parts["q"].shape, np.nan)
+    q, v, a, u = (parts.get(key, lacking) for key in QUANTITIES)
+    return Samples(joint_names, t, q, v, a, u, **more)
 
 
 def _segment_ends(table: Array, path: Path) -> Array:
@@ -132,53 +143,28 @@ def _short_lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:
 
 def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
     """The numbers below the header, one row a line."""
-    parts: list[Array] = []
-    batch: list[tuple[int, list[str]]] = []
-    rows, most = 0, MAX_NUMBERS // len(header)
+    numbers = array("d")
     for number, line in enumerate(lines, start=2):
         if not line:
             continue
-        rows += 1
-        if rows > most:
-            raise ScenarioError(f"{path} holds more than {MAX_NUMBERS} numbers", path)
-        batch.append((number, line))
-        if len(batch) == BATCH:
-            parts.append(_batch(batch, header, path))
-            batch = []
-    parts.append(_batch(batch, header, path))
-    return np.concatenate(parts)
-
-
-def _batch(batch: list[tuple[int, list[str]]], header: list[str], path: Path) -> Array:
-    """Convert rows, with the number of the line of each."""
-    for number, line in batch:
         if len(line) != len(header):
             raise ScenarioError(
                 f"{path}, line {number}: {len(line)} values for {len(header)} columns",
                 path,
             )
-    words = itertools.chain.from_iterable(line for _, line in batch)
-    try:
-        return np.fromiter(map(float, words), np.float64).reshape(-1, len(header))
-    except ValueError as error:
-        number, column, word = next(_no_numbers(batch, header))
-        raise ScenarioError(
-            f"{path}, line {number}, column {column}: {word[:40]!r} is no number",
-            path,
-            column,
-        ) from error
-
-
-def _no_numbers(
-    batch: list[tuple[int, list[str]]], header: list[str]
-) -> Iterator[tuple[int, str, str]]:
-    """Words that are no numbers, with their lines and columns."""
-    for number, line in batch:
+        if len(numbers) + len(line) > MAX_NUMBERS:
+            raise ScenarioError(f"{path} holds more than {MAX_NUMBERS} numbers", path)
         for column, word in zip(header, line, strict=True):
             try:
-                float(word)
-            except ValueError:
-                yield number, column, word
+                numbers.append(float(word))
+            except ValueError as error:
+                raise ScenarioError(
+                    f"{path}, line {number}, column {column}: {word[:40]!r} is no "
+                    "number",
+                    path,
+                    column,
+                ) from error
+    return np.array(numbers).reshape(-1, len(header))
 
 
 def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -228,11 +214,8 @@ def read_npz(content: bytes, path: Path) -> Samples:
     for key, values in arrays.items():
         if values.dtype.kind not in "fiu":
             raise ScenarioError(f"{path}: {key} does not hold numbers", path, key)
-    ends = arrays.pop("segment_ends", None)
-    for key in QUANTITIES:
-        arrays.setdefault(key, np.full(arrays["q"].shape, np.nan))
-    t, q, v, a, u = (arrays[key] for key in ("t", *QUANTITIES))
-    return Samples(tuple(names.tolist()), t, q, v, a, u, segment_ends=ends)
+    t, ends = arrays.pop("t"), arrays.pop("segment_ends", None)
+    return filled_samples(tuple(names.tolist()), t, arrays, segment_ends=ends)
 
 
 def _array(archive: zipfile.ZipFile, key: str) -> np.ndarray[Any, Any]:
@@ -242,14 +225,9 @@ def _array(archive: zipfile.ZipFile, key: str) -> np.ndarray[Any, Any]:
     if info.file_size > most + MAX_NAMES:
         raise ValueError(f"{key} takes {info.file_size} bytes, expected {most} at most")
     form = np.lib.format
+    readers = {1: form.read_array_header_1_0, 2: form.read_array_header_2_0}
     with archive.open(info) as file:
-        version = form.read_magic(file)
-        header = (
-            form.read_array_header_1_0
-            if version[0] == 1
-            else form.read_array_header_2_0
-        )
-        shape, columnwise, dtype = header(file)
+        shape, columnwise, dtype = readers[form.read_magic(file)[0]](file)
         content = file.read()
     count = math.prod(shape)
     if dtype.hasobject or count * dtype.itemsize != len(content) or not dtype.itemsize:

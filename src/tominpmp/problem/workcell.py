@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, Converted, Record, default, record
 from tominpmp.checks import VectorLike, instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
-from tominpmp.description.joint_values import stack_parts
+from tominpmp.description.joint_table import stack_parts
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import (

@@ -1,9 +1,8 @@
 """Robots: what a description file, or the caller, says about an arm."""
 
 from tominpmp.description.joint_table import JointLimits
-from tominpmp.robot.loading import DEFAULT_GRAVITY, load_robot
+from tominpmp.robot.loading import DEFAULT_GRAVITY, RobotSource, load_robot, read_source
 from tominpmp.robot.robot import Robot
-from tominpmp.robot.sources import RobotSource, read_source
 
 __all__ = [
     "DEFAULT_GRAVITY",

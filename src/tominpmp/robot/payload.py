@@ -28,7 +28,12 @@ from tominpmp.arrays import (
 from tominpmp.checks import Point, instance, number, optional, text, wrong
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.tree import LinkDescription, Shape, UrdfDescription
+from tominpmp.description.tree import (
+    SIZES,
+    LinkDescription,
+    Shape,
+    UrdfDescription,
+)
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief
 from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
@@ -165,17 +170,15 @@ def _links_beside(
     """Links with shapes on the joint of a link and on those next to it."""
     carriers = {int(item.parentJoint) for item in geometry.geometryObjects}
     joint = int(model.frames[body].parentJoint)
-    near = {joint}
-    for child in carriers:
-        parent = int(model.parents[child])
-        while parent not in carriers and parent != joint and parent:
-            parent = int(model.parents[parent])
-        if parent == joint:
-            near.add(child)
-    parent = int(model.parents[joint])
-    while parent not in carriers and parent:
-        parent = int(model.parents[parent])
-    near.add(parent)
+
+    def next_above(one: int) -> int:
+        one = int(model.parents[one])
+        while one and one not in carriers and one != joint:
+            one = int(model.parents[one])
+        return one
+
+    near = {joint, next_above(joint)}
+    near |= {child for child in carriers if next_above(child) == joint}
     found = (
         model.frames[item.parentFrame].name
         for item in geometry.geometryObjects
@@ -190,7 +193,5 @@ def _shape(item: Obstacle) -> Shape:
     if isinstance(item, Mesh):
         file = str(Path(str(item.path)).absolute())
         return Shape(kind, tuple(item.scale.tolist()), place, file)
-    if isinstance(item, Box):
-        return Shape(kind, tuple(item.size.tolist()), place)
-    given = (getattr(item, key, None) for key in ("radius", "length"))
-    return Shape(kind, tuple(float(size) for size in given if size is not None), place)
+    given = [np.ravel(getattr(item, name)) for name in SIZES[kind]]
+    return Shape(kind, tuple(np.concatenate(given).tolist()), place)

@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.checks import JOINTS, array, instance, names
 from tominpmp.description.inertials import check_inertia
-from tominpmp.description.joint_table import JointLimits, JointTable
-from tominpmp.description.joint_values import (
+from tominpmp.description.joint_table import (
+    JointLimits,
+    JointTable,
     JointValues,
+    Linkage,
     check_gravity,
     stack_parts,
 )
-from tominpmp.description.linkage import Linkage
 from tominpmp.description.model import (
     build_geometry,
     build_model,

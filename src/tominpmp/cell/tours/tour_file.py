@@ -44,20 +44,11 @@ from tominpmp.cell.tours import Station
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
-from tominpmp.files.robot_table import read_robot
-from tominpmp.files.scenario import SECTIONS as OF_SCENARIOS
-from tominpmp.files.scenario import read_options, read_toml
-from tominpmp.files.scenario_tables import (
-    positions,
-    read_conditions,
-    read_goal,
-    read_pairs,
-    vector,
-)
+from tominpmp.files import scenario
 from tominpmp.robot import Robot
 
 SECTIONS = (
-    *(name for name in OF_SCENARIOS if name not in ("goal", "segments")),
+    *(name for name in scenario.SECTIONS if name not in ("goal", "segments")),
     *("tour", "stations"),
 )
 KEYS = tuple(field.name for field in fields(Station))
@@ -76,33 +67,39 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         ScenarioError: If the file, or what it describes, is wrong, with the key.
     """
     path = checked_path(path, "path", ScenarioError)
-    document = Field(read_toml(path), path)
+    document = Field(scenario.read_toml(path), path)
     document.only(*SECTIONS)
-    robot = read_robot(document.need("robot"))
+    robot = scenario.read_robot(document.need("robot"))
     options, start = document.get("options"), document.need("start")
     start.only("q", "state")
-    q_start = positions(start, robot, None)
-    found = {"robot": robot, "q_start": q_start, **read_conditions(document, robot)}
+    q_start = scenario.positions(start, robot, None)
+    found = {
+        "robot": robot,
+        "q_start": q_start,
+        **scenario.read_conditions(document, robot),
+    }
     tour = document.get("tour")
     if tour.given:
         tour.only("end", "precedence", "configurations")
         end, count = tour.get("end"), tour.get("configurations")
         if end.value is not None:
             found["q_end"] = _read_end(end, robot)
-        found["precedence"] = read_pairs(
+        found["precedence"] = scenario.read_pairs(
             tour.get("precedence"), "of a station and of one that comes later"
         )
         if count.value is not None:
             found["configurations"] = count.value
     items = document.need("stations").items()
     found["stations"] = [_read_station(item, robot, q_start) for item in items]
-    return found | {"options": read_options(options) if options.given else None}
+    return found | {
+        "options": scenario.read_options(options) if options.given else None
+    }
 
 
 def _read_end(end: Field, robot: Robot) -> Any:
     """Where a tour ends, as ``q_end`` of :func:`~tominpmp.cell.tours.plan_tour`."""
     if not isinstance(end.value, str):
-        return vector(end, robot)
+        return scenario.vector(end, robot)
     if end.value not in ("start", "last"):
         end.fail(f'is {brief(end.value)}, expected "start", "last" or joint positions')
     return "start" if end.value == "start" else None
@@ -110,13 +107,13 @@ def _read_end(end: Field, robot: Robot) -> Any:
 
 def _read_station(table: Field, robot: Robot, q_start: Array) -> Station:
     table.only(*KEYS)
-    conditions = read_conditions(table, robot)
+    conditions = scenario.read_conditions(table, robot)
     del conditions["motion_limits"]  # no key of a station
     for key in ("after", "then"):
         conditions[key] = [name.text() for name in table.get(key).items()]
     name, goal = table.need("name").text(), table.need("goal")
     try:
-        return Station(name, read_goal(goal, robot, q_start), **conditions)
+        return Station(name, scenario.read_goal(goal, robot, q_start), **conditions)
     except ProblemError as error:
         field = (error.field or "").removeprefix("station.")
         (table.get(field) if field in KEYS else table).fail(str(error))
