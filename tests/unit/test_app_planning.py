@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -240,7 +242,7 @@ def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
     worker = Worker(take)
     try:
         worker.plan(1, PLANAR)
-        worker._process.kill()
+        os.kill(worker._process.pid, signal.SIGKILL)
         assert final.wait(300.0)
         assert not outcomes[-1].ok
         assert "ended by itself" in outcomes[-1].message
@@ -251,4 +253,4 @@ def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
         assert outcomes[-1].ok
     finally:
         worker.close()
-    assert worker._process.poll() is not None
+    assert worker._process.exitcode is not None

@@ -37,7 +37,7 @@ from tominpmp.goals import JointGoal, PoseGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.status import IterationRecord
-from tominpmp.viz.figures import STYLE, color
+from tominpmp.viz.figures import color
 from tominpmp.viz.plots import (
     LEAST_VIOLATION,
     curves,
@@ -396,4 +396,3 @@ def test_no_pyplot_figure_is_left(motions: Motions) -> None:
 
     plot_trajectory(motions[0], motions[1])
     assert pyplot.get_fignums() == []
-    assert "axes.grid" in STYLE

@@ -9,6 +9,7 @@ import pickle
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from tominpmp.arrays import Array, Record
 from tominpmp.bounds import LowerBound
 from tominpmp.exceptions import ProblemError, TominpmpError, TominpmpWarning
 from tominpmp.files.export_check import check_export
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import FrameMotions
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.solution import Solution
@@ -32,7 +33,7 @@ MOST_SECONDS = 20.0
 BETTER = 1e-3
 # Instants at which a motion is shown.
 INSTANTS = 241
-# So many of the limits that hold a motion are told.
+# Largest number of limits that are listed as holding a motion back.
 MOST_HELD = 8
 # Limits as people call them, by what the certificate calls them.
 WORDS = {"effort": "torque", "velocity": "speed", "effort rate": "torque rate"}
@@ -129,7 +130,7 @@ class Session:
     def outcomes(
         self, number: int, request: Request, superseded: Callable[[], bool]
     ) -> Iterator[Outcome]:
-        """Plan, and tell what is found as soon as it is.
+        """Plan, and yield each outcome as soon as it is found.
 
         A motion is shown first, then what holds it back; where it came from a former
         one, a faster one is looked for afresh.
@@ -204,7 +205,7 @@ def _plan(
         max_planning_time=MOST_SECONDS,
         callback=look,
     )
-    # What is kept needs no callback, which refers to this request.
+    # The solution that is kept needs no callback, which refers to this request.
     return replace(solution, options=replace(solution.options, callback=None))
 
 
@@ -253,14 +254,14 @@ def _shown(solution: Solution, frame: str, certified: bool) -> Shown:
         solution.problem, motion, np.linspace(0.0, motion.duration, INSTANTS)
     )
     q = motion(shares.t).q
-    kinematics = RobotKinematics(solution.problem.robot)
+    path = FrameMotions(solution.problem.robot, frame).placements(q).origin
     held, sentence = _certified(solution) if certified else (None, "")
     if held is None:
         held = _sampled(shares)
     return Shown(
         **vars(shares),
         q=np.array(q),
-        path=np.array([kinematics.placement(row, frame).translation for row in q]),
+        path=path,
         verified=judged is not None and judged.ok,
         bound=solution.lower_bound,
         seconds=solution.planning_time,
@@ -270,7 +271,7 @@ def _shown(solution: Solution, frame: str, certified: bool) -> Shown:
 
 
 def _sampled(shares: Shares) -> list[Held]:
-    """What is at its limit, by share of the time."""
+    """Speeds and torques at their limits, by share of the time."""
     found = []
     for kind, values in (("speed", shares.speed), ("torque", shares.torque)):
         often = np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist()
@@ -287,22 +288,19 @@ def _certified(solution: Solution) -> tuple[list[Held] | None, str]:
 
     Gains are percent of T that one percent more of a limit would save.
     """
-    try:
+    certificate, gains = None, dict[tuple[str, str], float]()
+    with suppress(ProblemError):
+        # Motions that dwell while obstacles move have no certificate.
         certificate = solution.certificate
-    except ProblemError:
-        # Motions that stay somewhere while obstacles move have none.
-        return None, ""
     if certificate is None:
         return None, ""
-    try:
+    with suppress(ProblemError):
+        # Motions of several segments have no sensitivities.
         gains = {
             (item.kind, item.subject): -item.value
             for item in solution.sensitivities
             if item.joint is not None and not item.unit
         }
-    except ProblemError:
-        # Motions of several segments have none.
-        gains = {}
     found = []
     for limit in certificate.active:
         share = float(np.sum(limit.end - limit.begin)) / solution.T

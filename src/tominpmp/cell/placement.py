@@ -11,12 +11,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import minimize
+from scipy.optimize import BFGS, minimize
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.blas_threads import on_one_thread
@@ -82,28 +81,30 @@ class Moves:
         return twist
 
     def mover(self, x: Array) -> Callable[[Problem], Problem]:
-        """What puts that which is moved in a task where it is to be.
+        """The function that applies a placement to a task.
 
         Raises:
             TominpmpError: If a task cannot be: a start that collides, say.
         """
         move = self.placement(x)
+        by = np.array(move.translation)
         if self.what == BASE:
             # Tasks share a robot, whose meshes are read once.
             robot = robot_at(self.robot, move)
             return lambda task: replace(task, robot=robot)
-        return partial(self._with_moved, by=np.array(move.translation))
-
-    def _with_moved(self, task: Problem, by: Array) -> Problem:
         if self.what == GOALS:
-            return replace(task, goal=task.goal.moved(by))
-        scene = [
-            replace(item, position=item.position + by)
-            if item.name in self.what
-            else item
-            for item in task.scene
-        ]
-        return replace(task, scene=Scene(scene))
+            return lambda task: replace(task, goal=task.goal.moved(by))
+
+        def with_obstacles(task: Problem) -> Problem:
+            scene = [
+                replace(item, position=item.position + by)
+                if item.name in self.what
+                else item
+                for item in task.scene
+            ]
+            return replace(task, scene=Scene(scene))
+
+        return with_obstacles
 
     def gradient(self, found: Sensitivities, x: Array) -> Array:
         """Derivative of the duration of a task by the coordinates [s/m or s/rad]."""
@@ -173,7 +174,7 @@ class ImprovedPlacement(Record):
     solutions: tuple[Solution, ...] = field(repr=False)
 
     def __repr__(self) -> str:
-        """What is gained, on one line."""
+        """The placement and the times before and after, on one line."""
         where = ", ".join(
             f"{name} {value:+.4g}"
             for name, value in zip(self.names, self.values.tolist(), strict=True)
@@ -238,7 +239,9 @@ def improve_placement(
     place = (
         pin.SE3.Identity() if base is None else base_placement(robot.name, base, "base")
     )
-    scale = _weights(weights, len(given))
+    scale = np.ones(len(given)) if weights is None else array_or_nan(weights)
+    if scale.shape != (len(given),) or not np.all(np.isfinite(scale) & (scale > 0.0)):
+        raise wrong(weights, "weights", f"{len(given)} positive numbers, one a task")
     most_plans = whole(most_plans, "most_plans", least=1, expected="a number >= 1")
     options = Options.of(options).changed(changes)
     search = _Search(Moves(what, names, robot, place), given, scale, options)
@@ -282,7 +285,7 @@ def _of_task(number: int, count: int) -> AbstractContextManager[None]:
 def _what(
     moves: Any, tasks: Sequence[Problem], names: Sequence[str]
 ) -> str | tuple[str, ...]:
-    """Check what is to be moved, and that it can be."""
+    """Check the choice of things to move, and that they can be moved."""
     if isinstance(moves, str) and moves == BASE:
         return BASE
     if not set(names) <= set(TRANSLATIONS):
@@ -304,15 +307,6 @@ def _what(
         there = ", ".join(resting) or "there are none"
         raise wrong(moves, "moves", f"'base', 'goals' or obstacles at rest: {there}")
     return tuple(given)
-
-
-def _weights(weights: Any, count: int) -> Array:
-    if weights is None:
-        return np.ones(count)
-    row = array_or_nan(weights)
-    if row.shape != (count,) or not np.all(np.isfinite(row) & (row > 0.0)):
-        raise wrong(weights, "weights", f"{count} positive numbers, one a task")
-    return row
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,6 +337,9 @@ class _Search:
         assert best is not None  # noqa: S101 (or it was raised)
         T_before = best.T
         radius, curvature = FIRST, np.zeros((low.size, low.size))
+        # Left out where the curvature is not positive; scaled by the first update.
+        model = BFGS(exception_strategy="skip_update", init_scale="auto")
+        model.initialize(low.size, "hess")
         while self.plans + len(self.tasks) <= most_plans and radius > LEAST:
             box = (
                 np.maximum(low, best.x - radius * span),
@@ -352,14 +349,14 @@ class _Search:
             if promised < ENOUGH * best.T:
                 break
             found = self._at(x, best)
+            if found is not None:
+                model.update(found.x - best.x, found.slope - best.slope)
+                curvature = model.get_matrix()
             if found is None or found.T >= best.T:
                 radius *= SHRINK
-                if found is not None:
-                    curvature = _updated(curvature, found, best)
                 continue
             if best.T - found.T > 0.5 * promised:
                 radius = min(radius * GROW, 1.0)
-            curvature = _updated(curvature, found, best)
             best = found
         return ImprovedPlacement(
             names=self.moves.names,
@@ -376,7 +373,7 @@ class _Search:
         """Plan all tasks at a placement; None if one has no motion there.
 
         Raises:
-            ProblemError: If a task has none where the search begins: at no former one.
+            ProblemError: If a task has no motion at the first placement.
         """
         count, solutions = len(self.tasks), list[Solution]()
         try:
@@ -424,17 +421,3 @@ def _step(
         method="L-BFGS-B",
     )
     return np.clip(here + found.x, low, high), -float(found.fun)
-
-
-def _updated(curvature: Array, new: _Point, old: _Point) -> Array:
-    """BFGS update, left out where the curvature is not positive."""
-    s, y = new.x - old.x, new.slope - old.slope
-    along = float(s @ y)
-    if along <= 1e-12:
-        return curvature
-    if not np.any(curvature):
-        curvature = np.eye(s.size) * float(y @ y) / along
-    Bs = curvature @ s
-    return np.asarray(
-        curvature - np.outer(Bs, Bs) / float(s @ Bs) + np.outer(y, y) / along
-    )

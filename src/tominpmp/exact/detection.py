@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -65,13 +64,3 @@ def without_friction(system: ProblemFunctions, trajectory: Trajectory) -> Trajec
         u=trajectory.u - system.resistance,
         inverse_dynamics=None if inverse is None else system.dynamics.inverse,
     )
-
-
-def states_of(trajectory: Trajectory) -> Callable[[Array], Array]:
-    """States (q, v) of a motion at times, shape (m,) to (m, 2n)."""
-
-    def states(times: Array) -> Array:
-        state = trajectory(times)
-        return np.concatenate([state.q, state.v], axis=1)
-
-    return states

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain, repeat
 
 import numpy as np
 
@@ -93,15 +94,15 @@ def perturbed_motions(
         trust_region=RADIUS,
     )
     limits = system.problem.robot.limits
-    ends = _goal_ends(system, plan, rng)
+    goal, ends = system.problem.goal, [plan.q[-1]]
+    if goal.configuration is None:
+        ends += find_configurations(system, goal, ENDS, rng).best
     s = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
     reach = AMPLITUDE * np.minimum(
         system.step_scale, limits.position_upper - limits.position_lower
     )
-    first = True
-    while True:
-        # The first path is straight; it often leads to the best motion.
-        amplitude = 0.0 if first else reach
+    # The first path is straight; it often leads to the best motion.
+    for amplitude in chain([np.zeros_like(reach)], repeat(reach)):
         path = system.problem.q_start + s * (
             ends[int(rng.integers(len(ends)))] - system.problem.q_start
         )
@@ -110,19 +111,7 @@ def perturbed_motions(
             path = path + bend * np.sin(wave * np.pi * s)
         path = np.clip(path, limits.position_lower, limits.position_upper)
         duration = plan.duration * float(np.exp(rng.normal(0.0, SPREAD)))
-        first = False
         yield on_grid(system, rough, lp, callback, path, duration)
-
-
-def _goal_ends(
-    system: ProblemFunctions, plan: Trajectory, rng: np.random.Generator
-) -> list[Array]:
-    """Configurations that paths end at."""
-    goal = system.problem.goal
-    if goal.configuration is not None:
-        return [plan.q[-1]]
-    free = find_configurations(system, goal, ENDS, rng).best
-    return [plan.q[-1], *free]
 
 
 def single_motor_motions(

@@ -23,7 +23,7 @@ CLOSE = 0.05
 POSITION, VELOCITY, TORQUE, CLEARANCE = range(4)
 
 
-class LazyClearanceRows(NamedTuple):
+class WatchedLimits(NamedTuple):
     """Limits that are looked at, at the ends of steps.
 
     Attributes:
@@ -39,7 +39,7 @@ class LazyClearanceRows(NamedTuple):
     sign: IntArray
 
     @classmethod
-    def none(cls) -> LazyClearanceRows:
+    def none(cls) -> WatchedLimits:
         """Nothing to look at."""
         empty = np.zeros(0, dtype=np.int64)
         return cls(empty, empty, empty, empty)
@@ -85,7 +85,7 @@ class ArcProgram:
         self.system, self.arcs, self.steps = system, arcs, steps
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)
-        self.watched = LazyClearanceRows.none()
+        self.watched = WatchedLimits.none()
         self.evaluations = 0
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
@@ -109,7 +109,7 @@ class ArcProgram:
         """Take the stages of a motion near by as a guess, shape (M, 3, 2n)."""
         self._guess = stages
 
-    def watch(self, watched: LazyClearanceRows) -> None:
+    def watch(self, watched: WatchedLimits) -> None:
         """Look at other limits."""
         self.watched = watched
         self._last = None
@@ -142,7 +142,7 @@ class ArcProgram:
         arcs = self.unpack(y)
         guess = self._guess
         if self._base is not None:
-            # To first order the motion that was found last tells the new one.
+            # First-order prediction from the motion that was found last.
             z, shot = self._base
             guess = shot.motion.stages + shot.by_stages @ (y - z)
         motion = self._settle(arcs, guess)
@@ -235,7 +235,7 @@ class ArcProgram:
     # -- limits ------------------------------------------------------------------------
 
     def _values(self, motion: IntegratedArcs, kind: int) -> tuple[Array, Array]:
-        """What is left to upper and lower limits at the ends of steps, (M, k) each."""
+        """Distances to upper and lower limits at the ends of steps, (M, k) each."""
         system, n = self.system, self._n
         limits, x = system.problem.robot.limits, motion.x[1:]
         if kind == POSITION:
@@ -266,33 +266,27 @@ class ArcProgram:
             kinds.append(CLEARANCE)
         return kinds
 
-    def look(
-        self, motion: IntegratedArcs, near: float | None = None
-    ) -> LazyClearanceRows:
+    def look(self, motion: IntegratedArcs, near: float | None = None) -> WatchedLimits:
         """Limits that a motion comes near to, or passes.
 
         Args:
             motion: The motion.
             near: How near, in shares; None takes the usual.
         """
-        parts = [LazyClearanceRows.none()]
+        system, parts = self.system, [WatchedLimits.none()]
+        # A joint that is given at the end has no room to keep there.
+        given = {POSITION: system.final_configuration, VELOCITY: system.final_velocity}
         for kind in self._kinds():
             distance = (CLOSE if kind == CLEARANCE else NEAR) if near is None else near
             for sign, room in zip((1, -1), self._values(motion, kind), strict=True):
                 if kind == VELOCITY:
-                    room = np.where(self._kept(), np.inf, room)
+                    room[self._kept()] = np.inf
+                if given.get(kind) is not None:
+                    room[-1] = np.inf
                 step, index = np.nonzero(room < distance)
-                # A joint that is given at the end has no room to keep there.
-                last = step == room.shape[0] - 1
-                if kind == POSITION and self.system.final_configuration is not None:
-                    step, index = step[~last], index[~last]
-                if kind == VELOCITY and self.system.final_velocity is not None:
-                    step, index = step[~last], index[~last]
-                full = np.full(step.size, 1)
-                parts.append(
-                    LazyClearanceRows(kind * full, step + 1, index, sign * full)
-                )
-        return LazyClearanceRows(
+                kinds, signs = np.full_like(step, kind), np.full_like(step, sign)
+                parts.append(WatchedLimits(kinds, step + 1, index, signs))
+        return WatchedLimits(
             *(np.concatenate(part) for part in zip(*parts, strict=True))
         )
 
@@ -302,18 +296,24 @@ class ArcProgram:
         kept[:-1] |= self._held[1:]
         return np.asarray(kept)
 
+    def _room(self, motion: IntegratedArcs, watched: WatchedLimits) -> Array:
+        """Distances to limits, shape (r,)."""
+        room = np.zeros(watched.kind.size)
+        for kind in np.unique(watched.kind).tolist():
+            rows = watched.kind == kind
+            at = watched.node[rows] - 1, watched.which[rows]
+            high, low = self._values(motion, kind)
+            room[rows] = np.where(watched.sign[rows] > 0, high[at], low[at])
+        return room
+
     def _rooms(self, motion: IntegratedArcs, by: Array) -> tuple[Array, Array]:
-        """What is left to the watched limits, with derivatives."""
+        """Distances to the watched limits, with derivatives."""
         system, n, watched = self.system, self._n, self.watched
-        count = watched.kind.size
-        room, by_room = np.zeros(count), np.zeros((count, self.size))
+        by_room = np.zeros((watched.kind.size, self.size))
         limits = system.problem.robot.limits
         for kind in np.unique(watched.kind).tolist():
             rows = np.flatnonzero(watched.kind == kind)
             node, index = watched.node[rows], watched.which[rows]
-            sign = watched.sign[rows]
-            high, low = self._values(motion, kind)
-            room[rows] = np.where(sign > 0, high[node - 1, index], low[node - 1, index])
             if kind == POSITION:
                 slope = by[node, index] / system.step_scale[index, None]
             elif kind == VELOCITY:
@@ -323,8 +323,8 @@ class ArcProgram:
             else:
                 assert system.clearance is not None  # noqa: S101
                 slope = self._clearance_slopes(motion, by, node, index)
-            by_room[rows] = -sign[:, None] * slope
-        return room, by_room
+            by_room[rows] = -watched.sign[rows, None] * slope
+        return self._room(motion, watched), by_room
 
     def _clearance_slopes(
         self, motion: IntegratedArcs, by: Array, node: IntArray, index: IntArray
@@ -358,14 +358,7 @@ class ArcProgram:
     def excess(self, motion: IntegratedArcs, slack: float) -> float:
         """What the limits are passed by at the ends of steps, if by more than slack."""
         passed = self.look(motion, -slack)
-        worst = 0.0
-        for kind in np.unique(passed.kind).tolist():
-            high, low = self._values(motion, kind)
-            rows = passed.kind == kind
-            at = passed.node[rows] - 1, passed.which[rows]
-            room = np.where(passed.sign[rows] > 0, high[at], low[at])
-            worst = max(worst, float(np.max(-room)))
-        return worst
+        return float(np.max(-self._room(motion, passed), initial=0.0))
 
     def sample_times(self, arcs: Arcs) -> Array:
         """Times of the stages, shape (M, 3) [s]."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,6 +83,15 @@ class Arcs:
             self.follows[index],
         )
 
+    def _cut(self, arc: int, shares: Sequence[float]) -> Arcs:
+        """An arc cut into pieces by their shares of its length; arrays are its own."""
+        repeated = np.ones(self.count, dtype=np.int64)
+        repeated[arc] = len(shares)
+        index = np.repeat(np.arange(self.count), repeated)
+        lengths = self.lengths[index]
+        lengths[arc : arc + len(shares)] *= np.array(shares)
+        return self.pick(index, lengths)
+
     def insert(
         self, arc: int, share: float, joint: int, level: float, held: int = 0
     ) -> Arcs:
@@ -94,16 +104,10 @@ class Arcs:
             level: Its torque on the new arc, as a share of the limits.
             held: 1 or -1 if it runs at its speed limit there.
         """
-        index = np.insert(np.arange(self.count), arc, [arc, arc])
-        lengths = self.lengths[index]
-        lengths[arc : arc + 3] = self.lengths[arc] * np.array([share, 0.0, 1.0 - share])
-        cut = self.pick(index, lengths)
-        levels, free, kept = cut.levels.copy(), cut.free.copy(), cut.held.copy()
-        levels[arc + 1, joint] = level
-        free[arc + 1, joint], kept[arc + 1, joint] = False, held
-        follows = cut.follows.copy()
-        follows[arc + 1, joint] = held != 0
-        return Arcs(lengths, levels, free, kept, follows)
+        cut, new = self._cut(arc, (share, 0.0, 1.0 - share)), (arc + 1, joint)
+        cut.levels[new], cut.free[new] = level, False
+        cut.held[new], cut.follows[new] = held, held != 0
+        return cut
 
     def lean(
         self, arc: int, joint: int, level: float, other: int, *, last: bool
@@ -118,15 +122,10 @@ class Arcs:
             other: The joint whose torque holds it.
             last: Whether it is put behind.
         """
-        index = np.insert(np.arange(self.count), arc, arc)
-        lengths = self.lengths[index]
-        new = arc + 1 if last else arc
-        lengths[new] = 0.0
-        cut = self.pick(index, lengths)
-        levels, free, follows = cut.levels.copy(), cut.free.copy(), cut.follows.copy()
-        levels[new, joint], free[new, other] = level, False
-        follows[new, joint], follows[new, other] = False, True
-        return replace(cut, levels=levels, free=free, follows=follows)
+        cut, new = self._cut(arc, (1.0, 0.0) if last else (0.0, 1.0)), arc + int(last)
+        cut.levels[new, joint], cut.free[new, other] = level, False
+        cut.follows[new, joint], cut.follows[new, other] = False, True
+        return cut
 
     def split(
         self, arc: int, joint: int, shares: Sequence[float], levels: Sequence[float]
@@ -139,16 +138,9 @@ class Arcs:
             shares: How much of the arc each piece takes.
             levels: Its torque on each, as a share of the limits.
         """
-        repeated = np.ones(self.count, dtype=np.int64)
-        repeated[arc] = len(shares)
-        index = np.repeat(np.arange(self.count), repeated)
-        lengths = self.lengths[index]
-        pieces = slice(arc, arc + len(shares))
-        lengths[pieces] *= np.array(shares)
-        cut = self.pick(index, lengths)
-        values, free = cut.levels.copy(), cut.free.copy()
-        values[pieces, joint], free[pieces, joint] = levels, False
-        return replace(cut, levels=values, free=free)
+        cut, pieces = self._cut(arc, shares), slice(arc, arc + len(shares))
+        cut.levels[pieces, joint], cut.free[pieces, joint] = levels, False
+        return cut
 
     def cleaned(self) -> Arcs:
         """Without arcs of hardly any length, and equal neighbours joined."""
@@ -156,24 +148,12 @@ class Arcs:
         if not keep.size:  # the motion itself has vanished: one arc remains of it
             keep = np.argmax(self.lengths, keepdims=True)
         arcs = self.pick(keep, self.lengths[keep])
-        same = np.all(
-            (arcs.held[1:] == arcs.held[:-1])
-            & (arcs.follows[1:] == arcs.follows[:-1])
-            & (
-                arcs.follows[1:]
-                | (
-                    ~arcs.free[1:]
-                    & ~arcs.free[:-1]
-                    & (arcs.levels[1:] == arcs.levels[:-1])
-                )
-            ),
-            axis=1,
-        )
-        group = np.concatenate([[0], np.cumsum(~same)])
-        lengths = np.zeros(int(group[-1]) + 1)
-        np.add.at(lengths, group, arcs.lengths)
-        first = np.searchsorted(group, np.arange(lengths.size))
-        return arcs.pick(first, lengths)
+        kinds = np.stack([arcs.held, arcs.follows])
+        fixed = ~arcs.free[1:] & ~arcs.free[:-1] & (np.diff(arcs.levels, axis=0) == 0.0)
+        alike = np.all(kinds[:, 1:] == kinds[:, :-1], axis=0)
+        same = np.all(alike & (arcs.follows[1:] | fixed), axis=1)
+        first = np.flatnonzero(np.append(True, ~same))
+        return arcs.pick(first, np.add.reduceat(arcs.lengths, first))
 
     def loosened(self) -> Arcs:
         """With all torques to be found that can be."""
@@ -187,8 +167,7 @@ class Arcs:
         return replace(self, levels=levels, free=self.free & ~bound)
 
 
-@dataclass(frozen=True)
-class Stretch:
+class Stretch(NamedTuple):
     """What one joint does for some time.
 
     Attributes:
@@ -215,27 +194,23 @@ def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -
     """
     t = np.concatenate([[0.0], np.cumsum(lengths)])
     T, n = float(t[-1]), shares.shape[1]
-    tracks = []
-    for j in range(n):
-        if driven[j]:
-            track = _read_joint(t, shares[:, j], speeds[:, j])
-        else:
-            track = [Stretch(T, float(shares[0, j]), False, 0)]
-        tracks.append(track)
+    tracks = [
+        _read_joint(t, shares[:, j], speeds[:, j])
+        if driven[j]
+        else [Stretch(T, float(shares[0, j]), False, 0)]
+        for j in range(n)
+    ]
     ends = np.sort([item.end for track in tracks for item in track])
-    apart = np.diff(np.concatenate([[0.0], ends])) > TOGETHER * T
-    ends = ends[apart]
+    ends = ends[np.diff(ends, prepend=0.0) > TOGETHER * T]
     ends[-1] = T
-    middles = ends - 0.5 * np.diff(np.concatenate([[0.0], ends]))
-    count = ends.size
-    levels, free = np.zeros((count, n)), np.zeros((count, n), dtype=bool)
-    held = np.zeros((count, n), dtype=np.int64)
+    lengths = np.diff(ends, prepend=0.0)
+    table = np.empty((4, ends.size, n))
     for j, track in enumerate(tracks):
-        of = np.searchsorted([item.end for item in track], middles)
-        for k, index in enumerate(np.minimum(of, len(track) - 1).tolist()):
-            item = track[index]
-            levels[k, j], free[k, j], held[k, j] = item.level, item.free, item.held
-    return Arcs(np.diff(np.concatenate([[0.0], ends])), levels, free, held).cleaned()
+        rows = np.array(track)
+        of = np.searchsorted(rows[:, 0], ends - 0.5 * lengths)
+        table[:, :, j] = rows[np.minimum(of, len(track) - 1)].T
+    _, levels, free, held = table
+    return Arcs(lengths, levels, free > 0.0, held.astype(np.int64)).cleaned()
 
 
 def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
@@ -244,9 +219,7 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
     forwards = (speeds[:-1] > fast) & (speeds[1:] > fast)
     backwards = (speeds[:-1] < -fast) & (speeds[1:] < -fast)
     inside = np.abs(shares) < SATURATED
-    code = np.where(shares > 0.0, 1, -1)
-    code = np.where(inside, 0, code)
-    code = np.where(forwards, 2, np.where(backwards, -2, code))
+    code = np.select([forwards, backwards, inside, shares > 0.0], [2, -2, 0, 1], -1)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1, [code.size]])
     runs = [(int(a), int(b), int(code[a])) for a, b in pairwise(starts)]
     out: list[Stretch] = []
@@ -282,7 +255,7 @@ def _short_stretches(
     right = float(after) if abs(after) == 1 else 0.0
     if abs(left) != 1.0 and abs(right) != 1.0:
         return [Stretch(end, float(np.sign(mean) or 1.0), False, 0)]
-    if abs(left) != 1.0 or abs(right) != 1.0 or left != right:
+    if left != right:
         # From one limit to the other.
         first = left if abs(left) == 1.0 else -right
         cut = begin + (high if first > 0.0 else end - begin - high)

@@ -9,6 +9,7 @@ other limit for a while.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,9 +135,15 @@ def find_changes(
     arcs = program.unpack(y)
     found: dict[int, Change] = {}
 
+    def rank(change: Change) -> tuple[bool, float]:
+        # What the torque of a held joint asks for goes before all else on its arc.
+        return change.other is not None, change.gain
+
     def offer(change: Change) -> None:
         known = found.get(change.arc)
-        if change.gain > least and (known is None or change.gain > known.gain):
+        if change.other is None and change.gain <= least:
+            return
+        if known is None or rank(change) > rank(known):
             found[change.arc] = change
 
     first = np.cumsum(program.steps) - program.steps
@@ -154,13 +161,8 @@ def find_changes(
                 peak = a + int(np.argmax(wrong[a:b]))
                 share = (peak + 0.5) / wrong.size
                 offer(Change(float(wrong[a:b].sum()), k, share, j, -level))
-    for change in _touches(program, shot, of[1]):
+    for change in _of_limits(program, of[1]):
         offer(change)
-    # What the torque of a held joint asks for goes before all else on its arc.
-    for change in _overloads(program, of[1]):
-        known = found.get(change.arc)
-        if known is None or known.other is None or change.gain > known.gain:
-            found[change.arc] = change
     return [found[k] for k in sorted(found)]
 
 
@@ -189,43 +191,31 @@ def _limits_instead(arc: int, joint: int, level: float, slopes: Array) -> Change
     return Change(gain, arc, 0.0, joint, levels[0], 0, pieces)
 
 
-def _touches(program: ArcProgram, shot: Shot, limits: Array) -> list[Change]:
-    """Joints that touch their speed limit, and might stay on it."""
-    watched = program.watched
-    weights = limits[limits.size - watched.kind.size :]
-    out = []
-    first = np.cumsum(program.steps) - program.steps
-    for row in np.flatnonzero((watched.kind == VELOCITY) & (weights > 1e-6)).tolist():
-        step, joint = int(watched.node[row]) - 1, int(watched.which[row])
-        arc = int(program.arc_of_step[step])
-        share = (step + 1 - int(first[arc])) / int(program.steps[arc])
-        gain, sign = float(weights[row]) * program.duration, int(watched.sign[row])
-        out.append(Change(gain, arc, share, joint, 0.0, sign))
-    return out
+def _of_limits(program: ArcProgram, limits: Array) -> Iterator[Change]:
+    """Joints that touch their speed limit, and held joints that need another torque.
 
-
-def _overloads(program: ArcProgram, limits: Array) -> list[Change]:
-    """Held joints whose torque comes to its limit at an end of their arc.
-
-    Another torque, first of all one that changes there, might hold them for a while.
+    A joint that touches its speed limit might stay on it. Where the torque of a held
+    joint comes to its limit at an end of the arc, another torque, first of all one that
+    changes there, might hold the joint for a while.
     """
     watched, arcs = program.watched, program.arcs
     weights = limits[limits.size - watched.kind.size :]
     first = np.cumsum(program.steps) - program.steps
-    out = []
-    for row in np.flatnonzero((watched.kind == TORQUE) & (weights > 1e-6)).tolist():
+    costly = (weights > 1e-6) & np.isin(watched.kind, (VELOCITY, TORQUE))
+    for row in np.flatnonzero(costly).tolist():
         step, joint = int(watched.node[row]) - 1, int(watched.which[row])
+        gain, sign = float(weights[row]) * program.duration, int(watched.sign[row])
         arc = int(program.arc_of_step[step])
-        middle = int(first[arc]) + 0.5 * (int(program.steps[arc]) - 1)
-        last = step > middle
+        place, count = step - int(first[arc]), int(program.steps[arc])
+        if watched.kind[row] == VELOCITY:
+            yield Change(gain, arc, (place + 1) / count, joint, 0.0, sign)
+            continue
+        last = place > 0.5 * (count - 1)
         beside = min(max(arc + (1 if last else -1), 0), arcs.count - 1)
         able = (arcs.held[arc] == 0) & ~arcs.follows[arc] & (arcs.levels[arc] != 0.0)
         changes = able & (arcs.levels[beside] != arcs.levels[arc])
         for other in np.flatnonzero(changes if changes.any() else able).tolist():
-            gain, level = float(weights[row]) * program.duration, watched.sign[row]
-            share = 1.0 if last else 0.0
-            out.append(Change(gain, arc, share, joint, float(level), 0, (), int(other)))
-    return out
+            yield Change(gain, arc, float(last), joint, float(sign), 0, (), int(other))
 
 
 def _runs(flags: BoolArray) -> list[tuple[int, int]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tominpmp.exact.detection import arcs_of, one_way, states_of, without_friction
+from tominpmp.exact.detection import arcs_of, one_way, without_friction
 from tominpmp.exact.perturbed_starts import (
     on_grid,
     perturbed_motions,
@@ -42,7 +42,7 @@ MOST_UNKNOWNS = 160
 # iterations on them.
 GRIDS = (60, 90)
 GRID_ITERATIONS = 30
-# A motion this much longer than the plan is none, relatively; and than a plan that its
+# Largest relative excess of a refined motion over the plan, and over a plan that its
 # replay does not confirm.
 LONGER = 1e-6
 UNCONFIRMED = 0.02
@@ -95,7 +95,7 @@ class Search:
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
     def follow(self, arcs: Arcs, states: States, evaluations: int) -> bool:
-        """Go from rough arcs to a locally optimal motion; tells if that is of use."""
+        """Optimise rough arcs; whether the motion is short enough."""
         if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.budget.spent:
             return False
         budget = self.budget.part(evaluations)
@@ -105,14 +105,16 @@ class Search:
         logger.debug("%d arcs: %.9g s", motion.arcs.count, motion.duration)
         if motion.duration <= self.duration:
             self.found.append(motion)
-            arcs_found, y = _transcribe(motion)
-            self.progress.keep(arcs_found, _iterate(arcs_found, y))
+            self.progress.keep(*_iterate(motion))
         return motion.duration <= self.limit
 
     def read(self, trajectory: Trajectory, evaluations: int) -> bool:
-        """Read arcs off a motion and follow them; tells if that is of use."""
+        """Read arcs off a motion and optimise them, likewise."""
         arcs = arcs_of(self.system, trajectory)
-        return self.follow(arcs, states_of(trajectory), evaluations)
+        # States (q, v) are the first two parts.
+        return self.follow(
+            arcs, lambda times: np.hstack(trajectory(times)[:2]), evaluations
+        )
 
 
 def exact_switches(
@@ -147,8 +149,7 @@ def exact_switches(
     search = Search(granted, progress, budget, limit)
     _look(search, options, without_friction(granted, plan), lp)
     for motion in reversed(search.found):
-        arcs, y = _transcribe(sharpen(granted, motion, budget.part()))
-        iterate = _iterate(arcs, y)
+        arcs, iterate = _iterate(sharpen(granted, motion, budget.part()))
         records = tuple(progress.records)
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
         exact = Candidate.of(attempt.name, arcs, attempt.initial, result)
@@ -210,10 +211,7 @@ def _finer(
         yield on_grid(search.system, few, lp, search.seen, path, plan.duration)
 
 
-def _transcribe(motion: OptimisedArcs) -> tuple[ArcTranscription, np.ndarray]:
-    return ArcTranscription(motion.program, motion.shot), motion.y
-
-
-def _iterate(arcs: ArcTranscription, y: np.ndarray) -> Iterate:
-    """Arcs as an iterate."""
-    return Iterate.of(arcs, y, 1.0)
+def _iterate(motion: OptimisedArcs) -> tuple[ArcTranscription, Iterate]:
+    """Optimised arcs as a transcription, and as an iterate of it."""
+    arcs = ArcTranscription(motion.program, motion.shot)
+    return arcs, Iterate.of(arcs, motion.y, 1.0)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,7 @@ SLACK = 1e-6
 ITERATIONS = 150
 # Equations whose gradients depend on each other but for this share are one too many.
 DEPENDENT = 1e-10
-# Steps that close what is left of a gap to the goal, where it is this small.
+# Steps that close a remaining gap to the goal, and the largest gap they close.
 CLOSING = 4
 NEARLY = 1e-3
 # How often arcs that have vanished are left out at most.
@@ -61,10 +61,11 @@ SINGLES = 3
 # Lengths are at most this much longer than the whole motion was.
 LONGEST = 3.0
 NOT_INTEGRATED = 1e3
-# Relative progress and misses that count as none, and how often in a row.
+# Relative progress and misses that count as zero, and how often in a row.
 STILL = 1e-10
 STILL_STEPS = 2
-# While arcs are looked for, so little progress in so many steps is none, relatively.
+# While arcs are looked for, relative progress that counts as zero, and the number of
+# steps it is measured over.
 SLOW = 1e-6
 SLOW_STEPS = 6
 
@@ -162,36 +163,30 @@ def _miss(shot: Shot) -> float:
 
 def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
     """Equations and limits of a program as SLSQP takes them."""
-
-    def part(name: str, missing: float) -> Callable[[Array], Array]:
-        shape = getattr(first, name).shape
-
-        def function(z: Array) -> Array:
-            shot = program.shoot(z)
-            if shot is None:
-                return np.full(shape, missing)
-            return np.asarray(getattr(shot, name))
-
-        return function
-
+    # In place of motions that cannot be integrated.
+    far = replace(
+        first,
+        equal=np.full_like(first.equal, NOT_INTEGRATED),
+        by_equal=np.zeros_like(first.by_equal),
+        room=np.full_like(first.room, -NOT_INTEGRATED),
+        by_room=np.zeros_like(first.by_room),
+    )
     basis = _independent(first.by_equal)
-    equal, by_equal = part("equal", NOT_INTEGRATED), part("by_equal", 0.0)
-    constraints: list[dict[str, Any]] = [
-        {
-            "type": "eq",
-            "fun": lambda z: basis @ equal(z),
-            "jac": lambda z: basis @ by_equal(z),
-        }
-    ]
-    if first.room.size:
-        constraints.append(
-            {
-                "type": "ineq",
-                "fun": part("room", -NOT_INTEGRATED),
-                "jac": part("by_room", 0.0),
-            }
-        )
-    return constraints
+
+    def shot(z: Array) -> Shot:
+        return program.shoot(z) or far
+
+    equations = {
+        "type": "eq",
+        "fun": lambda z: basis @ shot(z).equal,
+        "jac": lambda z: basis @ shot(z).by_equal,
+    }
+    limits = {
+        "type": "ineq",
+        "fun": lambda z: shot(z).room,
+        "jac": lambda z: shot(z).by_room,
+    }
+    return [equations, limits] if first.room.size else [equations]
 
 
 def _minimize(
@@ -214,11 +209,10 @@ def _minimize(
         # SLSQP's own test asks for more digits than there are.
         nonlocal last, still_steps, paid
         shot = program.shoot(z)
-        step = abs(float(cost @ (z - last)))
-        still = shot is not None and step < STILL and _miss(shot) < STILL
+        miss = np.inf if shot is None else _miss(shot)
+        still = abs(float(cost @ (z - last))) < STILL and miss < STILL
         still_steps = still_steps + 1 if still else 0
-        reached = shot is not None and _miss(shot) < EXACT
-        durations.append(float(cost @ z) if reached else np.inf)
+        durations.append(float(cost @ z) if miss < EXACT else np.inf)
         slow = (
             durations[-SLOW_STEPS] - durations[-1] if len(durations) > SLOW_STEPS else 1
         )
@@ -289,15 +283,15 @@ def polish(
     system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget, total: int
 ) -> OptimisedArcs | None:
     """Solve again without the arcs that have vanished, until none vanishes any more."""
-    found: OptimisedArcs | None = optimised
+    found: OptimisedArcs | None = None
     for _ in range(CLEANINGS):
-        assert found is not None  # noqa: S101
-        arcs = found.arcs.cleaned().saturated()
-        if found is not optimised and arcs.count == found.arcs.count:
+        last = found or optimised
+        arcs = last.arcs.cleaned().saturated()
+        if found is not None and arcs.count == found.arcs.count:
             break
-        after = solve_lengths(system, arcs, found.states, budget, total)
-        if after is None or (found is not optimised and not after.feasible):
-            return None if found is optimised else found
+        after = solve_lengths(system, arcs, last.states, budget, total)
+        if after is None or (found is not None and not after.feasible):
+            break
         found = after
     return found
 
@@ -352,15 +346,14 @@ def refine_arcs(
     States (q, v) of a motion near by are a function from times of shape (m,) to (m,
     2n). None if no motion was found that keeps goal and limits.
     """
-    optimised = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
-    if optimised is None or not optimised.feasible:
-        optimised = solve_lengths(system, arcs.loosened(), states, budget, FEWER_STEPS)
-    if optimised is None or not optimised.feasible:
-        return None
-    polished = polish(system, optimised, budget, FEWER_STEPS)
-    if polished is not None and polished.feasible:
-        optimised = polished
-    return improve(system, optimised, budget, FEWER_STEPS)
+    for rough in (arcs, arcs.loosened()):
+        found = solve_lengths(system, rough, states, budget, FEWER_STEPS)
+        if found is not None and found.feasible:
+            polished = polish(system, found, budget, FEWER_STEPS)
+            if polished is not None and polished.feasible:
+                found = polished
+            return improve(system, found, budget, FEWER_STEPS)
+    return None
 
 
 def sharpen(

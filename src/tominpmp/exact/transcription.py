@@ -23,7 +23,7 @@ CUTS = 4
 # Lengths change by this share of the duration and of the trust region at most.
 LENGTH_STEP = 0.3
 NOT_INTEGRATED = 1e3
-# Steps shorter than this share of the duration are none: nothing moves in them.
+# Steps shorter than this share of the duration are left out: nothing moves in them.
 VANISHED = 1e-9
 
 
@@ -38,11 +38,13 @@ class ArcTranscription:
         self.program = program
         goals, equations = shot.seeds.shape[0], shot.equal.size
         bounds = shot.room.size - program.watched.kind.size
-        parts = [_equations("goal", goals), _equations("speed", equations - goals)]
-        parts.append(_limits("goal region", bounds))
         kinds = program.watched.kind  # sorted
-        for kind, name in enumerate(KINDS):
-            parts.append(_limits(name, int((kinds == kind).sum())))
+        parts = [
+            _rows("goal", goals, 0.0),
+            _rows("speed", equations - goals, 0.0),
+            _rows("goal region", bounds, np.inf),
+            *(_rows(n, int((kinds == k).sum()), np.inf) for k, n in enumerate(KINDS)),
+        ]
         self._rows = Rows.stack([part for part in parts if part[1].size])
 
     @property
@@ -59,9 +61,7 @@ class ArcTranscription:
     def cost(self) -> Array:
         """Gradient of the duration."""
         count = self.program.arcs.count
-        cost = np.zeros(self.size)
-        cost[:count] = self.program.duration
-        return cost
+        return np.where(np.arange(self.size) < count, self.program.duration, 0.0)
 
     def evaluate(self, z: Array, room: float = np.inf) -> Array:
         """Row values."""
@@ -176,11 +176,11 @@ class ArcTranscription:
         )
 
 
-def _equations(name: str, count: int) -> tuple[str, Array, Array, IntArray]:
-    zero = np.zeros(count)
-    return name, zero, zero, zero.astype(np.int64)
-
-
-def _limits(name: str, count: int) -> tuple[str, Array, Array, IntArray]:
-    zero = np.zeros(count)
-    return name, zero, np.full(count, np.inf), zero.astype(np.int64)
+def _rows(name: str, count: int, upper: float) -> tuple[str, Array, Array, IntArray]:
+    """Rows of one name: at least zero, and at most a bound."""
+    return (
+        name,
+        np.zeros(count),
+        np.full(count, upper),
+        np.zeros(count, dtype=np.int64),
+    )

@@ -12,8 +12,10 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array
+from tominpmp.collision.placements import Placements
 from tominpmp.exceptions import ProblemError, optional
 from tominpmp.robot import Robot
 
@@ -74,13 +76,11 @@ class MujocoArm:
         """Write mass and moments past the compiler, which refuses some of them."""
         moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 2] *= np.sign(np.linalg.det(axes))
-        quaternion = pin.Quaternion(axes)
         model = self.model
         model.body_mass[body] = inertia.mass
         model.body_ipos[body] = inertia.lever
         model.body_inertia[body] = moments
-        x, y, z, w = quaternion.coeffs().tolist()
-        model.body_iquat[body] = (w, x, y, z)
+        model.body_iquat[body] = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
 
     def load(self, mass: float, joint: int, point: Array) -> None:
         """Add a point mass to a body.
@@ -125,11 +125,10 @@ class MujocoArm:
         """Inertia that each joint sees at a configuration, shape (n,)."""
         self.set_state(q, np.zeros(self.robot.n))
         self.mujoco.mj_forward(self.model, self.data)
-        full = np.zeros((self.robot.n, self.robot.n))
-        for i in range(self.robot.n):
-            unit = np.zeros(self.robot.n)
-            unit[i] = 1.0
-            self.mujoco.mj_mulM(self.model, self.data, full[i], unit)
+        full, units = np.zeros((2, self.robot.n, self.robot.n))
+        np.fill_diagonal(units, 1.0)
+        for row, unit in zip(full, units, strict=True):
+            self.mujoco.mj_mulM(self.model, self.data, row, unit)
         return np.array(np.diag(full)[self._order])
 
     def gains(self, q: Array, bandwidth: float) -> tuple[Array, Array]:
@@ -169,23 +168,27 @@ def _mjcf(robot: Robot) -> str:
     option = SubElement(root, "option", gravity=_numbers(robot.gravity))
     SubElement(option, "flag", contact="disable")
     bodies = {0: SubElement(root, "worldbody")}
-    index = {name: i for i, name in enumerate(robot.joint_names)}
+    placements = Placements(model)
     for joint in range(1, model.njoints):
-        place, name = model.jointPlacements[joint], str(model.names[joint])
-        x, y, z, w = pin.Quaternion(place.rotation).coeffs().tolist()
+        place = model.jointPlacements[joint]
+        slide, turn, _ = placements.axes(joint)
+        kind = {"type": "hinge", "axis": _numbers(turn)}
+        if not np.any(turn):
+            kind = {"type": "slide", "axis": _numbers(slide)}
+        turned = np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)
         body = SubElement(
             bodies[int(model.parents[joint])],
             "body",
             name=f"body{joint}",
             pos=_numbers(place.translation),
-            quat=_numbers([w, x, y, z]),
+            quat=_numbers(turned),
         )
         SubElement(body, "inertial", PLACEHOLDER)
-        i = index[name]
+        i = robot.joint_names.index(str(model.names[joint]))
         SubElement(
             body,
             "joint",
-            _joint_kind(model, joint),
+            kind,
             name=f"joint{joint}",
             armature=repr(float(robot.armature[i])),
             damping=repr(float(robot.damping[i])),
@@ -193,16 +196,6 @@ def _mjcf(robot: Robot) -> str:
         )
         bodies[joint] = body
     return tostring(root, encoding="unicode")
-
-
-def _joint_kind(model: pin.Model, joint: int) -> dict[str, str]:
-    """Kind and axis of a joint, from how it moves."""
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    motion = np.asarray(data.joints[joint].S).reshape(6, -1)[:, 0]
-    turns = bool(np.any(motion[3:]))
-    axis = motion[3:] if turns else motion[:3]
-    return {"type": "hinge" if turns else "slide", "axis": _numbers(axis)}
 
 
 def _numbers(values: Any) -> str:

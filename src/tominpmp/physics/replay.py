@@ -155,15 +155,14 @@ def simulate(
     times = _steps(trajectory, step)
     middle = 0.5 * (times[:-1] + times[1:])
     # A torque that is constant on a step is that of its middle.
-    plan, force = trajectory(times), trajectory(middle).u
-    wanted = trajectory(middle)
+    plan, wanted = trajectory(times), trajectory(middle)
     if bandwidth:
         stiffness, damping = arm.gains(trajectory.q, bandwidth)
     q, v, u = (np.empty((times.size, arm.robot.n)) for _ in range(3))
     arm.set_state(plan.q[0], plan.v[0])
     for k, seconds in enumerate(np.diff(times)):
         q[k], v[k] = arm.q, arm.v
-        u[k] = force[k]
+        u[k] = wanted.u[k]
         if bandwidth:
             ahead = q[k] + 0.5 * seconds * v[k]
             u[k] += stiffness * (wanted.q[k] - ahead) + damping * (plan.v[k] - v[k])

@@ -14,7 +14,6 @@ from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.exceptions import OptionsError
 from tominpmp.files.export import load_motion
 from tominpmp.motion.joining import recorded_motion
-from tominpmp.options import Options
 from tominpmp.physics.options import ReplayOptions
 from tominpmp.physics.replay import STEP, PhysicsReplay, replay
 from tominpmp.physics.robustness import (
@@ -23,7 +22,6 @@ from tominpmp.physics.robustness import (
     Robustness,
     robustness,
 )
-from tominpmp.problem import Problem
 
 
 def run_replay(
@@ -42,7 +40,20 @@ def run_replay(
     check_given(problem_args)
     problem, options = load_problem(problem_args)
     if args.robustness:
-        found = _tried(problem, options, args)
+        found = robustness(
+            problem,
+            options,
+            disturbances=Disturbances(
+                payload=args.random_payload,
+                friction=args.random_friction,
+                delay=args.random_delay,
+                noise=args.random_noise,
+            ),
+            samples=args.samples,
+            tolerance=args.tracking_tolerance,
+            bandwidth=args.bandwidth,
+            seed=args.seed,
+        )
         say(json_text(plain(found)) if args.json else _reserves_text(found))
         return PLANNED if found.reserve is not None else NO_PLAN
     if motion is None:
@@ -58,24 +69,6 @@ def run_replay(
     seen = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
     say(json_text(_data(seen)) if args.json else _text(seen, motion))
     return PLANNED if seen.ok else NO_PLAN
-
-
-def _tried(problem: Problem, options: Options, args: ReplayOptions) -> Robustness:
-    """Try motions with torque reserves."""
-    return robustness(
-        problem,
-        options,
-        disturbances=Disturbances(
-            payload=args.random_payload,
-            friction=args.random_friction,
-            delay=args.random_delay,
-            noise=args.random_noise,
-        ),
-        samples=args.samples,
-        tolerance=args.tracking_tolerance,
-        bandwidth=args.bandwidth,
-        seed=args.seed,
-    )
 
 
 def _data(found: PhysicsReplay) -> dict[str, Any]:

@@ -9,8 +9,9 @@ in MuJoCo for several reserves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -31,9 +32,14 @@ WANTED = 0.99
 MOST_SAMPLES = 100_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class Disturbances:
-    """What is drawn at random for each trial.
+Amount: TypeAlias = Annotated[
+    float, partial(number, expected="a finite number >= 0", least=0.0)
+]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Disturbances(Record):
+    """Largest disturbances of the random trials.
 
     Attributes:
         payload: Largest mass that is carried beside what is modelled [kg].
@@ -44,22 +50,19 @@ class Disturbances:
             measured with ten times that per second.
     """
 
-    payload: float = 0.2
-    friction: float = 0.01
-    delay: float = 0.002
-    noise: float = 1e-5
+    payload: Amount = 0.2
+    friction: Amount = 0.01
+    delay: Amount = 0.002
+    noise: Amount = 1e-5
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for item in fields(self):
-            given, expected = getattr(self, item.name), "a finite number >= 0"
-            with told_of("disturbances"):
-                value = number(given, item.name, expected, least=0.0)
-            object.__setattr__(self, item.name, value)
+        with told_of("disturbances"):
+            super().__post_init__()
 
     @property
     def message(self) -> str:
-        """What is drawn, in words."""
+        """The disturbances in words."""
         return (
             f"up to {self.payload:g} kg more, dry friction up to {self.friction:.2g} "
             f"of the torque limits, delays up to {self.delay:g} s, noise of "
@@ -175,8 +178,12 @@ def robustness(
     tolerance = positive(tolerance, "tolerance", "rad or m")
     bandwidth, period = positive(bandwidth, "bandwidth"), positive(period, "period")
     world = Disturbances() if disturbances is None else disturbances
-    _check(problem, world, samples, seed)
-    MujocoArm(problem.robot)  # what is missing is told of before anything is planned
+    instance(problem, Problem, "problem")
+    check_one_load(problem)
+    instance(world, Disturbances, "disturbances", "Disturbances or None")
+    whole(samples, "samples", 1, MOST_SAMPLES)
+    whole(seed, "seed")
+    MujocoArm(problem.robot)  # a missing package is reported before planning
     carrier = _carrier(problem, frame)
     T, kept, errors = [], [], []
     for reserve in shares.tolist():
@@ -197,16 +204,8 @@ def robustness(
         tolerance=float(tolerance),
         samples=samples,
         disturbances=world,
-        effort_scale=_scale(problem.motion_limits),
+        effort_scale=(problem.motion_limits or MotionLimits()).effort_scale,
     )
-
-
-def _check(problem: Problem, world: object, samples: Any, seed: Any) -> None:
-    instance(problem, Problem, "problem")
-    check_one_load(problem)
-    instance(world, Disturbances, "disturbances", "Disturbances or None")
-    whole(samples, "samples", 1, MOST_SAMPLES)
-    whole(seed, "seed")
 
 
 def _checked_reserves(reserves: object) -> Array:
@@ -215,10 +214,6 @@ def _checked_reserves(reserves: object) -> Array:
     if not good:
         raise wrong(reserves, "reserves", "shares from 0 to below 1")
     return np.unique(shares)
-
-
-def _scale(limits: MotionLimits | None) -> float:
-    return 1.0 if limits is None else limits.effort_scale
 
 
 def _with_reserve(problem: Problem, reserve: float) -> Problem:
@@ -230,7 +225,7 @@ def _with_reserve(problem: Problem, reserve: float) -> Problem:
         return problem
 
     def reduced(limits: MotionLimits | None) -> MotionLimits:
-        known = MotionLimits() if limits is None else limits
+        known = limits or MotionLimits()
         return replace(known, effort_scale=(1.0 - reserve) * known.effort_scale)
 
     changes: dict[str, Any] = {"motion_limits": reduced(problem.motion_limits)}

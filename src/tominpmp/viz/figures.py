@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,40 +20,6 @@ from tominpmp.files.writing import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-STYLE: Any = {
-    "font.size": 9.0,
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "mathtext.fontset": "dejavusans",
-    "axes.titlesize": 9.0,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.0,
-    "axes.linewidth": 0.7,
-    "axes.edgecolor": "#4a5867",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#dfe4ea",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.4,
-    "lines.solid_capstyle": "round",
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "xtick.color": "#4a5867",
-    "ytick.color": "#4a5867",
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "legend.fontsize": 8.0,
-    "legend.frameon": False,
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-    "savefig.dpi": 160,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "tominpmp",
-    "pdf.fonttype": 42,
-}
 
 LIMIT_COLOR = "#b3312a"
 BEYOND_COLOR = "#f6e3e1"
@@ -96,7 +63,11 @@ def styled() -> Iterator[None]:
     """
     with optional("matplotlib", "plots", "plotting"):
         import matplotlib
-    with matplotlib.rc_context(STYLE):
+    source = resources.files(__package__).joinpath("figures.mplstyle")
+    with resources.as_file(source) as path:
+        # What the file does not name stays as the caller has set it.
+        style = matplotlib.rc_params_from_file(path, use_default_template=False)
+    with matplotlib.rc_context(style):
         yield
 
 

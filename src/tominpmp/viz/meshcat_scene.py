@@ -1,4 +1,4 @@
-"""Meshcat scene of a motion: what is shown, and from where.
+"""Meshcat scene of a motion: bodies, animation and camera.
 
 Scenes are drawn with Meshcat's own ``Visualizer``, which needs no server. Its meshes of
 triangles have no normals, and four bytes for every number; so bodies have a geometry of
@@ -43,7 +43,6 @@ from tominpmp.viz.surfaces import (
 from tominpmp.viz.surroundings import (
     GOAL_RGB,
     PATH_RGB,
-    Thing,
     ends_on_the_way,
     obstacle_color,
     rgb,
@@ -116,7 +115,13 @@ def draw(
     bodies = robot_bodies(robot)
     shown = things(problem, trajectory, times)
     around = [thing for thing in shown if thing.load is None]
-    points = points_in_view(_robot_points(motion, bodies), _obstacle_points(around))
+    # Obstacles where they are first and last.
+    obstacles = [
+        moved(obstacle_surface(thing.shape), placement).vertices
+        for thing in around
+        for placement in thing.placements[[0, -1] if thing.moves else [0]]
+    ]
+    points = points_in_view(_robot_points(motion, bodies), obstacles)
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     view = camera_view(robot, around, motion, bodies)
     _surroundings(viewer, view, points, size)
@@ -198,7 +203,7 @@ def _animate(
     moving: Mapping[str, Array],
     seen: Mapping[str, BoolArray],
 ) -> None:
-    """Animate what is at paths.
+    """Animate the nodes at paths.
 
     Args:
         viewer: The viewer.
@@ -270,16 +275,6 @@ def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
     return np.concatenate(clouds)
 
 
-def _obstacle_points(around: Sequence[Thing]) -> list[Array]:
-    """Points of obstacles where they are first and last."""
-    found = []
-    for thing in around:
-        surface = obstacle_surface(thing.shape)
-        for placement in thing.placements[[0, -1] if thing.moves else [0]]:
-            found.append(moved(surface, placement).vertices)
-    return found
-
-
 def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
     """Background, floor, lights, and a camera that has all points in view."""
     low, high = points.min(axis=0), points.max(axis=0)
@@ -299,8 +294,10 @@ def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
     # The viewer looks at its origin; so the world is moved, not the camera.
     world, floor = placed(-center), placed(-center)
     floor[2, 3] = low[2] - center[2] - 1e-3 * size
-    # Its floor has 40 cells of half a metre each way.
-    floor[:3, :3] *= _round_length(size / 12.0) / 0.5
+    # Its floor has 40 cells of half a metre each way; here they are 1, 2, 5, 10 ... m.
+    power = 10.0 ** np.floor(np.log10(size / 12.0))
+    cell = power * max(step for step in (1, 2, 5) if step * power <= size / 12.0)
+    floor[:3, :3] *= cell / 0.5
     # The camera's own axes have y upwards.
     place = [float(offset[0]), float(offset[2]), float(-offset[1])]
     viewer["/Background"].set_property("top_color", [0.96, 0.97, 0.98])
@@ -318,12 +315,6 @@ def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
         lights[f"{light}/<object>"].set_property("intensity", 0.22)
     lights["AmbientLight/<object>"].set_property("intensity", 0.5)
     lights["FillLight/<object>"].set_property("intensity", 0.3)
-
-
-def _round_length(length: float) -> float:
-    """Largest of 1, 2, 5, 10, ... (and tenths of them) that is not above a length."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= length))
 
 
 def import_meshcat() -> Any:

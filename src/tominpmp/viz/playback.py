@@ -174,6 +174,9 @@ def build_page(
     Raises:
         MissingDependency: If Meshcat is not installed.
     """
+    import umsgpack
+
+    packed = map(umsgpack.packb, commands)
     viewer, licences = _viewer()
     template = resources.files(__package__).joinpath("player.html").read_text("utf-8")
     told = {
@@ -194,19 +197,13 @@ def build_page(
         "SHARES": json.dumps(told).replace("</", "<\\/"),
         "SLOPE": json.dumps(math.tan(math.radians(meshcat_scene.FIELD_OF_VIEW / 2))),
         "ASPECT": json.dumps(meshcat_scene.ASPECT),
-        "COMMANDS": json.dumps([_text(command) for command in commands]),
+        "COMMANDS": json.dumps([base64.b64encode(p).decode("ascii") for p in packed]),
         # Inside a comment, which two hyphens would end.
         "LICENCES": licences.replace("--", "- -"),
         "VIEWER": viewer,
     }
     # In one pass, as what is put in may contain what looks like a field.
     return re.sub(r"{{(\w+)}}", lambda field: fields[field[1]], template)
-
-
-def _text(command: meshcat_scene.Command) -> str:
-    import umsgpack
-
-    return base64.b64encode(umsgpack.packb(command)).decode("ascii")
 
 
 @cache

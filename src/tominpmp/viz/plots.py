@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_controls", "plot_convergence", "plot_motion", "plot_trajectory"]
 
-# Points drawn of a motion, at least, so that what is curved looks it.
+# Least number of points drawn of a motion, so that curves look smooth.
 CURVE_POINTS = 500
-# What is drawn of a motion that takes no time [s].
+# Time axis of a motion that takes no time [s].
 MOMENT = 1e-3
 # A limit further off than this many times the largest value is not drawn: the curve
 # would be flat.
@@ -40,7 +40,7 @@ FAR_LIMIT = 2.5
 # A method that takes this many times as many iterations as another is drawn to another
 # scale, or the other would be a point.
 ITERATION_RATIO = 6.0
-# Violations below this count as none; a logarithm needs something.
+# Least violation that is drawn, as the axis is logarithmic.
 LEAST_VIOLATION = 1e-12
 LINE_STYLES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "^", "D", "v")
@@ -132,7 +132,7 @@ def plot_on_axes(
         The figure of the axes.
 
     Raises:
-        ProblemError: If they are no such axes.
+        ProblemError: If they are not one or three axes of matplotlib.
         MissingDependency: If matplotlib is not installed.
     """
     check_motions(problem, [trajectory])
@@ -312,7 +312,14 @@ def plot_certificate(
         for joint in range(n):
             _plot_joint(axes[joint], problem, trajectory, certificate, joint)
         _plot_limits(axes[n], limits)
-        _plot_hamiltonian(axes[n + 1], certificate)
+        hamiltonian = certificate.hamiltonian
+        axes[n + 1].axhline(0.0, color="#9aa5b1", linewidth=0.8)
+        axes[n + 1].stairs(
+            hamiltonian, certificate.t, baseline=None, color=HAMILTONIAN_COLOR
+        )
+        largest = max(1.2 * np.max(np.abs(hamiltonian), initial=0.0), 0.05)
+        axes[n + 1].set_ylim(-largest, largest)
+        axes[n + 1].set_ylabel("H", rotation=0, labelpad=10.0)
         for panel in axes[:-1]:
             panel.tick_params(labelbottom=False)
         _time_axes(axes[:, None], trajectory.duration)
@@ -344,7 +351,7 @@ def plot_sensitivities(
         most: Largest number of bars.
 
     Raises:
-        ProblemError: If the ending of the path is unknown, or the number is none.
+        ProblemError: If the ending of the path is unknown, or the number is wrong.
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
@@ -435,20 +442,14 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
     bottom, top = min([low, *near]), max([high, *near])
     margin = 0.09 * (top - bottom) or 0.1
     panel.set_ylim(bottom - margin, top + margin)
-    far = []
-    edges = panel.get_ylim()
-    for name, limit, edge in zip(
-        ("lower", "upper"), (lower, upper), edges, strict=True
-    ):
+    for limit, edge in zip((lower, upper), panel.get_ylim(), strict=True):
         if limit in near:
             _show_limit(panel, limit, edge)
-        elif np.isfinite(limit):
-            far.append(f"{name} limit {limit:.3g}")
+    named = (("lower", lower), ("upper", upper))
+    far = [f"{k} limit {v:.3g}" for k, v in named if np.isfinite(v) and v not in near]
     if len(far) == 2:
-        both = (
-            f"\u00b1{upper:.3g}" if lower == -upper else f"{lower:.3g} and {upper:.3g}"
-        )
-        far = [f"limits {both}"]
+        both = f"{lower:.3g} and {upper:.3g}"
+        far = [f"limits {both}" if lower != -upper else f"limits \u00b1{upper:.3g}"]
     look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": figures.LIMIT_COLOR}
     if far:
         _note(panel, far[0], (1.0, 1.02), fontsize=6.5, **look)
@@ -483,17 +484,13 @@ def _plot_joint(
         _show_limit(panel, sign, 2.0 * sign)
     panel.set_ylim(-BEYOND, BEYOND)
     panel.set_yticks([-1.0, 0.0, 1.0])
-    name = problem.robot.joint_names[joint]
+    name, t = problem.robot.joint_names[joint], certificate.t
     panel.set_ylabel(name, **_name_look(name, joint))
-    t = certificate.t
     wrong_sides = np.flatnonzero(~certificate.obeys[:, joint])
     spans = [(t[k], t[k + 1] - t[k]) for k in wrong_sides]
-    look: dict[str, Any] = {
-        "color": figures.LIMIT_COLOR,
-        "alpha": 0.18,
-        "linewidth": 0.0,
-    }
-    panel.broken_barh(spans, (-2.0, 4.0), **look)
+    panel.broken_barh(
+        spans, (-2.0, 4.0), color=figures.LIMIT_COLOR, alpha=0.18, linewidth=0.0
+    )
     other = panel.twinx()
     other.spines["right"].set_visible(True)
     other.grid(False)
@@ -526,22 +523,11 @@ def _plot_limits(panel: Axes, limits: Sequence[tuple[ActiveLimit, str]]) -> None
         for begin, end, strength in zip(item.begin, item.end, strengths, strict=True):
             look: dict[str, Any] = {"color": shade, "alpha": strength, "linewidth": 0.0}
             panel.broken_barh([(begin, end - begin)], (row - 0.36, 0.72), **look)
-        name = item.name
-        short = name if len(name) <= 30 else f"{name[:29]}\u2026"
+        short = item.name if len(item.name) <= 30 else f"{item.name[:29]}\u2026"
         labels.append(f"{item.kind}, {short}")
     panel.set_yticks(range(len(labels)), labels, fontsize=6.5)
     panel.set_ylim(-0.6, max(len(labels), 1) - 0.4)
     panel.grid(False, axis="y")
     if not labels:
-        text, look = "no limit holds the motion", {"ha": "center", "va": "center"}
-        _note(panel, text, (0.5, 0.5), fontsize=7.0, **look)
-
-
-def _plot_hamiltonian(panel: Axes, certificate: Certificate) -> None:
-    panel.axhline(0.0, color="#9aa5b1", linewidth=0.8)
-    panel.stairs(
-        certificate.hamiltonian, certificate.t, baseline=None, color=HAMILTONIAN_COLOR
-    )
-    largest = max(1.2 * np.max(np.abs(certificate.hamiltonian), initial=0.0), 0.05)
-    panel.set_ylim(-largest, largest)
-    panel.set_ylabel("H", rotation=0, labelpad=10.0)
+        look = {"ha": "center", "va": "center", "fontsize": 7.0}
+        _note(panel, "no limit holds the motion", (0.5, 0.5), **look)

@@ -16,11 +16,12 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.checks import instance
+from tominpmp.collision.placements import Placements
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
-from tominpmp.viz.surfaces import Body, obstacle_surface
+from tominpmp.viz.surfaces import Body, obstacle_surface, placed
 from tominpmp.viz.surroundings import Thing
 
 # Share of the extent of a motion below which a deviation from a plane is rounding.
@@ -114,7 +115,7 @@ def check_motions(problem: Problem, trajectories: Iterable[Trajectory]) -> None:
 def end_frame(problem: Problem) -> str:
     """Name of the frame to watch: that of the goal, else the last at the end."""
     name = problem.goal.frame_name
-    # A goal of the last segment may be on what is carried there only.
+    # A goal of the last segment may be on a load of that segment only.
     if name is not None and (not problem.segments or name in problem.robot.frame_names):
         return name
     return end_of(problem.robot)
@@ -147,13 +148,9 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
     Raises:
         FrameNotFound: If there is no such frame.
     """
-    model, data = robot.model, robot.model.createData()
-    index = robot.frame_id(frame)
-    placements = np.tile(np.eye(4), (len(q), model.njoints, 1, 1))
-    for i, row in enumerate(robot.expand(q)):
-        pin.forwardKinematics(model, data, row)
-        for joint in range(1, model.njoints):
-            placements[i, joint] = data.oMi[joint].homogeneous
+    model, index = robot.model, robot.frame_id(frame)
+    rotation, origin = Placements(model).joints(robot.expand(q))
+    placements = placed(origin, rotation)
 
     def points_of(number: int) -> Array:
         """Where a frame is, shape (m, 3)."""
@@ -352,7 +349,7 @@ def _length_seen(view: View, motion: Skeleton) -> float:
 
 
 def points_in_view(robot: Array, obstacles: list[Array]) -> Array:
-    """What a picture has to hold: the robot, and of obstacles what is near it.
+    """Points that a picture has to hold: the robot, and parts of obstacles near it.
 
     A table or a floor that goes on beyond the room of the robot on every side is no
     part of it: it is seen anyway, and would make the robot small.

@@ -354,18 +354,14 @@ def native_surface(geometry: Any) -> Surface | None:
     if kind in SOLIDS:
         return SOLIDS[kind](geometry)
     if kind.startswith("BVHModel"):
-        return _mesh_surface(geometry)
+        triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
+        faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
+        vertices = np.array(geometry.vertices(), dtype=np.float64)
+        return Surface(vertices.reshape(-1, 3), faces.reshape(-1, 3))
     if kind.startswith("Convex"):
         points = [geometry.point(i) for i in range(geometry.num_points)]
         return _surface(trimesh.convex.convex_hull(np.array(points)))
     return None
-
-
-def _mesh_surface(geometry: Any) -> Surface:
-    triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
-    faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-    vertices = np.array(geometry.vertices(), dtype=np.float64)
-    return Surface(vertices.reshape(-1, 3), faces.reshape(-1, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -435,11 +431,8 @@ def geometry_bodies(
 def _body_surface(item: pin.GeometryObject) -> Surface | None:
     """Surface of a geometry object, with the colours in its file unless overridden."""
     surface = native_surface(item.geometry)
-    if (
-        surface is None
-        or item.overrideMaterial
-        or not type(item.geometry).__name__.startswith("BVHModel")
-    ):
+    mesh = type(item.geometry).__name__.startswith("BVHModel")
+    if surface is None or item.overrideMaterial or not mesh:
         return surface
     colored = _colored_mesh(item.meshPath)
     if colored is None:

@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 
-# Files of a folder at most: so many stand in one below that of the results.
+# Largest number of files in one folder below the folder of the results.
 FILES = 1000
 ARRAYS = ("t", "q", "v", "u")
 VERSION = 1
@@ -163,19 +163,16 @@ def write_outcome(
             arrays["segment_ends"] = motion.segment_ends
         arrays["torques_follow"] = np.array(motion.inverse_dynamics is not None)
 
-    def write(file: BinaryIO) -> None:
-        np.savez(file, **arrays)
-
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ScenarioError(f"{path.parent}: {reason}", path.parent) from error
-    write_file(path, write)
+    write_file(path, lambda file: np.savez(file, **arrays))
 
 
 def _judged(solution: Solution | None) -> dict[str, Any]:
-    """What is known of a motion beside its time."""
+    """Bounds and verdicts of a solution."""
     if solution is None:
         return {}
     found: dict[str, Any] = {
@@ -196,7 +193,7 @@ def _judged(solution: Solution | None) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Entry(Record):
-    """One result, as it is in its file.
+    """One result, as its file holds it.
 
     Attributes:
         path: The file.
@@ -220,7 +217,7 @@ class Entry(Record):
         """Read a file.
 
         Raises:
-            ScenarioError: If it is none of a batch, or broken.
+            ScenarioError: If the file is no result of a batch, or broken.
         """
         path = checked_path(path, "path", ScenarioError)
         try:
@@ -229,12 +226,11 @@ class Entry(Record):
             about = json.loads(str(content.pop("about")))
             scenario = str(content.pop("scenario"))
             success, T = bool(content.pop("success")), float(content.pop("T"))
-            index, name = int(about["index"]), str(about["name"])
+            about |= {"index": int(about["index"]), "name": str(about["name"])}
         except Exception as error:  # whatever a broken file makes of the reader
             raise ScenarioError(
                 f"{path} is no result of a batch: {error}", path
             ) from error
-        about |= {"index": index, "name": name}
         return cls(path, about, scenario, success, T, content)
 
     def load(self) -> Scenario:
@@ -336,7 +332,7 @@ class Dataset(Record):
     folder: Converted[str | Path, Path]
 
     def __post_init__(self) -> None:
-        """Check that there is such a folder."""
+        """Check that the folder exists."""
         folder = checked_path(self.folder, "folder", ScenarioError)
         if not folder.is_dir():
             raise ScenarioError(f"{folder} is no folder with results", folder)
@@ -387,20 +383,15 @@ class Dataset(Record):
         with optional("pyarrow", "parquet", "Parquet files"):
             import pyarrow as pa
             import pyarrow.parquet as pq
-        rows = [_row(entry) for entry in self]
+        rows = [
+            {
+                **{k: v for k, v in entry.about.items() if k != "version"},
+                "success": entry.success,
+                "T": entry.T if math.isfinite(entry.T) else None,
+                "scenario": entry.scenario,
+                **{k: entry.arrays[k].tolist() for k in ARRAYS if k in entry.arrays},
+            }
+            for entry in self
+        ]
         table = pa.Table.from_pylist(rows)
         return write_file(path, lambda file: pq.write_table(table, file))
-
-
-def _row(entry: Entry) -> dict[str, Any]:
-    """A result as a row of a table."""
-    motion = {
-        name: entry.arrays[name].tolist() for name in ARRAYS if name in entry.arrays
-    }
-    return {
-        **{k: v for k, v in entry.about.items() if k != "version"},
-        "success": entry.success,
-        "T": entry.T if math.isfinite(entry.T) else None,
-        "scenario": entry.scenario,
-        **motion,
-    }

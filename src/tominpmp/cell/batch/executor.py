@@ -8,7 +8,8 @@ that was registered.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
 from importlib import import_module
 from typing import Any
 
@@ -28,8 +29,11 @@ class Executor:
             backend says, or there are cores.
         backend: Name of a backend of joblib; None for the one that is configured.
 
+    Attributes:
+        workers: How many pieces of work are done at once; None for the backend's own.
+
     Raises:
-        ProblemError: If there is no such backend, or it cannot be used.
+        ProblemError: If the backend is unknown, or cannot be used.
         MissingDependency: If its package is not installed.
     """
 
@@ -38,25 +42,36 @@ class Executor:
     ) -> None:
         self._function = function
         try:
-            self._backend, self._workers = _chosen(backend, workers)
-            self._parallel()  # whatever is wrong is wrong now
+            self._backend, self.workers = _chosen(backend, workers)
+            self._parallel(self.workers)  # whatever is wrong is wrong now
         except (ImportError, ValueError, TypeError, KeyError) as error:
             raise _wrong(backend, error) from error
 
-    @property
-    def workers(self) -> int | None:
-        """How many pieces of work are done at once; None for the backend's own."""
-        return self._workers
-
-    def _parallel(self, workers: int | None = None) -> Any:
+    def _parallel(self, workers: int | None) -> Any:
         from joblib import Parallel
 
         return Parallel(
-            n_jobs=self._workers if workers is None else workers,
+            n_jobs=workers,
             backend=self._backend,
             return_as="generator_unordered",
             batch_size=1,
         )
+
+    def _run(
+        self, work: Iterable[tuple[int, Any]], workers: int | None
+    ) -> Generator[tuple[int, Any], None, None]:
+        """Results as they finish, with the numbers of their work."""
+        from joblib import delayed
+
+        call = delayed(_numbered)
+        stream = self._parallel(workers)(call(self._function, *item) for item in work)
+        try:
+            yield from stream
+        finally:
+            with warnings.catch_warnings():
+                # The caller has stopped asking for the work under way.
+                warnings.simplefilter("ignore")
+                stream.close()
 
     def results(self, work: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
         """Results as they finish, with the numbers of their work.
@@ -68,56 +83,38 @@ class Executor:
         Args:
             work: Numbers, and what the function is applied to.
         """
-        from joblib import delayed
         from joblib.externals.loky.process_executor import BrokenProcessPool
 
         under_way: dict[int, Any] = {}
 
-        def handed_out() -> Iterator[Any]:
+        def handed_out() -> Iterator[tuple[int, Any]]:
             for number, item in work:
                 under_way[number] = item
-                yield delayed(_numbered)(self._function, number, item)
+                yield number, item
 
         while True:
-            stream = self._parallel()(handed_out())
-            try:
-                for number, result in stream:
-                    del under_way[number]
-                    yield number, result
-            except BrokenProcessPool:
-                for number in sorted(under_way):
-                    yield number, self._alone(under_way.pop(number))
-                continue
-            finally:
-                _close(stream)
-            return
-
-    def _alone(self, item: Any) -> Any:
-        """Do work that was under way when a process died; None if one dies again."""
-        from joblib import delayed
-        from joblib.externals.loky.process_executor import BrokenProcessPool
-
-        # One worker would be this process.
-        stream = self._parallel(workers=2)([delayed(self._function)(item)])
-        try:
-            return next(stream)
-        except BrokenProcessPool:
-            return None
-        finally:
-            _close(stream)
+            with closing(self._run(handed_out(), self.workers)) as found:
+                try:
+                    for number, result in found:
+                        del under_way[number]
+                        yield number, result
+                    return
+                except BrokenProcessPool:
+                    pass
+            for number, item in sorted(under_way.items()):
+                del under_way[number]
+                # One worker would be this process.
+                with closing(self._run([(number, item)], 2)) as alone:
+                    try:
+                        yield next(alone)
+                    except BrokenProcessPool:
+                        yield number, None
 
 
 def _numbered(
     function: Callable[[Any], Any], number: int, item: Any
 ) -> tuple[int, Any]:
     return number, function(item)
-
-
-def _close(stream: Any) -> None:
-    """End what is under way, without a word: the caller has stopped asking for it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        stream.close()
 
 
 def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
@@ -151,7 +148,7 @@ def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
 
 
 def _wrong(name: str | None, error: Exception) -> Exception:
-    """What is wrong with a backend."""
+    """The error to raise for a backend that cannot be used."""
     missing = isinstance(error, ImportError)
     if name == "dask" and missing:
         return MissingDependency("distributed", "cluster", "the backend 'dask'")

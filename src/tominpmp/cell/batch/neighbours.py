@@ -10,6 +10,7 @@ former rounds, unless neighbours lead different ways.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -77,27 +78,24 @@ def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
     Args:
         problems: The problems; None where there is none.
     """
-    groups: dict[Any, list[int]] = {}
+    groups: defaultdict[Any, list[int]] = defaultdict(list)
+    rounds: defaultdict[int, list[int]] = defaultdict(list)
     places: dict[int, Array] = {}
+    near: dict[int, list[tuple[int, float]]] = {}
     for index, problem in enumerate(problems):
         key, places[index] = _place(problem)
-        groups.setdefault(key, []).append(index)
-    rounds: list[list[int]] = []
-    near: dict[int, list[tuple[int, float]]] = {}
+        groups[key].append(index)
     for members in groups.values():
         table = np.array([places[index] for index in members])
         order = _spread(table)
-        size, begin, number = max(int(np.ceil(FIRST * len(order))), 1), 0, 0
-        while begin < len(order):
-            chosen = order[begin : begin + size]
-            if number == len(rounds):
-                rounds.append([])
-            rounds[number] += [members[k] for k in chosen.tolist()]
-            for k in chosen.tolist():
-                near[members[k]] = _nearest(table, k, order[:begin], members)
-            begin, number = begin + chosen.size, number + 1
-            size = begin
-    return Rounds(tuple(np.array(sorted(item)) for item in rounds), near)
+        size = max(int(np.ceil(FIRST * len(order))), 1)
+        for place, k in enumerate(order.tolist()):
+            # Each round is as large as all before it, from the second one on.
+            number = (place // size).bit_length()
+            before = order[: size << number - 1] if number else order[:0]
+            rounds[number].append(members[k])
+            near[members[k]] = _nearest(table, k, before, members)
+    return Rounds(tuple(np.array(sorted(rounds[k])) for k in sorted(rounds)), near)
 
 
 def _nearest(

@@ -1,4 +1,4 @@
-"""Many plans: lazily, in several processes, and such that nothing is lost.
+"""Many plans: made lazily, in several processes, without losing results.
 
 Thousands of problems share a few robots. A robot is pickled once; a process that has
 it already neither unpickles it nor reads its meshes again. Nothing that depends on a
@@ -16,12 +16,13 @@ import tempfile
 import time
 import warnings
 import zlib
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
-from weakref import WeakValueDictionary
+from weakref import WeakSet
 
 import numpy as np
 
@@ -116,14 +117,16 @@ def plan_many(
         The outcomes.
 
     Raises:
-        ProblemError: If an argument is wrong, or there is no such backend.
+        ProblemError: If an argument is wrong, or the backend is unknown.
         OptionsError: If an option is unknown or its value is wrong.
         MissingDependency: If the package of the backend is not installed.
         ScenarioError: If the folder of the results is a file, or results cannot be
             written.
     """
     items = _iterator(problems)
-    settings = _settings(options, changes, results)
+    Options.of(options).changed(changes)
+    folder = None if results is None else _folder(results)
+    settings = Settings(options, changes, folder)
     if workers is not None:
         expected = f"a number from 1 to {MOST_WORKERS}"
         workers = whole(workers, "workers", 1, MOST_WORKERS, expected)
@@ -158,23 +161,13 @@ def _iterator(problems: Any) -> Iterator[Any]:
         raise wrong(problems, "problems", expected) from error
 
 
-def _settings(
-    options: Options | None, changes: dict[str, Any], results: str | Path | None
-) -> Settings:
-    Options.of(options).changed(changes)
-    folder = None
-    if results is not None:
-        folder = checked_path(results, "results").absolute()
-        _make_folder(folder)
-    return Settings(options, changes, folder)
-
-
-def _make_folder(folder: Path) -> None:
+def _folder(results: str | Path) -> Path:
     """Make the folder of the results, before anything is planned for it.
 
     Raises:
         ScenarioError: If it is a file, or nothing can be written there.
     """
+    folder = checked_path(results, "results").absolute()
     if folder.exists() and not folder.is_dir():
         raise ScenarioError(f"{folder} is a file, expected a folder", folder)
     try:
@@ -184,6 +177,7 @@ def _make_folder(folder: Path) -> None:
     except OSError as error:
         reason = error.strerror or str(error)
         raise ScenarioError(f"results: {folder}: {reason}", folder) from error
+    return folder
 
 
 def _outcomes(
@@ -222,12 +216,11 @@ def _in_rounds(
     executor: Executor, settings: Settings, tasks: Iterable[BatchTask]
 ) -> Iterator[Outcome]:
     """Outcomes of tasks that begin with the motions of their neighbours."""
-    every, problems = list(tasks), list[Problem | None]()
-    for task in every:
-        try:
-            problems.append(_problem(task.given, Options())[0])
-        except TominpmpError:
-            problems.append(None)
+    every = list(tasks)
+    problems: list[Problem | None] = [None] * len(every)
+    for k, task in enumerate(every):
+        with suppress(TominpmpError):
+            problems[k] = _problem(task.given, Options())[0]
     rounds = rounds_of(problems)
     motions: dict[int, Trajectory] = {}
     for numbers in rounds.rounds:
@@ -329,39 +322,30 @@ class Settings:
 
 # Robots that a process keeps.
 MOST_ROBOTS = 16
-# These by what they are pickled to, the one used last at the end.
-_kept: OrderedDict[bytes, Robot] = OrderedDict()
-# Those that were read back; by their numbers, which others may get once they are gone:
-# so they are compared.
-_checked_robots: WeakValueDictionary[int, Robot] = WeakValueDictionary()
+# Those that were written to a file and read back.
+_checked_robots: WeakSet[Robot] = WeakSet()
 # Processes that this one ends with.
 _watched_parents: set[int] = set()
 
 
-def _keep(content: bytes, robot: Robot) -> None:
-    _kept[content] = robot
-    _kept.move_to_end(content)
-    while len(_kept) > MOST_ROBOTS:
-        _kept.popitem(last=False)
+@lru_cache(MOST_ROBOTS)
+def _kept(robot: Robot) -> tuple[Robot, bytes]:
+    """The robot of this process that is equal to one, and its pickle."""
+    return robot, pickle.dumps(robot)
 
 
+@lru_cache(MOST_ROBOTS)
 def _robot(content: bytes) -> Robot:
     """The robot of a pickle, which is read once."""
-    robot = _kept.get(content)
-    robot = pickle.loads(content) if robot is None else robot
-    _keep(content, robot)
-    return robot
+    return _kept(pickle.loads(content))[0]
 
 
 class _Pickler(pickle.Pickler):
     def reducer_override(self, item: Any) -> Any:
         """Robots as their pickles, of which each process reads one once."""
-        if not isinstance(item, Robot):
-            return NotImplemented
-        known = [content for content, robot in _kept.items() if robot is item]
-        content = known[0] if known else pickle.dumps(item)
-        _keep(content, item)
-        return _robot, (content,)
+        if isinstance(item, Robot):
+            return _robot, (_kept(item)[1],)
+        return NotImplemented
 
 
 def _packed(item: Any) -> bytes:
@@ -391,27 +375,26 @@ def _run_packed(packed: bytes) -> bytes:
 def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcome:
     """Plan a problem and keep the result, unless a former run has kept it."""
     folder, text, reason, digest = settings.folder, "", "", ""
+    path = None if folder is None else file_of(folder, task.index, task.name)
     try:
         problem, options = _problem(task.given, settings.options)
         options = options.changed(settings.changes)
         options = replace(options, callback=None, processes=1, seed=task.seed)
-        if folder is not None:
-            text, reason = _written(problem, options, folder)
-        if folder is not None and text:
-            about = f"{task.name}\n{None if start is None else start[0]}\n{text}"
-            digest = hashlib.sha256(about.encode()).hexdigest()
-            path = file_of(folder, task.index, task.name)
-            former = _former(path, digest)
-            if former is not None:
-                return former.outcome(problem, options)
+        if path is not None:
+            text, reason = _written(problem, options, path.parents[1])
+            if text:
+                about = f"{task.name}\n{start and start[0]}\n{text}"
+                digest = hashlib.sha256(about.encode()).hexdigest()
+                former = _former(path, digest)
+                if former is not None:
+                    return former.outcome(problem, options)
         number, motion = (None, None) if problem.segments else start or (None, None)
         solution = plan(problem, options, motion)
         outcome = Outcome.of(solution, task.index, task.name, task.seed, number)
     except TominpmpError as error:
         outcome = task.failed(BROKEN, str(error))
-    if folder is None:
+    if path is None:
         return outcome
-    path = file_of(folder, task.index, task.name)
     write_outcome(path, outcome, digest, text, reason)
     return replace(outcome, path=path)
 
@@ -420,7 +403,7 @@ def _problem(given: Any, options: Options | None) -> tuple[Problem, Options]:
     """The problem, with the options of its file unless there are others.
 
     Raises:
-        TominpmpError: If there is none.
+        TominpmpError: If the given object makes no problem.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they are in the problem's own messages
@@ -442,22 +425,18 @@ def _written(problem: Problem, options: Options, folder: Path) -> tuple[str, str
     robot = problem.robot
     try:
         # To read a robot back takes longer than many a plan.
-        known = _checked_robots.get(id(robot)) is robot
-        place = folder / "problem.toml"
-        text = scenario_text(place, problem, options, check=not known)
+        check, place = robot not in _checked_robots, folder / "problem.toml"
+        text = scenario_text(place, problem, options, check=check)
     except ScenarioError as error:
         return "", str(error)
-    _checked_robots[id(robot)] = robot
+    _checked_robots.add(robot)
     return text, ""
 
 
 def _former(path: Path, digest: str) -> Entry | None:
     """The result of a former run, if there is one of this very problem."""
-    if not path.is_file():
-        return None
-    try:
+    with suppress(ScenarioError):  # one that is broken, or not there, is made anew
         entry = Entry.read(path)
-    except ScenarioError:
-        return None  # a broken one is made again
-    same = entry.about.get("digest") == digest and entry.about["status"] != LOST
-    return entry if same else None
+        if entry.about.get("digest") == digest and entry.about["status"] != LOST:
+            return entry
+    return None

@@ -16,14 +16,13 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
-import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.cell.tours.legs import LegTable
-from tominpmp.collision.placements import Placements
 from tominpmp.goals import Goal, Scales
 from tominpmp.goals.frames import FrameTarget, frame_target
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import FrameMotions, RobotKinematics, times
 from tominpmp.least_squares import least_squares
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
@@ -36,31 +35,28 @@ class GoalRows:
     they lack is a turn and a shift that would bring the frame there, to first order.
 
     Attributes:
-        robot: The robot.
         goals: The goals.
+        kinematics: Of the robot.
         rows: Numbers of a residual; shorter ones are filled up with zeros.
-        moves: Which coordinates of its model move a joint, shape (joints, nv).
     """
 
     def __init__(self, robot: Robot, goals: Sequence[Goal]) -> None:
-        self.robot, self.goals = robot, tuple(goals)
-        self.kinematics = RobotKinematics(robot)
-        self._placements = Placements(robot.model)
-        self.moves = self._placements.moves
-        targets = [frame_target(goal) for goal in goals]
-        self._together = np.array([target is not None for target in targets])
-        zero = np.zeros(robot.n)
-        found = zip(goals, targets, strict=True)
-        others = (goal for goal, target in found if target is None)
-        sizes = [g.place(self.kinematics, zero).value.size for g in others]
-        self.rows = max([6, *sizes])
+        self.goals, self.kinematics = tuple(goals), RobotKinematics(robot)
         nothing = FrameTarget(np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6)), False)
-        known = [target or nothing for target in targets]
-        self._places = np.stack([target.place for target in known])
-        self._turns = np.stack([target.turn for target in known])
-        self._counts = np.stack([target.counts for target in known])
-        self._posed = np.array([target.posed for target in known])
-        self._names = np.array([str(goal.frame_name) for goal in goals])
+        targets, frames, zero = [], list[str](), np.zeros(robot.n)
+        self.rows = 6
+        for goal in goals:
+            target = frame_target(goal)
+            targets.append(target or nothing)
+            # Other kinds of goals are evaluated one by one.
+            frames.append(str(goal.frame_name) if target else "")
+            if target is None:
+                size = goal.place(self.kinematics, zero).value.size
+                self.rows = max(self.rows, size)
+        self._frames = np.array(frames)
+        self._motions = {name: FrameMotions(robot, name) for name in {*frames} - {""}}
+        each = zip(*targets, strict=True)
+        self._targets = tuple(np.stack(part) for part in each)
 
     def __call__(self, q: Array, which: IntArray) -> tuple[Array, Array]:
         """Evaluate residuals.
@@ -74,63 +70,33 @@ class GoalRows:
             n).
         """
         value = np.zeros((len(q), self.rows))
-        jacobian = np.zeros((len(q), self.rows, self.robot.n))
-        together = np.flatnonzero(self._together[which])
-        if together.size:
-            found = self._frames(q[together], which[together])
-            value[together, :6], jacobian[together, :6] = found
-        for i in np.flatnonzero(~self._together[which]).tolist():
+        jacobian = np.zeros((*value.shape, q.shape[1]))
+        frames = self._frames[which]
+        for name, motions in self._motions.items():
+            mine = np.flatnonzero(frames == name)
+            found = self._of_frame(motions, q[mine], which[mine])
+            value[mine, :6], jacobian[mine, :6] = found
+        for i in np.flatnonzero(frames == "").tolist():
             goal = self.goals[which[i]]
             lack, by_q = goal.place_residual(self.kinematics, q[i])
             value[i, : lack.size], jacobian[i, : lack.size] = lack, by_q
         return value, jacobian
 
-    def _frames(self, q: Array, which: IntArray) -> tuple[Array, Array]:
-        """Residuals of goals on frames."""
-        model, robot = self.robot.model, self.robot
-        placed = self._placements.joints(robot.expand(q))
-        value = np.zeros((len(q), 6))
-        jacobian = np.zeros((len(q), 6, robot.n))
-        names = self._names[which]
-        for name in np.unique(names).tolist():
-            mine = np.flatnonzero(names == name)
-            frame = model.frames[robot.frame_id(name)]
-            joint, there = int(frame.parentJoint), frame.placement
-            R, t = placed[0][mine], placed[1][mine]
-            rotation = R[:, joint] @ np.array(there.rotation)
-            origin = t[:, joint] + R[:, joint] @ np.array(there.translation)
-            lack = self._lack(rotation, origin, which[mine])
-            carried = self._carried(R, t, joint, origin)
-            counts = self._counts[which[mine]]
-            value[mine] = -np.einsum("mij,mj->mi", counts, lack)
-            jacobian[mine] = counts @ carried
-        return value, jacobian
-
-    def _lack(self, rotation: Array, origin: Array, which: IntArray) -> Array:
-        """Turn [rad] and shift [m] to the goal, shape (m, 6)."""
-        out = np.zeros((len(rotation), 6))
-        out[:, 3:] = self._places[which] - origin
-        turns, posed = self._turns[which], self._posed[which]
-        for i in np.flatnonzero(posed).tolist():
-            out[i, :3] = pin.log3(turns[i] @ rotation[i].T)
-        pointed = ~posed
-        now = np.einsum("mij,mj->mi", rotation[pointed], turns[pointed, 0])
-        out[pointed, :3] = _turns_between(now, turns[pointed, 1])
-        return out
-
-    def _carried(self, R: Array, t: Array, joint: int, origin: Array) -> Array:
-        """Jacobian of a frame, turn above shift, shape (m, 6, n)."""
-        model = self.robot.model
-        out = np.zeros((len(R), 6, model.nv))
-        for j in model.supports[joint]:
-            if not j:
-                continue
-            slide, turn, column = self._placements.axes(j)
-            axis = R[:, j] @ turn
-            out[:, :3, column] = axis
-            out[:, 3:, column] = np.cross(axis, origin - t[:, j]) + R[:, j] @ slide
-        S = self.robot.expansion_matrix
-        return out if S is None else out @ S
+    def _of_frame(
+        self, motions: FrameMotions, q: Array, which: IntArray
+    ) -> tuple[Array, Array]:
+        """Residuals of goals on one frame, a turn above a shift."""
+        rotation, origin = motions.placements(q)
+        place, turn, counts, posed = (part[which] for part in self._targets)
+        lack = np.hstack([np.zeros_like(origin), place - origin])
+        if np.any(posed):
+            way = turn[posed] @ rotation[posed].swapaxes(1, 2)
+            lack[posed, :3] = Rotation.from_matrix(way).as_rotvec()
+        now = times(rotation[~posed], turn[~posed, 0])
+        lack[~posed, :3] = _turns_between(now, turn[~posed, 1])
+        # Of motions the shift is above the turn.
+        slope = np.roll(motions.jacobians(q), 3, axis=1)
+        return -times(counts, lack), counts @ slope
 
 
 def _turns_between(a: Array, b: Array) -> Array:
@@ -146,7 +112,7 @@ def _turns_between(a: Array, b: Array) -> Array:
 
 
 STEPS = 40
-# Residual that counts as none [m, rad], and that of steps that are given up.
+# Residual below which a goal is reached [m, rad].
 REACHED = 1e-7
 # Longest step of a joint, and how far from the start random ones are [rad, or shares of
 # the length that counts as 1 rad].
@@ -180,14 +146,19 @@ class Configurations:
     ) -> None:
         self.problem, self.goals = problem, goals
         self.weights, self.leaving = weights, leaving
+        # All alternatives of all goals: the first ones, and how many there are.
         every = [one for goal in goals for one in goal.alternatives]
         self._counts: IntArray = np.array([len(goal.alternatives) for goal in goals])
         self._first: IntArray = np.cumsum(self._counts) - self._counts
         self._rows = GoalRows(problem.robot, every)
-        kinematics = self._rows.kinematics
-        starts = (goal.place(kinematics, problem.q_start) for goal in every)
-        scales = [Scales.of(kinematics, start).joints for start in starts]
-        self._scales = np.stack(scales)
+        kinematics, home = self._rows.kinematics, problem.q_start
+        scales = [Scales.of(kinematics, one.place(kinematics, home)) for one in every]
+        self._scales = np.stack([scale.joints for scale in scales])
+        # Joints that do not carry the frame of a goal.
+        self._idle = np.zeros(self._scales.shape, dtype=bool)
+        for row, one in zip(self._idle, every, strict=True):
+            if one.frame_name is not None:
+                row[:] = ~np.any(kinematics.jacobian(home, one.frame_name), axis=0)
         self._free: dict[tuple[bytes, int | None], bool] = {}
 
     @property
@@ -196,47 +167,43 @@ class Configurations:
         limits = self.problem.robot.limits
         return limits.position_lower, limits.position_upper
 
-    def projected(
-        self, q: Array, which: IntArray, *, in_turn: bool = False
-    ) -> tuple[Array, BoolArray]:
+    def projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
         """Nearest configurations that meet goals, by damped least squares.
 
         Args:
             q: Where to begin, shape (m, n) [rad or m].
-            which: Index of the goal of each, shape (m,).
-            in_turn: Whether the alternatives of a goal are aimed at in turn, else each
-                time the one that is missed by least.
+            which: Index of the goal of each, shape (m,); of its alternatives the one
+                that is missed by least.
 
         Returns:
             Configurations, shape (m, n), and which of them meet their goals.
         """
-        which = self._aimed_at(q, which, in_turn)
+        return self._solved(q, self._nearest_alternatives(q, which))
+
+    def _solved(self, q: Array, aim: IntArray) -> tuple[Array, BoolArray]:
+        """Nearest configurations that meet alternatives, given by their index."""
         out, left = np.array(q), np.zeros(len(q))
         for begin in range(0, len(q), CHUNK):
             part = slice(begin, begin + CHUNK)
             out[part], left[part] = least_squares(
-                partial(self._residual, which[part]),
+                partial(self._residual, aim[part]),
                 q[part],
                 self.limits,
-                self._scales[which[part]] / self.weights,
-                LONGEST_STEP * self._scales[which[part]],
+                self._scales[aim[part]] / self.weights,
+                LONGEST_STEP * self._scales[aim[part]],
                 reached=REACHED,
                 steps=STEPS,
             )
         return out, left < REACHED
 
-    def _residual(
-        self, which: IntArray, q: Array, rows: IntArray
-    ) -> tuple[Array, Array]:
-        return self._rows(q, which[rows])
+    def _residual(self, aim: IntArray, q: Array, rows: IntArray) -> tuple[Array, Array]:
+        return self._rows(q, aim[rows])
 
-    def _aimed_at(self, q: Array, which: IntArray, in_turn: bool) -> IntArray:
-        """Of each goal one of its alternatives, as an index of all, shape (m,)."""
+    def _nearest_alternatives(self, q: Array, which: IntArray) -> IntArray:
+        """Alternatives of goals that configurations miss by least, shape (m,)."""
         counts, first = self._counts[which], self._first[which]
         if np.all(counts == 1):
             return first
-        if in_turn:
-            return np.asarray(first + np.arange(len(which)) % counts)
         best, least = np.zeros(len(which), dtype=np.int64), np.full(len(which), np.inf)
         for k in range(int(counts.max())):
             rows = np.flatnonzero(counts > k)
@@ -253,15 +220,15 @@ class Configurations:
         They keep clear, when it is left, too, with what is carried from there; and
         constraints hold.
         """
-        return np.array([self._is_free(row, g) for row in q], dtype=bool)
-
-    def _is_free(self, q: Array, g: int | None) -> bool:
         loaded = None if g is None else self.leaving.get(g)
-        key = q.tobytes(), None if loaded is None else g
-        if key not in self._free:
-            found = _keeps(self.problem, q)
-            self._free[key] = found and (loaded is None or _keeps(loaded, q))
-        return self._free[key]
+        found = []
+        for row in q:
+            key = row.tobytes(), None if loaded is None else g
+            if key not in self._free:
+                clear = _keeps(self.problem, row)
+                self._free[key] = clear and (loaded is None or _keeps(loaded, row))
+            found.append(self._free[key])
+        return np.array(found, dtype=bool)
 
     def search(self, count: int, rng: np.random.Generator) -> list[Array]:
         """Find some configurations for each station.
@@ -271,7 +238,7 @@ class Configurations:
             rng: Random numbers.
 
         Returns:
-            By station, shape (k, n) each; none where nothing was found.
+            By station, shape (k, n) each; k is zero where nothing was found.
         """
         found: list[Array] = [np.zeros((0, self.problem.robot.n)) for _ in self.goals]
         open_ones = []
@@ -294,22 +261,18 @@ class Configurations:
     def _from_starts(
         self, found: list[Array], which: list[int], count: int, rng: np.random.Generator
     ) -> None:
-        """Add what random starts lead to."""
-        if not which:
-            return
-        home = self.problem.q_start
-        starts = np.stack([self._random(rng, g, count) for g in which])
-        starts[:, 0] = home
-        # What does not carry the frame stays where it is.
-        for i, g in enumerate(which):
-            alternatives = self.goals[g].alternatives
-            # They are aimed at in turn.
-            aimed = (i * count + np.arange(count)) % len(alternatives)
-            for k, one in enumerate(alternatives):
-                idle = self._idle(one)
-                starts[i][np.ix_(aimed == k, idle)] = home[idle]
-        rows = np.repeat(np.array(which, dtype=np.int64), count)
-        self._add(found, starts.reshape(-1, home.size), rows, in_turn=True)
+        """Add what random starts lead to, and the start of the tour."""
+        home, starts, aims = self.problem.q_start, [], []
+        for g in which:
+            # Alternatives are aimed at in turn.
+            aim = self._first[g] + np.arange(count) % self._counts[g]
+            q = self._random(rng, g, count)
+            q[0] = home
+            # What does not carry the frame stays where it is.
+            starts.append(np.where(self._idle[aim], home, q))
+            aims.append(aim)
+        if starts:
+            self._add(found, np.concatenate(starts), np.concatenate(aims))
 
     def _random(self, rng: np.random.Generator, g: int, count: int) -> Array:
         """Configurations for a station within half a turn of the start, (count, n)."""
@@ -319,55 +282,36 @@ class Configurations:
         shape = count, home.size
         return rng.uniform(np.minimum(low, high), np.maximum(low, high), shape)
 
-    def _idle(self, goal: Goal) -> BoolArray:
-        """Joints that do not carry the frame of a goal, shape (n,)."""
-        robot, name = self.problem.robot, goal.frame_name
-        if name is None:
-            return np.zeros(robot.n, dtype=bool)
-        frame = robot.model.frames[robot.frame_id(name)]
-        moved = self._rows.moves[int(frame.parentJoint)].astype(float)
-        S = robot.expansion_matrix
-        return np.asarray((moved if S is None else moved @ np.abs(S)) == 0.0)
-
     def _from_neighbours(self, found: list[Array], which: list[int]) -> None:
         """Add what the configurations of stations nearby lead to."""
         near = self._nearest(found)
-        starts, rows = [], []
-        for g in which:
-            for other in near[g]:
-                some = self.spread(found[other], 12)
-                starts.append(some)
-                rows += [g] * len(some)
-        if rows:
-            self._add(found, np.concatenate(starts), np.array(rows, dtype=np.int64))
+        pairs = [(g, self.spread(found[o], 12)) for g in which for o in near[g]]
+        if pairs:
+            starts = np.concatenate([some for _, some in pairs])
+            owner = np.repeat([g for g, _ in pairs], [len(some) for _, some in pairs])
+            self._add(found, starts, self._nearest_alternatives(starts, owner))
 
     def _nearest(self, found: Sequence[Array]) -> list[list[int]]:
-        """By station those nearby: of near configurations, as far as any are known."""
+        """By station those nearby: of near goals, as far as their places are known."""
         middle = np.full((len(found), 3), np.inf)
         for g, goal in enumerate(self.goals):
-            point = None if goal.ball is None else goal.ball.centre
-            if point is not None:
-                middle[g] = point
+            if goal.ball is not None:
+                middle[g] = goal.ball.centre
         out = []
         for g in range(len(found)):
             with np.errstate(invalid="ignore"):
                 apart = np.linalg.norm(middle - middle[g], axis=1)
             apart[g] = np.inf
             order = np.argsort(apart, kind="stable")[:NEIGHBOURS]
-            out.append([int(i) for i in order if np.isfinite(apart[i])])
+            out.append(order[np.isfinite(apart[order])].tolist())
         return out
 
-    def _add(
-        self,
-        found: list[Array],
-        starts: Array,
-        which: IntArray,
-        in_turn: bool = False,
-    ) -> None:
+    def _add(self, found: list[Array], starts: Array, aim: IntArray) -> None:
         """Add configurations that starts lead to, if they are new and clear."""
-        q, good = self.projected(starts, which, in_turn=in_turn)
-        for g in np.unique(which[good]).tolist():
-            mine = q[good & (which == g)]
+        q, good = self._solved(starts, aim)
+        owner = np.searchsorted(self._first, aim, side="right") - 1
+        for g in np.unique(owner[good]).tolist():
+            mine = q[good & (owner == g)]
             new = distinct(np.concatenate([found[g], mine]))[len(found[g]) :]
             found[g] = np.concatenate([found[g], new[self.free(new, g)]])
 

@@ -16,7 +16,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -40,7 +39,8 @@ from tominpmp.verification import verify
 
 # Differences of configurations that are taken at once, for the sake of memory.
 CHUNK = 2_000_000
-# Ways below this are none [rad or m], and shares of the duration that are the same.
+# Displacements that count as zero [rad or m], and differences of instants as shares of
+# the duration that count as zero.
 NO_WAY = 1e-9
 SAME = 1e-9
 # Instants of a direct motion at which obstacles are looked for first.
@@ -151,12 +151,15 @@ class JointTimes:
 
 
 # Configurations this near to those of a leg that is blocked make one that is likely to
-# be so, too [rad or m]; what such legs are taken to need: shares of the time, and [s].
+# be so, too [rad or m]; estimated time of blocked legs: shares of the direct time, and
+# an addition [s].
 NEAR = 0.25
 DETOUR_SHARE, DETOUR = 1.5, 0.25
 
 # A leg: node and configuration it begins at, node and configuration it ends at.
 Leg = tuple[int, int, int, int]
+# Nodes of a leg, or configurations there.
+Pair = tuple[int, int]
 
 
 @dataclass(eq=False)
@@ -170,12 +173,13 @@ class LegTable:
         nodes: Configurations of each node, shape (k, n) each.
         rests: Whether the arm is at rest at each node.
         times: Estimates.
+        ends: Whether the last node is the end of the tour, else it ends anywhere.
         factor: What estimates are multiplied by.
-        known: Times that were found, infinite where there is no motion [s].
+        known: Times that were found, by the nodes of a leg and by the configurations
+            there; infinite where there is no motion [s].
         blocked: Ends of legs, by their nodes, on whose direct way is something.
         detour_share: What these are taken to need: shares of the estimate, and
         detour: [s].
-        ends: Whether the last node is the end of the tour, else it ends anywhere.
     """
 
     nodes: list[Array]
@@ -183,16 +187,10 @@ class LegTable:
     times: JointTimes
     ends: bool
     factor: float = 1.0
-    known: dict[Leg, float] = field(default_factory=dict)
-    blocked: dict[tuple[int, int], list[tuple[Array, Array]]] = field(
-        default_factory=dict
-    )
+    known: dict[Pair, dict[Pair, float]] = field(default_factory=dict)
+    blocked: dict[Pair, list[tuple[Array, Array]]] = field(default_factory=dict)
     detour_share: float = DETOUR_SHARE
     detour: float = DETOUR
-    _blocks: dict[tuple[int, int], Array] = field(default_factory=dict)
-    _of_pair: dict[tuple[int, int], dict[tuple[int, int], float]] = field(
-        default_factory=dict
-    )
 
     @property
     def stations(self) -> int:
@@ -215,26 +213,29 @@ class LegTable:
 
     def block(self, i: int, j: int) -> Array:
         """Times from each configuration of a node to each of another, shape (k, m)."""
-        if (i, j) not in self._blocks:
-            guess = self._guess(i, j, self.nodes[i], self.nodes[j])
-            for (a, b), value in self._of_pair.get((i, j), {}).items():
-                guess[a, b] = value
-            self._blocks[i, j] = guess
-        return self._blocks[i, j]
+        times = self._guess(i, j, self.nodes[i], self.nodes[j])
+        for pair, value in self.known.get((i, j), {}).items():
+            times[pair] = value
+        return times
 
     def _guess(self, i: int, j: int, a: Array, b: Array) -> Array:
         """Estimates between configurations of two nodes, shape (k, m)."""
         resting = int(self.rests[i]) + int(self.rests[j])
         guess = self.factor * self.times.matrix(a, b, resting)
-        around = self._around(i, j, a, b)
-        return np.where(around, self.detour + self.detour_share * guess, guess)
+        blocked = self._blocked(i, j, a, b)
+        return np.where(blocked, self.detour + self.detour_share * guess, guess)
 
-    def _around(self, i: int, j: int, a: Array, b: Array) -> BoolArray:
+    def _blocked(self, i: int, j: int, a: Array, b: Array) -> BoolArray:
         """Between which configurations something is likely to be in the way, (k, m)."""
         found = np.zeros((len(a), len(b)), dtype=bool)
         for one, other in self.blocked.get((i, j), ()):
             found |= _near(a, one)[:, None] & _near(b, other)[None]
         return found
+
+    def is_blocked(self, leg: Leg) -> bool:
+        """Whether something is likely to be on the direct way of a leg."""
+        begin, end = self.rows(leg)
+        return bool(self._blocked(leg[0], leg[2], begin[None], end[None])[0, 0])
 
     def block_way(self, leg: Leg) -> None:
         """Take down that something is on the direct way of a leg, there and back."""
@@ -242,44 +243,28 @@ class LegTable:
         one, other = self.rows(leg)
         self.blocked.setdefault((i, j), []).append((one, other))
         self.blocked.setdefault((j, i), []).append((other, one))
-        for pair in ((i, j), (j, i)):
-            self._blocks.pop(pair, None)
 
     def learn(self, leg: Leg, seconds: float) -> None:
         """Take down the time of a leg."""
         i, a, j, b = leg
-        self.known[leg] = seconds
-        self._of_pair.setdefault((i, j), {})[a, b] = seconds
-        self._blocks.pop((i, j), None)
+        self.known.setdefault((i, j), {})[a, b] = seconds
 
     def forget(self, leg: Leg) -> None:
         """Leave a leg to the estimates again."""
         i, a, j, b = leg
-        self.known.pop(leg, None)
-        self._of_pair.get((i, j), {}).pop((a, b), None)
-        self._blocks.pop((i, j), None)
+        self.known[i, j].pop((a, b), None)
 
-    def is_blocked(self, leg: Leg) -> bool:
-        """Whether something is likely to be on the direct way of a leg."""
-        begin, end = self.rows(leg)
-        return bool(self._around(leg[0], leg[2], begin[None], end[None])[0, 0])
+    def found(self, leg: Leg) -> float | None:
+        """Time of a leg that was found [s]; None where it is not known."""
+        i, a, j, b = leg
+        return self.known.get((i, j), {}).get((a, b))
 
-    def detours_take(self, share: float) -> None:
-        """Take blocked legs to need another share of their estimates from now on."""
-        self.detour_share, self.detour = max(1.0, share), 0.0
-        self._blocks.clear()
-
-    def scaled(self, factor: float) -> None:
-        """Multiply estimates by another factor from now on."""
-        if factor != self.factor:
-            self.factor = factor
-            self._blocks.clear()
-
-    def add(self, node: int, rows: Array) -> None:
-        """Add configurations to a node."""
-        self.nodes[node] = np.concatenate([self.nodes[node], rows])
-        for pair in [pair for pair in self._blocks if node in pair]:
-            del self._blocks[pair]
+    def time(self, leg: Leg) -> float:
+        """Time of a leg, known or estimated [s]."""
+        known, (begin, end) = self.found(leg), self.rows(leg)
+        if known is not None:
+            return known
+        return float(self._guess(leg[0], leg[2], begin[None], end[None])[0, 0])
 
     def along(self, order: Sequence[int], rows: list[Array]) -> LegTable:
         """A table of other configurations for the nodes of a tour, in their order."""
@@ -289,9 +274,8 @@ class LegTable:
             if pair in self.blocked
         }
         rests = [self.rests[node] for node in order]
-        fresh: dict[str, Any] = {"known": {}, "_blocks": {}, "_of_pair": {}}
         return replace(
-            self, nodes=rows, rests=rests, ends=True, blocked=blocked, **fresh
+            self, nodes=rows, rests=rests, ends=True, known={}, blocked=blocked
         )
 
     def fixed(self, chosen: Sequence[int]) -> Array:
@@ -307,18 +291,10 @@ class LegTable:
         out *= self.factor
         for i, j in self.blocked:
             out[i, j] = self._guess(i, j, q[i : i + 1], q[j : j + 1])[0, 0]
-        for (i, a, j, b), value in self.known.items():
-            if chosen[i] == a and chosen[j] == b:
-                out[i, j] = value
+        for (i, j), known in self.known.items():
+            out[i, j] = known.get((chosen[i], chosen[j]), out[i, j])
         np.fill_diagonal(out, 0.0)
         return out
-
-    def time(self, leg: Leg) -> float:
-        """Time of a leg, known or estimated [s]."""
-        if leg in self.known:
-            return self.known[leg]
-        begin, end = self.rows(leg)
-        return float(self._guess(leg[0], leg[2], begin[None], end[None])[0, 0])
 
     def best_configurations(self, order: Sequence[int]) -> tuple[float, list[int]]:
         """Best configurations for nodes in a given order, by dynamic programming.
@@ -366,7 +342,13 @@ def direct_motion(problem: Problem) -> Trajectory | None:
     sudden = moves & ~np.isfinite(times.acceleration)
     if not np.any(moves) or np.any(sudden) or not 0.0 < T < np.inf:
         return None
-    ramp = _ramps(times, far, T)
+    # The longer joints speed up, at most half of the time, the slower they need to.
+    cruise = np.where(np.isfinite(times.velocity), far / times.velocity, 0.0)
+    ramp = np.minimum(T - cruise, 0.5 * T)
+    alike = float(np.min(ramp))
+    if np.all(far <= alike * (T - alike) * times.acceleration * (1.0 + 1e-9)):
+        # Then the way is a straight line.
+        ramp = np.full_like(far, alike)
     t = np.unique(np.concatenate([[0.0, T], ramp, T - ramp]))
     t = t[np.append(True, np.diff(t) > SAME * T)]
     t[-1] = T
@@ -384,22 +366,7 @@ def direct_motion(problem: Problem) -> Trajectory | None:
     return motion.with_torques(dynamics)
 
 
-def _ramps(times: JointTimes, far: Array, T: float) -> Array:
-    """How long each joint speeds up, shape (n,) [s]: all alike if that is possible.
-
-    Then the way is a straight line. The longer the ramp, the less acceleration it
-    takes, up to half of the duration.
-    """
-    run = np.where(np.isfinite(times.velocity), far / times.velocity, 0.0)
-    own = np.minimum(T - run, 0.5 * T)
-    common = float(np.min(own))
-    needed = far / (common * (T - common))
-    if np.all(needed <= times.acceleration * (1.0 + 1e-9)):
-        return np.full_like(far, common)
-    return np.asarray(own)
-
-
-# What is said of a motion that the joints make on their own.
+# Message of direct motions.
 DIRECT = (
     "The fastest motion that limits of speed and acceleration allow; torques and "
     "obstacles do not forbid it."
@@ -414,14 +381,14 @@ def carrying(
     if payload is not None:
         robot = robot.with_payload(payload)
     known = known_names(robot, problem.scene)
-    # What is carried elsewhere is not there to touch anything.
+    # Loads of other legs are not there to touch anything.
     pairs = [pair for pair in touch if set(pair) <= known]
     return replace(problem, robot=robot, may_touch=(*problem.may_touch, *pairs))
 
 
 @dataclass(eq=False)
 class Legs:
-    """What is known of the legs of a tour, and how more is found out.
+    """The motions of the legs of a tour, direct or planned.
 
     Attributes:
         problem: Robot, obstacles and limits.
@@ -453,7 +420,7 @@ class Legs:
     def _carried(
         self, begin: int | None, end: int | None
     ) -> tuple[Payload | None, list[tuple[str, str]]]:
-        """What is carried between two stations, and the pairs that may touch.
+        """The load between two stations, and the pairs that may touch.
 
         Args:
             begin: Index of the station where the leg begins; None for the start.
@@ -494,7 +461,8 @@ class Legs:
     def direct(self, leg: Leg) -> bool:
         """Look for the direct motion of a leg; False where its way is found blocked."""
         check()
-        if leg in self._looked_at or leg in self.table.known or not self.resting(leg):
+        known = self.table.found(leg) is not None
+        if known or leg in self._looked_at or not self.resting(leg):
             return True
         self._looked_at.add(leg)
         if self.stays(leg):
@@ -545,8 +513,9 @@ class Legs:
     def seconds(self, leg: Leg) -> float:
         """Time of a leg that is not known yet, infinite where there is no motion."""
         self.direct(leg)
-        if leg in self.table.known and self.verified(leg):
-            return self.table.known[leg]
+        known = self.table.found(leg)
+        if known is not None and self.verified(leg):
+            return known
         found = self.motion(leg)
         if found is None:
             return np.inf
@@ -623,10 +592,11 @@ class Legs:
     def factor(self) -> float:
         """How much longer legs take than by the estimates of the joints."""
         ratios = []
-        for leg, seconds in self.table.known.items():
-            guess = float(self.table.times.between(*self.table.rows(leg)))
-            if guess > 0.0 and np.isfinite(seconds):
-                ratios.append(seconds / guess)
+        for (i, j), known in self.table.known.items():
+            for (a, b), seconds in known.items():
+                guess = float(self.table.times.between(*self.table.rows((i, a, j, b))))
+                if guess > 0.0 and np.isfinite(seconds):
+                    ratios.append(seconds / guess)
         return max(1.0, float(np.median(ratios))) if ratios else 1.0
 
 

@@ -15,6 +15,7 @@ from itertools import permutations
 
 import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial.distance import cdist
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.bounds import LowerBound, lower_bound
@@ -23,7 +24,7 @@ from tominpmp.cell.tours.orders import exact_order
 from tominpmp.cell.tours.station import Rules, Station, least_stays
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal, JointGoal
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 
@@ -69,26 +70,22 @@ def frame_times(
 def _distances(robot: Robot, goals: Sequence[Goal], frame: str) -> Array:
     """How far a frame has to go between goals at least, shape (m, m) [m]."""
     kinematics = RobotKinematics(robot)
-    centre, radius, owner = [], [], []
+    owner, centre, radius = list[int](), list[Array](), list[float]()
     for g, goal in enumerate(goals):
         for one in goal.alternatives:
+            # It may be anywhere, unless the goal says where.
+            point, around = np.zeros(3), np.inf
             if one.configuration is not None:
                 place = kinematics.placement(one.configuration, frame)
-                centre.append(np.array(place.translation))
-                radius.append(0.0)
+                point, around = np.array(place.translation), 0.0
             elif one.frame_name == frame and one.ball is not None:
-                centre.append(np.array(one.ball.centre))
-                radius.append(one.ball.radius)
-            else:
-                # It may be anywhere.
-                centre.append(np.zeros(3))
-                radius.append(np.inf)
+                point, around = np.array(one.ball.centre), one.ball.radius
             owner.append(g)
-    points, around, of = np.array(centre), np.array(radius), np.array(owner)
+            centre.append(point)
+            radius.append(around)
+    way = cdist(centre, centre) - np.add.outer(radius, radius)
     out = np.full((len(goals), len(goals)), np.inf)
-    for k, point in enumerate(points):
-        way = np.linalg.norm(points - point, axis=1) - around - around[k]
-        np.minimum.at(out[of[k]], of, way)
+    np.minimum.at(out, np.ix_(owner, owner), way)
     return np.asarray(np.maximum(out, 0.0))
 
 
@@ -113,10 +110,9 @@ def _covered(times: JointTimes, T: Array, levers: Array, resting: int) -> Array:
     if resting:
         finite = np.isfinite(a)
         top = np.where(finite, a, 1.0)
-        with np.errstate(invalid="ignore"):
-            short = 0.5 * top * T * T / resting
-            long = v * np.maximum(T - 0.5 * resting * v / top, 0.0)
-            limited = np.where(T * top < resting * v, short, long)
+        # Up to the speed limit, or as long as there is time to slow down.
+        ramp = np.minimum(resting * v / top, T)
+        limited = top * ramp * (T - 0.5 * ramp) / resting
         way = np.where(finite, limited, way)
     used = levers > 0.0
     return np.asarray(np.sum(way[:, used] * levers[used], axis=1))
@@ -130,12 +126,6 @@ def _levers(robot: Robot, frame: str) -> Array:
     """
     model = robot.model
     item = model.frames[robot.frame_id(frame)]
-    low, high = robot.limits.position_lower, robot.limits.position_upper
-    S = robot.expansion_matrix
-    S = np.eye(robot.n) if S is None else S
-    offset = 0.0 if robot.expansion_offset is None else robot.expansion_offset
-    widest = np.where(prismatic_joints(robot), np.maximum(np.abs(low), np.abs(high)), 0)
-    slides = np.abs(S) @ widest + np.abs(offset)
     levers = np.zeros(model.nv)
     ahead = float(np.linalg.norm(item.placement.translation))
     for j in reversed([j for j in model.supports[item.parentJoint] if j]):
@@ -143,8 +133,11 @@ def _levers(robot: Robot, frame: str) -> Array:
         slide = str(joint.shortname()).startswith("JointModelP")
         levers[joint.idx_v] = 1.0 if slide else ahead
         ahead += float(np.linalg.norm(model.jointPlacements[j].translation))
-        ahead += float(slides[joint.idx_v]) if slide else 0.0
-    return np.asarray(levers @ np.abs(S))
+        if slide:
+            range_of = model.lowerPositionLimit, model.upperPositionLimit
+            ahead += max(abs(float(limit[joint.idx_q])) for limit in range_of)
+    S = robot.expansion_matrix
+    return levers if S is None else np.asarray(levers @ np.abs(S))
 
 
 # Steps of the ascent on the multipliers of the 1-tree.
@@ -153,7 +146,7 @@ ASCENT = 300
 FEW = 11
 # Pairs of configurations whose bound takes torques into account, if it has to.
 MOST_PAIRS = 400
-# What is granted to rounding, as a share.
+# Share by which the bound is lowered for rounding.
 ROUNDING = 1e-9
 
 
@@ -214,7 +207,7 @@ def _least_times(
         way = np.where(np.isfinite(way), way, 0.0)
         each = np.max(times.of_joints(way, resting), axis=-1, initial=0.0)
         out[i, j] = max(float(np.min(each)), float(out[i, j]))
-        # What is carried changes what torques can do.
+        # Loads change the accelerations that torques allow.
         if sharp and resting == 2 and i not in loaded:
             out[i, j] = max(out[i, j], _by_torques(problem, goals[i], goals[j]))
     return out

@@ -72,54 +72,52 @@ def exact_order(
         rules: Orders that are allowed.
         ends: Whether there is an end, else the tour ends at any station.
     """
-    n, edges = len(sizes), np.cumsum([0, *sizes]).tolist()
+    n = len(sizes)
+    last, full = [block(1, n + 1).shape[1]] if ends else [], (1 << n + 1 + ends) - 1
+    # Configurations of all nodes stand one after the other.
+    edges = np.cumsum([0, len(block(0, 1)), *sizes, *last]).tolist()
     part = [slice(a, b) for a, b in pairwise(edges)]
-    station = np.repeat(np.arange(n), sizes)
+    node = np.repeat(np.arange(len(part)), np.diff(edges))
+    # Sets of nodes are bits: of those that come before each.
+    need = [0, *(1 | sum(2 << i for i in needed) for needed in rules.needs)]
+    need += [full >> 1] if ends else []
     between = np.full((edges[-1], edges[-1]), np.inf)
-    for i, j in permutations(range(n), 2):
-        if rules.follows(i, j):
-            between[part[i], part[j]] = block(i + 1, j + 1)
-    need = [sum(1 << i for i in needed) for needed in rules.needs]
-    # By set (bits): best time by last configuration, and the one before that.
-    cost, came = dict[int, Array](), dict[tuple[int, int], Array]()
-    full = (1 << n) - 1
-    for done in range(full):
+    for i, j in permutations(range(len(part)), 2):
+        inner = max(i, j) <= n
+        allowed = rules.follows(i - 1, j - 1) if inner else rules.may_end(i - 1)
+        if j and i <= n and (i == 0 or allowed):
+            between[part[i], part[j]] = block(i, j)
+    # By set: best time by last configuration, and the one before that.
+    cost, came = {1: np.full(edges[-1], np.inf)}, dict[tuple[int, int], Array]()
+    cost[1][part[0]] = 0.0
+    for done in range(1, full, 2):
         check()
         row = cost.pop(done, None)
-        alive = np.flatnonzero(np.isfinite(row)) if row is not None else None
-        for j in range(n):
+        alive = np.flatnonzero(np.isfinite(row)) if row is not None else np.zeros(0)
+        if row is None or not alive.size:
+            continue
+        for j in range(1, len(part)):
             if done >> j & 1 or need[j] & ~done:
                 continue
-            if done == 0:
-                through = block(0, j + 1)
-            elif row is not None and alive is not None and alive.size:
-                through = row[alive, None] + between[alive, part[j]]
-                came[done | 1 << j, j] = alive[np.argmin(through, axis=0)]
-            else:
-                continue
+            through = row[alive, None] + between[alive, part[j]]
+            came[done | 1 << j, j] = alive[np.argmin(through, axis=0)]
             blank = np.full(edges[-1], np.inf)
             cost.setdefault(done | 1 << j, blank)[part[j]] = np.min(through, axis=0)
-    last = cost.get(full, np.full(edges[-1], np.inf))
-    for i in range(n):
+    total = cost.get(full, np.full(edges[-1], np.inf))
+    for i in range(0 if ends else n):
         if not rules.may_end(i):
-            last[part[i]] = np.inf
-    if ends:
-        home = np.concatenate([block(i + 1, n + 1) for i in range(n)])
-        last = last + np.min(home, axis=1)
-    at = int(np.argmin(last))
-    if not np.isfinite(last[at]):
+            total[part[i + 1]] = np.inf
+    way, done = [int(np.argmin(total))], full
+    if not np.isfinite(total[way[0]]):
         return np.inf, (), ()
-    way, done = [at], full
-    while done & (done - 1):
-        j = int(station[way[-1]])
+    while done > 1:
+        j = int(node[way[-1]])
         way.append(int(came[done, j][way[-1] - edges[j]]))
         done ^= 1 << j
-    way.reverse()
-    order = tuple(int(station[k]) for k in way)
-    chosen = [k - edges[i] for k, i in zip(way, order, strict=True)]
-    begin = int(np.argmin(block(0, order[0] + 1)[:, chosen[0]]))
-    final = [int(np.argmin(home[at]))] if ends else []
-    return float(last[at]), order, (begin, *chosen, *final)
+    nodes = node[way[::-1]]
+    chosen = np.array(way[::-1]) - np.array(edges)[nodes]
+    order = nodes[1 : n + 1] - 1
+    return float(total[way[0]]), tuple(order.tolist()), tuple(chosen.tolist())
 
 
 def search_order(

@@ -17,7 +17,6 @@ from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
@@ -44,6 +43,7 @@ from tominpmp.cell.tours.station import (
 from tominpmp.cell.tours.tour import Tour
 from tominpmp.checks import JointsLike, flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of, warn_caller
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.goals.frames import place_of
@@ -77,7 +77,7 @@ MOST_ROUNDS = 60
 SOONER = 0.02
 # Rounds of looking for better configurations, and while legs are blocked.
 REFINEMENTS, FEW_REFINEMENTS = 24, 6
-# Rounds of going around what is on the direct ways of legs.
+# Rounds of looking for orders whose direct legs are not blocked.
 SETTLING = 18
 
 # A way through a tour: order of the stations and the configurations of all nodes.
@@ -85,7 +85,7 @@ Way = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 class TourSearch:
-    """What is known of a tour while it is looked for.
+    """The search for a tour: its legs, orders and configurations.
 
     Attributes:
         legs: What is known of the legs.
@@ -109,7 +109,7 @@ class TourSearch:
         """Look for configurations at all stations.
 
         Raises:
-            ProblemError: If there is none for a station: names it.
+            ProblemError: If a station has no configuration: names the station.
         """
         self.rules, self.exact = rules, exact
         self.rng = np.random.default_rng(options.seed)
@@ -160,14 +160,12 @@ class TourSearch:
                     best = length, way
                 number += 1
                 logger.info("round %d: %.4f s", number, length)
-                if complete or (number >= rounds and best is not None):
-                    break
-                if number >= max(rounds, MOST_ROUNDS):
+                most = max(rounds, MOST_ROUNDS) if best is None else rounds
+                if complete or number >= most:
                     break
                 way = self._order(way)
         except (Stop, KeyboardInterrupt) as stop:
-            requested = not isinstance(stop, Stop) or stop.requested
-            status = Status.INTERRUPTED if requested else Status.TIME_LIMIT
+            status = _status(stop)
             if best is None:
                 raise
         return self._failed() if best is None else self._assembled(best[1], status)
@@ -181,19 +179,17 @@ class TourSearch:
         return (order, chosen) if np.isfinite(length) and order else None
 
     def _settled(self, way: Way) -> Way:
-        """Go around what is on the direct ways of legs, as long as that changes them.
+        """Look for an order whose direct legs are not blocked.
 
         A leg that has to be planned costs more than one that has not.
         """
         if self.exact:
             return way
         for _ in range(SETTLING if not self.legs.motions else SETTLING // 3):
-            blocked = [leg for leg in self._legs(way) if not self.legs.direct(leg)]
-            if not blocked:
-                # Only what is left in the end is worth a replay.
-                blocked = [
-                    leg for leg in self._legs(way) if not self.legs.verified(leg)
-                ]
+            legs, sure = self._legs(way), self.legs.verified
+            blocked = [leg for leg in legs if not self.legs.direct(leg)]
+            # Only legs that look clear are worth a replay.
+            blocked = blocked or [leg for leg in legs if not sure(leg)]
             if not blocked:
                 break
             logger.info("%d legs are blocked", len(blocked))
@@ -207,19 +203,13 @@ class TourSearch:
 
     def _refine(self, way: Way, rounds: int = REFINEMENTS) -> bool:
         """Add better configurations for an order; whether there are any."""
-        order, chosen = way
-        nodes = self.table.way(order)
-        places = [
-            self.table.nodes[node][c] for node, c in zip(nodes, chosen, strict=True)
-        ]
-        better = refined(
-            self.configurations, self.table, nodes, places, self.rng, rounds
-        )
-        found = False
+        table, nodes, found = self.table, self.table.way(way[0]), False
+        places = [table.nodes[node][c] for node, c in zip(nodes, way[1], strict=True)]
+        better = refined(self.configurations, table, nodes, places, self.rng, rounds)
         for node, new in zip(nodes, better, strict=True):
-            apart = np.max(np.abs(self.table.nodes[node] - new), axis=1)
-            if np.min(apart) > APART:
-                self.table.add(node, new[None])
+            known = table.nodes[node]
+            if np.min(np.max(np.abs(known - new), axis=1)) > APART:
+                table.nodes[node] = np.concatenate([known, new[None]])
                 found = True
         return found
 
@@ -234,22 +224,22 @@ class TourSearch:
         """Plan the legs of a tour; whether all of them were planned before."""
         for leg in self._legs(way):
             self.legs.verified(leg)
-        before = {leg: self.table.time(leg) for leg in self._legs(way)}
-        new = [
-            leg
-            for leg in before
-            if leg not in self.table.known and self.legs.resting(leg)
-        ]
+        new = {
+            leg: self.table.time(leg)
+            for leg in self._legs(way)
+            if self.table.found(leg) is None and self.legs.resting(leg)
+        }
         missed = sooner = 0.0
-        for leg in new:
+        for leg, before in new.items():
             seconds = self.legs.seconds(leg)
-            missed = max(missed, seconds - before[leg])
-            sooner = max(sooner, 1.0 - seconds / max(before[leg], 1e-9))
+            missed = max(missed, seconds - before)
+            sooner = max(sooner, 1.0 - seconds / max(before, 1e-9))
             self.table.learn(leg, seconds)
         if new and self.legs.detours:
-            self.table.detours_take(float(np.median(self.legs.detours)))
+            share = max(1.0, float(np.median(self.legs.detours)))
+            self.table.detour_share, self.table.detour = share, 0.0
         if new and not self.exact:
-            self.table.scaled(self.legs.factor())
+            self.table.factor = self.legs.factor()
         # As estimated: no other order can be better by these estimates.
         return missed <= 1e-9 and sooner <= SOONER
 
@@ -271,7 +261,11 @@ class TourSearch:
             if number is None:
                 return
             station, (begin, stays) = legs.stations[number], halts[-1]
-            arm = arm_at(legs.problem.robot, station.goal, there)
+            robot, arm = legs.problem.robot, None
+            if robot.parts:
+                still = np.zeros(robot.n)
+                met = station.goal.nearest(RobotKinematics(robot), there, still)
+                arm = arm_of(robot, met)
             before = [item for item in stays if arm is None or item[0] in (arm, None)]
             arrival = begin + together(before)
             stay = whole_periods(station.dwell, legs.options.control_period)
@@ -310,7 +304,7 @@ class TourSearch:
         )
 
     def _failed(self) -> Tour:
-        """What is returned where no tour was found."""
+        """The result where no tour was found."""
         legs, status = self.legs, Status.INFEASIBLE
         reason = "no order of the stations keeps what was said of it"
         reason += " (after, then, precedence)"
@@ -319,6 +313,12 @@ class TourSearch:
         text = f"{status.value} No tour was found: {reason}."
         planned = legs.planned
         return Tour(legs.problem, legs.stations, status, text, legs_planned=planned)
+
+
+def _status(stop: BaseException) -> Status:
+    """How planning ends that was stopped by somebody, or by the clock."""
+    requested = not isinstance(stop, Stop) or stop.requested
+    return Status.INTERRUPTED if requested else Status.TIME_LIMIT
 
 
 # Legs without a stop between them that are planned as one motion.
@@ -358,33 +358,20 @@ def _run(
     return None if len(parts) < len(each) else [item for part in parts for item in part]
 
 
-def arm_at(robot: Robot, goal: Goal, q: Array) -> str | None:
-    """Name of the arm that meets a goal at a configuration; None for all of them."""
-    if not robot.parts:
-        return None
-    return arm_of(robot, goal.nearest(RobotKinematics(robot), q, np.zeros(robot.n)))
-
-
 def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:
     """Accelerations that the torques of the joints allow, roughly, shape (n,).
 
     The room that gravity leaves, over the inertia at the joint: what others do at the
     same time, and how the arm stretches on the way, is left out.
     """
-    robot, model = problem.robot, problem.robot.model
-    data = model.createData()
+    dynamics, (_, half) = RobotDynamics(problem.robot), effort_range(problem)
     rows = np.concatenate([problem.q_start[None], *(rows[:2] for rows in found)])
-    S = np.eye(robot.n) if robot.expansion_matrix is None else robot.expansion_matrix
-    _, half = effort_range(problem)
-    each = []
-    for q in rows[:: max(1, len(rows) // 40)]:
-        M = np.array(pin.crba(model, data, robot.expand(q)))
-        M = np.triu(M) + np.triu(M, 1).T
-        weight = S.T @ pin.computeGeneralizedGravity(model, data, robot.expand(q))
-        inertia = np.diag(S.T @ M @ S)
-        room = np.maximum(half - np.abs(weight), 0.1 * half)
-        each.append(room / np.maximum(inertia, 1e-9))
-    most = np.median(each, axis=0)
+    rows = rows[:: max(1, len(rows) // 40)]
+    rest = np.zeros_like(rows)
+    weight = np.abs(dynamics.inverse(rows, rest, rest))
+    inertia = np.diagonal(dynamics.mass(rows), axis1=1, axis2=2)
+    room = np.maximum(half - weight, 0.1 * half)
+    most = np.median(room / np.maximum(inertia, 1e-9), axis=0)
     return np.where(most > 0.0, most, np.inf)
 
 
@@ -471,8 +458,7 @@ def plan_tour(
             tour = search.run()
             bound = tour_bound(problem, items, rules, end)
         except (Stop, KeyboardInterrupt) as stop:
-            requested = not isinstance(stop, Stop) or stop.requested
-            status = Status.INTERRUPTED if requested else Status.TIME_LIMIT
+            status = _status(stop)
             return Tour(
                 problem,
                 items,
@@ -533,41 +519,26 @@ def _checked_goals(
     Returns:
         The stations, with goals in the order of the joints of the robot.
     """
-    robot, found = problem.robot, list[Station]()
+    robot, found, places = problem.robot, list[Station](), dict[object, int]()
+    known, needed = known_names(robot, problem.scene), rules.all_needs
     for k, station in enumerate(stations):
-        with told_of(called(k + 1, station.name), f"stations[{k}]"):
+        own = called(k + 1, station.name)
+        with told_of(own, f"stations[{k}]"):
             goal = station.goal.resolved(robot)
             goal.validate(robot)
             if station.payload is not None:
-                robot.with_payload(station.payload)
+                loaded = robot.with_payload(station.payload)
+                known |= known_names(loaded, problem.scene)
+            goal = problem.with_ends(problem.q_start, goal, f"{own}: ").goal
         found.append(replace(station, goal=goal))
-    _check_touching(problem, found)
-    places: dict[object, int] = {}
-    for k, station in enumerate(found):
-        own = called(k + 1, station.name)
-        with told_of(own, f"stations[{k}]"):
-            leg = problem.with_ends(problem.q_start, station.goal, f"{own}: ")
-        found[k] = replace(station, goal=leg.goal)
-        place = place_of(leg.goal)
-        other = places.setdefault(place, k)
-        needed = rules.all_needs
+        other = places.setdefault(place_of(goal), k)
         if other != k and k not in needed[other] and other not in needed[k]:
             raise ProblemError(
-                f"{called(other + 1, found[other].name)} and "
-                f"{called(k + 1, station.name)} are in one place; expected one "
-                "station, or a precedence of the one before the other",
+                f"{called(other + 1, found[other].name)} and {own} are in one place; "
+                "expected one station, or a precedence of the one before the other",
                 "stations",
             )
-    return tuple(found)
-
-
-def _check_touching(problem: Problem, stations: Sequence[Station]) -> None:
-    """Check that stations let nothing touch that is not there at any of them."""
-    known = known_names(problem.robot, problem.scene)
-    loads = {id(s.payload): s.payload for s in stations if s.payload is not None}
-    for load in loads.values():
-        known |= known_names(problem.robot.with_payload(load), problem.scene)
-    for k, station in enumerate(stations):
+    for k, station in enumerate(found):
         for one in itertools.chain.from_iterable(station.may_touch):
             if one not in known:
                 raise ProblemError(
@@ -576,3 +547,4 @@ def _check_touching(problem: Problem, stations: Sequence[Station]) -> None:
                     f"station: one of {brief(', '.join(sorted(known)))}",
                     f"stations[{k}].may_touch",
                 )
+    return tuple(found)

@@ -1,4 +1,4 @@
-"""Stations of a tour: goals to be visited, and what is known of their order."""
+"""Stations of a tour: goals to be visited, and the rules of their order."""
 
 from __future__ import annotations
 
@@ -7,22 +7,40 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from types import NoneType
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
-from tominpmp.arrays import Array, Record
-from tominpmp.checks import flag, instance, number, wrong
+from tominpmp.arrays import Array, Record, record
+from tominpmp.checks import of_type, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import Goal
-from tominpmp.problem.segments import checked_pairs
+from tominpmp.problem.segments import (
+    Dwell,
+    Flag,
+    Pairs,
+    PayloadOrNone,
+    checked_pairs,
+)
 from tominpmp.robot import Robot
-from tominpmp.robot.payload import Payload
 
 # More stations than this are taken for a mistake.
 MOST_STATIONS = 5_000
 
 
-@dataclass(frozen=True, eq=False)
+def _names(given: object, field: str) -> tuple[str, ...]:
+    """Check a caller's names of stations; one name may stand for itself."""
+    names = (given,) if isinstance(given, str) else given
+    if not isinstance(names, Sequence) or not all(isinstance(n, str) for n in names):
+        raise wrong(given, field, "names of stations")
+    return tuple(names)
+
+
+AnyPlace: TypeAlias = Annotated[
+    Goal, of_type(Goal, "a JointGoal, PoseGoal, AxisGoal or another goal")
+]
+Names: TypeAlias = Annotated[Sequence[str], _names]
+
+
+@record
 class Station(Record):
     """A place that a tour visits once.
 
@@ -43,39 +61,28 @@ class Station(Record):
     """
 
     name: str
-    goal: Goal
-    dwell: float = 0.0
-    after: Sequence[str] = ()
-    then: Sequence[str] = ()
-    payload: Payload | None = None
-    stop: bool = True
-    may_touch: Sequence[tuple[str, str]] = ()
+    goal: AnyPlace
+    dwell: Dwell = 0.0
+    after: Names = ()
+    then: Names = ()
+    payload: PayloadOrNone = None
+    stop: Flag = True
+    may_touch: Pairs = ()
 
     def __post_init__(self) -> None:
         """Check the values that need no robot."""
         if not isinstance(self.name, str) or not self.name.strip():
             raise wrong(self.name, "station.name", "a text")
         with told_of(f"station {brief(self.name)}", "station"):
-            self._check()
-
-    def _check(self) -> None:
-        expected = "a JointGoal, PoseGoal, AxisGoal or another goal"
-        instance(self.goal, Goal, "goal", expected)
-        dwell = number(self.dwell, "dwell", "a time >= 0 [s]", least=0.0)
-        object.__setattr__(self, "dwell", dwell)
-        for field in ("after", "then"):
-            object.__setattr__(self, field, _names(getattr(self, field), field))
-        instance(self.payload, (Payload, NoneType), "payload", "Payload or None")
-        # A stay is a stop.
-        object.__setattr__(self, "stop", flag(self.stop, "stop") or dwell > 0.0)
-        if self.goal.ends_moving or not self.goal.fixes_velocity:
-            raise ProblemError(
-                "its goal asks for a velocity, expected a goal at rest; stop=False "
-                "lets the arm pass it at any velocity",
-                "goal",
-            )
-        pairs = checked_pairs(self.may_touch, "may_touch")
-        object.__setattr__(self, "may_touch", pairs)
+            super().__post_init__()
+            # A stay is a stop.
+            self._keep(stop=self.stop or self.dwell > 0.0)
+            if self.goal.ends_moving or not self.goal.fixes_velocity:
+                raise ProblemError(
+                    "its goal asks for a velocity, expected a goal at rest; stop=False "
+                    "lets the arm pass it at any velocity",
+                    "goal",
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,14 +102,6 @@ class Visit:
     departure: float
 
 
-def _names(given: object, field: str) -> tuple[str, ...]:
-    """Check a caller's names of stations; one name may stand for itself."""
-    names = (given,) if isinstance(given, str) else given
-    if not isinstance(names, Sequence) or not all(isinstance(n, str) for n in names):
-        raise wrong(given, field, "names of stations")
-    return tuple(names)
-
-
 def checked_stations(given: object) -> tuple[Station, ...]:
     """Check a caller's stations.
 
@@ -110,8 +109,8 @@ def checked_stations(given: object) -> tuple[Station, ...]:
         given: Stations, or goals (which are called "station 1", ...), or goals by name.
 
     Raises:
-        ProblemError: If they are none, two have one name, or one names another that
-            there is not.
+        ProblemError: If an item is no station, two have one name, or a name in their
+            rules is unknown.
     """
     expected = "a list of Station or of goals, or goals by name"
     if isinstance(given, Mapping):
@@ -209,16 +208,22 @@ class Rules:
         """
         index = {station.name: i for i, station in enumerate(stations)}
         pairs = {(index[a], index[s.name]) for s in stations for a in s.after}
-        for earlier, later in _checked_precedence(precedence, index):
-            pairs.add((index[earlier], index[later]))
+        expected = 'pairs of names of stations, as [("drill", "tap")]'
+        given = checked_pairs(precedence, "precedence", expected)
+        for name in itertools.chain.from_iterable(given):
+            if name not in index:
+                raise ProblemError(
+                    f"precedence names {brief(name)}, expected one of the stations "
+                    f"{brief(', '.join(index))}",
+                    "precedence",
+                )
+        pairs |= {(index[earlier], index[later]) for earlier, later in given}
         then = {
             i: frozenset(index[name] for name in station.then)
             for i, station in enumerate(stations)
             if station.then
         }
-        for i, others in then.items():
-            if len(others) == 1:
-                pairs.add((i, next(iter(others))))
+        pairs |= {(i, min(others)) for i, others in then.items() if len(others) == 1}
         rules = cls(len(stations), frozenset(pairs), then)
         rules._check_cycles([station.name for station in stations])
         return rules
@@ -257,7 +262,7 @@ class Rules:
         )
 
     def _check_cycles(self, names: Sequence[str]) -> None:
-        """Check that what is to be earlier is not to be later, too."""
+        """Check that no station has to come before itself."""
         try:
             TopologicalSorter(dict(enumerate(self.needs))).prepare()
         except CycleError as error:
@@ -268,21 +273,6 @@ class Rules:
             raise ProblemError(
                 f"precedence runs in a circle: {told}", "precedence"
             ) from None
-
-
-def _checked_precedence(
-    given: object, index: Mapping[str, int]
-) -> tuple[tuple[str, str], ...]:
-    expected = 'pairs of names of stations, as [("drill", "tap")]'
-    pairs = checked_pairs(given, "precedence", expected)
-    for name in itertools.chain.from_iterable(pairs):
-        if name not in index:
-            raise ProblemError(
-                f"precedence names {brief(name)}, expected one of the stations "
-                f"{brief(', '.join(index))}",
-                "precedence",
-            )
-    return pairs
 
 
 def arm_of(robot: Robot, goal: Goal) -> str | None:

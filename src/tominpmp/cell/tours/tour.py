@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +24,7 @@ from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.files.export import export
 from tominpmp.motion.trajectory import InverseDynamics, Trajectory
 from tominpmp.problem import Problem
-from tominpmp.problem.segments import Segment, known_names, segments_of
+from tominpmp.problem.segments import Segment, segments_of
 from tominpmp.sensitivities import Sensitivities, analyse
 from tominpmp.sensitivities.records import Sensitivity
 from tominpmp.solution import Solution
@@ -39,6 +38,7 @@ from tominpmp.viz.figures import (
     styled,
 )
 from tominpmp.viz.playback import play
+from tominpmp.viz.plots import curves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,8 +53,6 @@ SAME = 1e-9
 MOST_PROMISE = 0.02
 # Stations of a picture whose names are written; of more only some are.
 MOST_NAMES = 40
-# Points at which speeds are drawn.
-POINTS = 3_000
 MOTION_COLOR = "#8fa3b8"
 # A stay that takes no time is drawn as long as this share of the cycle.
 LEAST_BAR = 0.002
@@ -300,17 +298,13 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
     """
     pieces = [[p.trajectory for p in segments_of(motion, ())] for motion in motions]
     parts = [part for some in pieces for part in some]
-    waits = [
-        stay if part is some[-1] else 0.0
-        for some, stay in zip(pieces, stays[1:], strict=True)
-        for part in some
-    ]
-    if len({part.degree for part in parts}) > 1:
-        parts = [_cubic(part) for part in parts]
-    runs, last = _stay(parts[0], 0, stays[0]), list[int]()
-    for part, wait in zip(parts, waits, strict=True):
-        runs += [part, *_stay(part, -1, wait)]
-        last.append(len(runs) - 1)
+    mixed = len({part.degree for part in parts}) > 1
+    made = [[_cubic(part) if mixed else part for part in some] for some in pieces]
+    runs, last = _stay(made[0][0], 0, stays[0]), list[int]()
+    for some, stay in zip(made, stays[1:], strict=True):
+        last += range(len(runs), len(runs) + len(some))
+        runs += [*some, *_stay(some[-1], -1, stay)]
+        last[-1] = len(runs) - 1
 
     def whole(rows: Sequence[Array]) -> Array:
         """Rows of all runs: where one ends, the nodes of the next one begin."""
@@ -344,7 +338,7 @@ def _robot_of(dynamics: InverseDynamics) -> object:
 
 
 def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
-    """The stay at the first or last node of a motion; none for no time [s]."""
+    """The stay at the first or last node of a motion; empty for zero seconds."""
     if seconds <= 0.0:
         return []
     q, dynamics = part.q[[row, row]], part.inverse_dynamics or part.holding
@@ -388,13 +382,13 @@ def _place(
     begin = Segment(
         station.goal,
         payload=None if last is None else last.payload,
-        may_touch=_touching(before, last, station),
+        may_touch=before.problem.may_touch,
         stop=True,
     )
     then = Segment(
         after.problem.goal,
         payload=station.payload,
-        may_touch=_touching(after, station),
+        may_touch=after.problem.may_touch,
     )
     both = replace(
         problem,
@@ -403,7 +397,7 @@ def _place(
         segments=[begin, then],
     )
     try:
-        found = analyse(both, joined([one, other], [0.0, 0.0, 0.0]))
+        found = analyse(both, joined([one, other], (0.0, 0.0, 0.0)))
     except ProblemError:
         return None  # no multipliers, or a goal that is none of a segment
     if found.promise > MOST_PROMISE:
@@ -411,13 +405,6 @@ def _place(
     places = [r for r in found if r.kind == "goal" and r.joint is None]
     own = [r for r in places if r.subject.endswith("of segment 1")]
     return replace(own[0], subject=station.name) if own else None
-
-
-def _touching(motion: Solution, *stations: Station | None) -> list[tuple[str, str]]:
-    """Pairs that may touch on a motion, of what is there."""
-    known = known_names(motion.problem.robot, motion.problem.scene)
-    given = chain.from_iterable(s.may_touch for s in stations if s is not None)
-    return [pair for pair in given if set(pair) <= known]
 
 
 def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
@@ -441,11 +428,8 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
 
 
 def _draw_speeds(axes: Axes, problem: Problem, trajectory: Trajectory) -> None:
-    """Speeds as shares of their limits, or of the largest where there is none."""
-    t = np.unique(
-        np.concatenate([np.linspace(0.0, trajectory.duration, POINTS), trajectory.t])
-    )
-    v = trajectory(t).v
+    """Speeds as shares of their limits, or of the largest speed without a limit."""
+    t, (_, v, *_) = curves(trajectory)
     top = problem.robot.limits.velocity
     largest = np.maximum(np.max(np.abs(v), axis=0), 1e-9)
     scale = np.where(np.isfinite(top), top, largest)
