@@ -165,7 +165,8 @@ def test_one_that_comes_back_but_is_faster_is_finished(coarse, monkeypatch):
     assert not comes_back()  # among obstacles
     alone = ProblemFunctions.of(replace(search.system.problem, scene=tm.Scene()))
     monkeypatch.setattr(search, "system", alone)
-    monkeypatch.setattr(search, "state", SimpleNamespace(fallback=search.state.fallback))
+    only = SimpleNamespace(fallback=search.state.fallback)
+    monkeypatch.setattr(search, "state", only)
     search.state.best_duration = known.duration
     assert comes_back()
     assert not comes_back(violation=0.1)

@@ -28,7 +28,7 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.layout import split_intervals
+from tominpmp.transcription.layout import SHORTEST, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -45,8 +45,6 @@ FINEST = 4
 # A spline on a finer grid than the one asked for keeps at most this many times the
 # intervals.
 FINER = 2
-# Grids with an interval shorter than this share of the mean are not taken over.
-SHORTEST = 1e-3
 # Samples an interval for fitting splines.
 FIT = 8
 

@@ -487,7 +487,9 @@ class CoarseSearch:
         for guess in guesses:
             if prepared is not None:
                 guess = yield from prepared(guess)
-            rough = yield from self.solve_coarse(guess)
+            rough = None
+            if not (guess.timed and guess.duration > TOO_SLOW * self._least_guess):
+                rough = yield from self.solve_coarse(guess)
             in_vain += 1
             if rough is not None and self._promises(rough):
                 found.append(rough)
@@ -499,6 +501,12 @@ class CoarseSearch:
             if not self._promises(rough):
                 return
             yield from self.finish(rough)
+
+    @property
+    def _least_guess(self) -> float:
+        """Least duration of the timed guesses that have led to motions [s]."""
+        timed = (one.guess for one in self.known if one.guess.timed)
+        return min((guess.duration for guess in timed), default=np.inf)
 
     def _promises(self, rough: CoarseMotion) -> bool:
         """Whether a motion may be faster than the best one, once it is finished."""

@@ -30,7 +30,7 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import SMOOTHING_SHARE, near_to_it
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import Work, made
+from tominpmp.planner.work import NUMERICAL, Work, made
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.solution import Solution
@@ -132,6 +132,9 @@ def on_clock(
             # A motion that is not on the clock is no motion: there is time of grace.
             with progress.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
                 bring()
+    except NUMERICAL as error:
+        logger.warning("the motion could not be brought to the clock: %r", error)
+        clocked = None
     solution = replace(solution, history=tuple(history), planning_time=progress.seconds)
     if clocked is None or not clocked.found:
         return _without_clock(solution, period, clocked, status)

@@ -47,8 +47,8 @@ logger = logging.getLogger(__name__)
 REPLAYS = 2.0
 # How much slower than the fastest motion along its path another one is tried, at most.
 SLOWEST = 100.0
-# How much finer the grid is than that of the search: motions that spend less have no
-# torques that jump, as those of the fastest motion do, or jump elsewhere.
+# How much finer the grid is than that of the fastest motion, by what is spent: motions
+# that spend less have no torques that jump, or torques that jump elsewhere.
 FINER = {"torque_squared": 3, "work": 2}
 # How often a slower pace is halved that breaks limits, as of times of arrival.
 SLOWER_TRIALS = 6
@@ -172,9 +172,9 @@ def _layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
     carried changes there.
     """
     problem, options = solution.problem, solution.options
-    finer = FINER[options.energy]
     layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
-    layout = layout.with_intervals(2**halvings * finer * options.intervals)
+    finer = 2**halvings * FINER[options.energy]
+    layout = layout.with_intervals(finer * len(layout.shares))
     if layout.degree == LIFTED:
         return layout
     degree, breaks = layout.degree, layout.segment_ends[:-1]

@@ -90,7 +90,13 @@ def plan(
         return stands
     if asked.energy_weight:
         # The time-optimal motion only warm-starts the search for the energy optimum.
-        options = replace(options, energy_weight=0.0, refine=None, effort="quick")
+        options = replace(
+            options,
+            energy_weight=0.0,
+            refine=None,
+            effort="quick",
+            max_planning_time=asked.time_limit,
+        )
     former = None if start is None else motion_of(problem, start)
     state = PlanState(problem, searching(options))
     status, answer = None, None

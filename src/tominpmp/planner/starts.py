@@ -32,6 +32,7 @@ from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
     MOST_PATHS,
+    TOO_SLOW,
     CachedGuesses,
     coarse_grids_apply,
     search,
@@ -61,8 +62,6 @@ SEGMENTED_STARTS = 2
 # while no motion is found.
 MOVING_STARTS = 3
 MOVING_RESCUE_STARTS = 16
-# A timed guess this much slower than a motion that was found is not worth its time.
-TOO_SLOW = 1.6
 # Torques are the last guess for arms of few joints.
 FEW_MOTORS_RESCUE_STARTS = 2
 # More guesses are made, up to this number, while no motion is found.
