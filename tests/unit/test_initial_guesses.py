@@ -10,7 +10,6 @@ from guess_samples import END, maze, time_straight_line, wall
 from scipy.optimize import brentq
 
 import tominpmp as tm
-from tominpmp.initial_guess import guess as guess_module
 from tominpmp.initial_guess import rrt as sampling
 from tominpmp.initial_guess.guess import initial_guesses, sampled_guesses
 from tominpmp.initial_guess.inverse_kinematics import (
@@ -18,7 +17,9 @@ from tominpmp.initial_guess.inverse_kinematics import (
     SPREAD,
     find_configurations,
 )
-from tominpmp.initial_guess.rrt import is_free, sampling_available
+from tominpmp.initial_guess.path import RoundedPath
+from tominpmp.initial_guess.rrt import is_free
+from tominpmp.initial_guess.timing import time_path
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 SLIDER = """<robot name="slider"><link name="base"/>
@@ -141,6 +142,19 @@ def test_guesses_for_a_frame_are_lines_to_the_goal_then_one_at_rest():
 BALL = tm.Sphere("ball", radius=0.3, position=(3.5, 1.2, 0))
 
 
+def test_a_path_that_has_to_slow_down_at_once_is_timed():
+    """The largest acceleration falls steeply there with the speed ahead."""
+    arm = tm.load_robot("ur5")
+    goal = tm.JointGoal(np.full(arm.n, 0.5))
+    system = ProblemFunctions.of(tm.Problem(arm, np.zeros(arm.n), goal))
+    steps = np.random.default_rng(64).uniform(-0.6, 0.6, (9, arm.n))
+    corners = np.cumsum(steps, axis=0)
+    timing = time_path(system, RoundedPath.through(corners, arm.limits.velocity))
+    # Rounded corners save a little of the way.
+    least = np.abs(np.diff(corners, axis=0)) / arm.limits.velocity
+    assert 0.9 < timing.duration / least.max(axis=1).sum() < 1.2
+
+
 def planar_system(scene=None, goal=(4, 1, 0)):
     robot = tm.load_robot("planar3r")
     goal = tm.PositionGoal("tip", goal)
@@ -197,10 +211,6 @@ def test_unreachable_goals_tell_how_near_they_come():
     assert search.least > 100 * REACHED
 
 
-needs_ompl = pytest.mark.skipif(not sampling_available(), reason="OMPL is missing")
-
-
-@needs_ompl
 def test_guesses_around_obstacles_begin_straight_and_go_on_with_sampled_paths(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     guesses = list(initial_guesses(system, 6, np.random.default_rng(0)))
@@ -229,7 +239,6 @@ def sampled_paths(monkeypatch):
     return calls
 
 
-@needs_ompl
 def test_paths_are_sampled_only_when_asked_for(tmp_path, sampled_paths):
     calls = sampled_paths
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
@@ -238,7 +247,6 @@ def test_paths_are_sampled_only_when_asked_for(tmp_path, sampled_paths):
     assert next(guesses).name == "sampled path" and calls
 
 
-@needs_ompl
 def test_the_fastest_of_a_few_sampled_paths_comes_first(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.6, 0.8))
     paths = sampled_guesses(system, [np.array(END)], np.random.default_rng(0))
@@ -246,7 +254,6 @@ def test_the_fastest_of_a_few_sampled_paths_comes_first(tmp_path):
     assert len(durations) == 2 and durations[0] < durations[1]
 
 
-@needs_ompl
 def test_a_first_path_that_is_fast_enough_is_not_compared(tmp_path, sampled_paths):
     calls = sampled_paths
     system, end = maze(tmp_path, wall("block", 0.0, -0.6, 0.8)), [np.array(END)]
@@ -270,14 +277,6 @@ def test_no_path_is_sampled_where_the_straight_line_is_free(tmp_path):
     assert [g.name for g in guesses] == ["straight line", "via point", "via point"]
 
 
-def test_without_ompl_via_points_follow_the_straight_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(guess_module, "sampling_available", lambda: False)
-    system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
-    guesses = initial_guesses(system, 3, np.random.default_rng(0))
-    assert [g.name for g in guesses] == ["straight line", "via point", "via point"]
-
-
-@needs_ompl
 def test_guesses_for_a_frame_among_obstacles_lead_to_several_configurations():
     system = planar_system(tm.Scene([BALL]))
     guesses = list(initial_guesses(system, 5, np.random.default_rng(0)))

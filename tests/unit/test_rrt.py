@@ -3,33 +3,26 @@
 from __future__ import annotations
 
 import itertools
-import sys
 import time
 
 import numpy as np
-import pytest
 from guess_samples import END, START, fine, maze, wall
 
 import tominpmp as tm
-from tominpmp.exceptions import MissingDependency
 from tominpmp.initial_guess.rrt import (
     alike,
     is_free,
     is_free_line,
     sample_path,
     sample_paths,
-    sampling_available,
 )
 from tominpmp.transcription.problem_functions import ProblemFunctions
-
-needs_ompl = pytest.mark.skipif(not sampling_available(), reason="OMPL is missing")
 
 
 def zigzag(folder):
     return maze(folder, wall("first", -0.6, -2.0, 1.2), wall("second", 0.6, -1.2, 2.0))
 
 
-@needs_ompl
 def test_a_path_leads_through_a_maze(tmp_path):
     system = zigzag(tmp_path)
     path = sample_path(system, np.array(END), seed=1)
@@ -42,7 +35,6 @@ def test_a_path_leads_through_a_maze(tmp_path):
     assert len(path) < 20  # it was simplified
 
 
-@needs_ompl
 def test_a_path_depends_on_its_seed_alone(tmp_path):
     system = zigzag(tmp_path)
     paths = [sample_path(system, np.array(END), seed) for seed in (3, 3, 4, 3)]
@@ -51,7 +43,6 @@ def test_a_path_depends_on_its_seed_alone(tmp_path):
     assert paths[0].shape != paths[2].shape or not np.allclose(paths[0], paths[2])
 
 
-@needs_ompl
 def test_an_arm_reaches_around_a_ball(planar3r):
     # Stretched out it would sweep across the ball: it has to fold.
     scene = tm.Scene([tm.Sphere("O", radius=0.6, position=(3.2, 3.2, 0))])
@@ -67,7 +58,6 @@ def test_an_arm_reaches_around_a_ball(planar3r):
     assert np.all((path >= limits.position_lower) & (path <= limits.position_upper))
 
 
-@needs_ompl
 def test_joints_may_have_next_to_no_room():
     """Less than there is between two checks of a branch."""
     room = {"position_lower": -0.005, "position_upper": 0.005}
@@ -79,7 +69,6 @@ def test_joints_may_have_next_to_no_room():
     np.testing.assert_array_equal(path, [start, end])
 
 
-@needs_ompl
 def test_no_path_through_a_closed_wall(tmp_path):
     system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
     assert sample_path(system, np.array(END), 1, checks=2000) is None
@@ -87,7 +76,6 @@ def test_no_path_through_a_closed_wall(tmp_path):
     assert list(sample_paths(system, [np.array(END)], rng, checks=500)) == []
 
 
-@needs_ompl
 def test_no_path_once_the_time_is_up(tmp_path):
     past = time.perf_counter() - 1.0
     system = zigzag(tmp_path)
@@ -96,7 +84,6 @@ def test_no_path_once_the_time_is_up(tmp_path):
     assert list(sample_paths(system, [np.array(END)], rng, deadline=past)) == []
 
 
-@needs_ompl
 def test_no_path_to_an_end_in_collision(tmp_path):
     system = zigzag(tmp_path)
     inside = np.array([0.6, 0.0])
@@ -106,7 +93,6 @@ def test_no_path_to_an_end_in_collision(tmp_path):
     np.testing.assert_array_equal(path[-1], END)
 
 
-@needs_ompl
 def test_paths_around_a_block_pass_on_both_sides(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     rng = np.random.default_rng(0)
@@ -117,7 +103,6 @@ def test_paths_around_a_block_pass_on_both_sides(tmp_path):
         assert not alike(system, one, other)
 
 
-@needs_ompl
 def test_ends_take_turns_and_the_order_is_reproducible(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     ends = [np.array(END), np.array((1.5, -1.5))]
@@ -132,7 +117,6 @@ def test_ends_take_turns_and_the_order_is_reproducible(tmp_path):
         np.testing.assert_array_equal(path, again)
 
 
-@needs_ompl
 def test_known_paths_are_not_found_again(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     over = np.array([START, (0.0, 1.4), END])
@@ -156,24 +140,3 @@ def test_paths_are_alike_if_they_shift_into_each_other(tmp_path):
     assert not alike(system, over, under)
     elsewhere = np.array([START, (0.0, 0.8), (1.5, 1.5)])
     assert not alike(system, over, elsewhere)
-
-
-@needs_ompl
-def test_messages_of_ompl_are_restored(tmp_path, capfd):
-    from ompl import util
-
-    level = util.getLogLevel()
-    try:
-        util.setLogLevel(util.LogLevel.LOG_WARN)
-        sample_path(zigzag(tmp_path), np.array(END), 1)
-        assert util.getLogLevel() == util.LogLevel.LOG_WARN
-    finally:
-        util.setLogLevel(level)
-    out, err = capfd.readouterr()
-    assert "RRTConnect" not in out + err and "Error" not in out + err
-
-
-def test_without_ompl_a_path_raises(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ompl", None)
-    with pytest.raises(MissingDependency, match=r"tominpmp\[sampling\]"):
-        sample_path(zigzag(tmp_path), np.array(END), 1)

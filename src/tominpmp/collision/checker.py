@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -207,13 +207,32 @@ class CollisionChecker(PairDistances):
             margin: Distance to keep [m], one for all pairs or by pair.
             time: Time [s], for obstacles that move.
         """
+        return next(self.each_free(np.asarray(q)[None], margin, time))
+
+    def each_free(
+        self, q: Array, margin: float | Array = 0.0, time: float = 0.0
+    ) -> Iterator[bool]:
+        """The same for several configurations, one after the other.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
+            margin: Distance to keep [m], one for all pairs or by pair.
+            time: Time [s], for obstacles that move.
+
+        Yields:
+            Whether each is free; a configuration is checked when it is asked for.
+        """
+        rows = self.robot.expand(q)
         if not self.pairs:
-            return True
+            yield from (True for _ in rows)
+            return
         # A sampler asks ten thousands of times with the very same margin.
         if self._guard is None or self._guard[0] is not margin:
             limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
             self._guard = margin, Guard(self.narrow, limit)
-        return self._guard[1].is_free(self.robot.expand(q), time)
+        guard = self._guard[1]
+        for row in rows:
+            yield guard.is_free(row, time)
 
     def margins(self, margin: float) -> Array:
         """A margin by pair, shape (pairs,) [m].

@@ -24,7 +24,6 @@ from tominpmp.initial_guess.rrt import (
     is_free,
     is_free_line,
     sample_paths,
-    sampling_available,
 )
 from tominpmp.initial_guess.timing import time_path
 from tominpmp.motion.trajectory import Trajectory
@@ -242,8 +241,8 @@ def initial_guesses(
 
     The generator is lazy. The first guesses need not be admissible: mostly the
     optimiser drives them out of the obstacles faster than a path around them is found.
-    Sampled paths follow where there are obstacles and OMPL is installed, then paths
-    through random via points.
+    Sampled paths follow where there are obstacles, then paths through random via
+    points.
 
     Args:
         system: The problem.
@@ -310,7 +309,7 @@ def _guesses(
         clear = is_free_line(system, *line)
         # Where the arm itself is the only obstacle, it needs no sampled path unless it
         # collides with itself on the straight line.
-        if sampling_available() and not (system.in_free_space and clear):
+        if not (system.in_free_space and clear):
             known = [line] if clear else []
             enough = (1.0 + NEAR) * straight[0].duration
             yield from sampled_guesses(
@@ -341,9 +340,6 @@ def sampled_guesses(
     paths depends on the obstacles. The deadline is a value of
     :func:`time.perf_counter` [s]. A first path that takes no longer than ``enough`` [s]
     is not compared with others.
-
-    Raises:
-        MissingDependency: If OMPL is not installed.
     """
     paths = sample_paths(system, ends, rng, known=known, deadline=deadline)
     made: Iterator[Guess] = (path_guess(system, path) for path in paths)

@@ -148,10 +148,14 @@ def _integrate(
     x = np.zeros(count)
     for i in range(count - 1):
         step = steps[i]
-        push = float(np.interp(x[i], table[i], upper[i]))
-        ahead = min(controllable[i + 1], max(x[i] + 2.0 * step * push, 0.0))
-        push = 0.5 * (push + float(np.interp(ahead, table[i + 1], upper[i + 1])))
-        x[i + 1] = min(controllable[i + 1], max(x[i] + 2.0 * step * push, 0.0))
+        # Trapezoidal rule, for the speed ahead that suits its own largest s''.
+        target = x[i] + step * float(np.interp(x[i], table[i], upper[i]))
+        push = -0.5 * upper[i + 1]
+        beyond = table[i + 1] + 2.0 * step * push > target
+        last = (int(np.argmax(beyond)) if beyond.any() else beyond.size) - 1
+        if last >= 0:
+            ahead = _refine(last, table[i + 1], push, target, step)
+            x[i + 1] = min(controllable[i + 1], ahead)
         if x[i + 1] <= 0.0 and i + 1 < count - 1:
             return None
     speed = np.sqrt(x)

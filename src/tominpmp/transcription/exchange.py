@@ -28,8 +28,10 @@ from tominpmp.transcription.blocks import Block, SampledRows, assumed
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
-# Continuous values are inspected at this step [s], and at least this often an interval.
-STEP = 2e-3
+# Continuous values are inspected at this share of the motion, in steps between these
+# [s], and at least this often an interval. With steps of 2 ms throughout, plans for the
+# Fetch, whose motions take seconds, took a fifth longer.
+STEP_SHARE, STEPS = 2e-3, (2e-3, 5e-3)
 SAMPLES = 4
 # Collision pairs closer than this beyond the required clearance are inspected more
 # closely [m], as are values of other constraints closer than the second number to their
@@ -301,7 +303,7 @@ def _worst(near: IntArray, missing: Array, parts: int, most: int) -> IntArray:
 
 def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
     """Instants at which to inspect continuous values; fewer a second if T is long."""
-    apart = max(STEP, float(h.sum()) / most)
+    apart = max(np.clip(STEP_SHARE * h.sum(), *STEPS), float(h.sum()) / most)
     counts: IntArray = np.maximum(np.ceil(h / apart).astype(np.int64), SAMPLES)
     interval = np.repeat(np.arange(h.size), counts)
     first = np.repeat(np.cumsum(counts) - counts, counts)
