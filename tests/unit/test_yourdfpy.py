@@ -1,4 +1,4 @@
-"""What other readers drop, guess or stumble over in a URDF file is read rightly."""
+"""What yourdfpy drops, guesses or stumbles over in a URDF file is read all the same."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tominpmp.exceptions import RobotLoadError, TominpmpWarning
 from tominpmp.robot import load_robot
 
 
-def test_limits_that_others_drop(tmp_path: Path) -> None:
+def test_limits_that_yourdfpy_drops(tmp_path: Path) -> None:
     limit = '<limit lower="-1" upper="2" effort="10" velocity="3" {}/>'
     more = 'acceleration="5" deceleration="4" jerk="1e16"'
     (found,) = read(tmp_path, one_joint(limit=limit.format(more))).joints
@@ -43,7 +43,7 @@ def test_limits_that_others_drop(tmp_path: Path) -> None:
 
 
 def test_moments_left_out_are_zero(tmp_path: Path) -> None:
-    """Other readers take 1 kg m^2 for those on the diagonal."""
+    """yourdfpy takes 1 kg m^2 for those on the diagonal."""
     inside = '<inertial><mass value="2"/><inertia izz="0.3"/></inertial>'
     for text in (inside, inside.replace('<inertia izz="0.3"/>', "")):
         parts = link("base", ""), link("l1", text), joint("j1", "base", "l1")
@@ -61,7 +61,7 @@ def test_moments_left_out_are_zero(tmp_path: Path) -> None:
     ],
 )
 def test_capsules(tmp_path: Path, shape: str) -> None:
-    """Other readers know none of them, and end with an error."""
+    """yourdfpy knows none of them, and ends with an error."""
     box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
     parts = link("base", ""), link("l1", f"{INERTIAL}{box}{shape}</collision>")
     description = read(tmp_path, robot(*parts, joint("j1", "base", "l1")))
@@ -127,7 +127,7 @@ def test_remains_of_other_programs_do_no_harm(
 def test_names_that_other_parsers_refuse(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """libxml2 gives up on attributes of 10 MB."""
+    """libxml2 gives up on attributes of 10 MB, and yourdfpy then prints."""
     long = f'"{"x" * (MAX_TEXT + 1)}"'
     for old in ('"l1"', '"revolute"', '"j1"'):
         with pytest.raises(RobotLoadError, match="longer than"):

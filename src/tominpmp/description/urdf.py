@@ -1,9 +1,9 @@
 """URDF files: a guarded XML file becomes a tree of links and joints, and back.
 
-Every number and name is checked where it is read, with the link or joint and the field
-in the message; what other programs have left in a file is passed over. Every mesh of
-the tree (:mod:`~tominpmp.description.tree`) is an absolute path of a file that exists.
-A file that says more of a motion than is read causes a warning.
+The file is checked (:mod:`~tominpmp.description.urdf_syntax`), parsed by yourdfpy, and
+becomes a tree of links and joints (:mod:`~tominpmp.description.tree`), in which every
+mesh is an absolute path of a file that exists. A file that says more of a motion than
+is read causes a warning.
 
 Capsules may be given as ``<capsule radius="" length=""/>``, or as a cylinder named in
 Pinocchio's extension ``<collision_checking><capsule name=""/></collision_checking>``;
@@ -13,15 +13,15 @@ element gives a gravity [m/s^2] other than the usual one along -z.
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, fromstring
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -36,49 +36,21 @@ from tominpmp.description.tree import (
     Shape,
     UrdfDescription,
 )
+from tominpmp.description.urdf_syntax import MOTION, UrdfChecker, mistakes
 from tominpmp.description.xml_reader import (
     MAX_NUMBER,
     XmlContext,
     add,
     parse_xml,
     read_xml,
-    to_number,
     xml_text,
 )
 from tominpmp.exceptions import brief, shortened, warn_caller
 
-# What follows recurses into the tree; humanoids have some hundred links.
-MAX_LINKS = 2000
 # A mesh beyond this would take minutes and gigabytes.
 MAX_MESH_BYTES = 512 * 2**20
 # Colour of what has a texture only.
 BLACK = (0.0, 0.0, 0.0, 1.0)
-
-SHAPES = (*SIZES, "mesh")
-MOTION = ("acceleration", "deceleration", "jerk")
-LIMITS = ("lower", "upper", "velocity", "effort", *MOTION)
-
-# What is compared with what a file has: other names mean something to other programs,
-# unless they are nearly these.
-CHILDREN = {
-    "robot": ("link", "joint", "material"),
-    "link": ("inertial", "visual", "collision"),
-    "joint": (
-        *("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
-        "safety_controller",
-    ),
-    "inertial": ("mass", "origin", "inertia"),
-}
-ATTRIBUTES = {
-    "limit": LIMITS,
-    "dynamics": ("damping", "friction"),
-    "mimic": ("joint", "multiplier", "offset"),
-    "origin": ("xyz", "rpy"),
-    "axis": ("xyz",),
-    "mass": ("value",),
-}
-# How alike a name must be to be taken for a mistake, from 0 to 1.
-ALIKE = 0.8
 # Soft limits this little within the limits are on them [rad or m].
 SLIGHT = 1e-9
 # Beyond as many places a warning names no more.
@@ -125,7 +97,7 @@ def read_parsed(
 
 
 class _UrdfReader:
-    """Reads the links and joints of a file, and collects what to warn of.
+    """Makes links and joints of those of yourdfpy, and collects what to warn of.
 
     Meshes to look at that are not there are left out: motions are the same without
     them. Those to collide with have to be there.
@@ -135,11 +107,6 @@ class _UrdfReader:
         self, root: Element, context: XmlContext, folders: Sequence[Path]
     ) -> None:
         self.root, self.context, self.folders = root, context, folders
-        # Colours may be defined anywhere, and be used by their name.
-        self.materials: dict[str, Element] = {}
-        for element in root.iter("material"):
-            if len(element):
-                self.materials.setdefault(element.get("name", ""), element)
         #: Visual shapes without their mesh.
         self.unseen: list[str] = []
         #: Joints with soft limits within their limits, and with limits in degrees.
@@ -148,18 +115,22 @@ class _UrdfReader:
 
     def read(self) -> UrdfDescription:
         root, context = self.root, self.context
-        self._check_root()
-        # Joints of a <transmission> or <gazebo> are not children of the root.
-        elements = {tag: self._named(tag) for tag in ("link", "joint")}
-        links = tuple(self._link(*item) for item in elements["link"].items())
-        joints = tuple(self._joint(*item) for item in elements["joint"].items())
+        source = BytesIO(tostring(UrdfChecker(root, context).copy()))
+        # Its import takes a second: only what reads a file needs it.
+        import yourdfpy
+
+        only_text = {"build_scene_graph": False, "load_meshes": False}
+        robot = yourdfpy.URDF.load(source, **only_text).robot
+        links = tuple(self._link(link) for link in robot.links)
+        pairs = zip(robot.joints, root.findall("joint"), strict=True)
+        joints = tuple(self._joint(*pair) for pair in pairs)
         gravity, own = None, root.find("tominpmp")
         if own is not None and "gravity" in own.attrib:
             gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
-        _check_tree(elements["link"], joints, context)
+        _check_tree([link.name for link in links], joints, context)
         self._warn()
         return UrdfDescription(
-            name=root.get("name", "").strip() or context.path.stem,
+            name=robot.name,
             bodies=links,
             tree=joints,
             gravity=gravity,
@@ -167,121 +138,51 @@ class _UrdfReader:
             package_dirs=tuple(self.folders),
         )
 
-    def _check_root(self) -> None:
-        """Refuse other kinds of XML files, saying what they seem to be."""
-        if self.root.tag != "robot":
-            self.context.fail(
-                f"is no URDF file: its root is <{self.root.tag}>, expected <robot>"
-            )
-        for element in self.root.iter():
-            if element.tag.startswith("xacro:"):
-                self.context.fail(
-                    f"is a xacro file (it has <{element.tag}>); expand it first: "
-                    "xacro FILE > robot.urdf"
-                )
-        if self.root.find("link") is None:
-            self.context.fail("is no URDF file: it has no <link>")
-
-    def _named(self, tag: str) -> dict[str, Element]:
-        """Links or joints by their names, which must differ."""
-        elements, found = self.root.findall(tag), dict[str, Element]()
-        if len(elements) > MAX_LINKS:
-            self.context.fail(
-                f"has {len(elements)} {tag}s, at most {MAX_LINKS} are read"
-            )
-        for number, element in enumerate(elements, 1):
-            name = self.context.text(element, "name", f"{tag} number {number}")
-            if name in found:
-                self.context.fail(f"there are two {tag}s named {brief(name)}")
-            found[name] = element
-        return found
-
     # -- links -------------------------------------------------------------------------
 
-    def _link(self, name: str, link: Element) -> LinkDescription:
-        context, where = self.context, f"link {name}"
-        shapes = self._shapes(link, where)
-        inertial = link.find("inertial")
+    def _link(self, link: Any) -> LinkDescription:
+        where, inertial = f"link {link.name}", link.inertial
+        collisions = self._shapes(link.collisions, f"{where}, collision", seen=False)
+        visuals = self._shapes(link.visuals, f"{where}, visual", seen=True)
         if inertial is None:
-            collisions, visuals = shapes
-            return LinkDescription(name, collisions=collisions, visuals=visuals)
-        mass = context.child(inertial, "mass", f"{where}: <inertial>")
-        placement, moments = self._placement(inertial, where), inertial.find("inertia")
-        # No check of their sign: rounding leaves moments of -1e-20, and whether the
-        # robot as a whole has inertia is checked on its mass matrix.
-        rows = [
-            [context.number(moments, f"i{min(i, k)}{max(i, k)}", where) for k in "xyz"]
-            for i in "xyz"
-        ]
+            return LinkDescription(link.name, collisions=collisions, visuals=visuals)
+        placement = frozen_array(inertial.origin)
         turn = placement[:3, :3]
         return LinkDescription(
-            name,
-            context.number(mass, "value", where, low=0.0),
+            link.name,
+            inertial.mass,
             frozen_array(placement[:3, 3]),
-            frozen_array(turn @ np.array(rows) @ turn.T),
-            *shapes,
+            frozen_array(turn @ inertial.inertia @ turn.T),
+            collisions,
+            visuals,
         )
 
-    def _placement(self, element: Element, where: str) -> Array:
-        """Placement of an element in the axes of the link that it belongs to."""
-        origin = element.find("origin")
-        zeros = (0.0, 0.0, 0.0)
-        matrix = np.eye(4)
-        matrix[:3, 3] = self.context.numbers(origin, "xyz", where, zeros)
-        angles = self.context.numbers(origin, "rpy", where, zeros)
-        matrix[:3, :3] = _rotation(np.array(angles))
-        return frozen_array(matrix)
-
     def _shapes(
-        self, link: Element, where: str
-    ) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-        """Shapes of a link to collide with, and to look at."""
-        capsules = {c.get("name") for c in link.findall("collision_checking/capsule")}
-        found: dict[str, list[Shape]] = {"collision": [], "visual": []}
-        for tag, shapes in found.items():
-            for number, item in enumerate(link.findall(tag), 1):
-                shape = self._shape(item, f"{where}, {tag} {number}")
-                if shape is None:
-                    continue
-                if tag == "visual":
-                    shape = self._coloured(shape, item.find("material"))
-                elif shape.kind == "cylinder" and item.get("name") in capsules:
-                    shape = replace(shape, kind="capsule")
-                shapes.append(shape)
-        return tuple(found["collision"]), tuple(found["visual"])
+        self, items: Iterable[Any], where: str, *, seen: bool
+    ) -> tuple[Shape, ...]:
+        """Shapes to collide with, or those to be seen that are there."""
+        shapes = [
+            self._shape(item, f"{where} {number}", seen=seen)
+            for number, item in enumerate(items, 1)
+        ]
+        return tuple(shape for shape in shapes if shape is not None)
 
-    def _shape(self, item: Element, where: str) -> Shape | None:
-        """The shape of a <collision> or <visual>; None if one to look at is missing."""
-        context, place = self.context, self._placement(item, where)
-        shapes = item.findall("geometry[1]/*")
-        if len(shapes) != 1 or shapes[0].tag not in SHAPES:
-            found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
-            context.fail(
-                f"{where}: <geometry> has {found}, expected one of {', '.join(SHAPES)}"
-            )
-        (shape,), kind = shapes, shapes[0].tag
+    def _shape(self, item: Any, where: str, *, seen: bool) -> Shape | None:
+        """A shape to collide with or to be seen; None if it is seen and not there."""
+        kind, geometry, place = item.name, item.geometry, frozen_array(item.origin)
         if kind == "mesh":
-            return self._mesh(shape, place, where, seen=item.tag == "visual")
-        sizes: list[float] = []
-        for name, count in SIZES[kind].items():
-            text = context.text(shape, name, where)
-            numbers = context.numbers(shape, name, where, (0.0,) * count)
-            if min(numbers) <= 0.0:
-                context.fail(
-                    f"{where}: {kind} {name}={text!r}, expected numbers greater than "
-                    "zero"
-                )
-            sizes += numbers
-        return Shape(kind, tuple(sizes), place)
+            shape = self._mesh(geometry.mesh, place, where, seen=seen)
+        else:
+            held = geometry.box or geometry.sphere or geometry.cylinder
+            sizes = np.hstack([getattr(held, name) for name in SIZES[kind]])
+            shape = Shape(kind, tuple(sizes.tolist()), place)
+        if seen and shape is not None and item.material is not None:
+            return self._coloured(shape, item.material)
+        return shape
 
-    def _mesh(
-        self, mesh: Element, place: Array, where: str, *, seen: bool
-    ) -> Shape | None:
+    def _mesh(self, mesh: Any, place: Array, where: str, *, seen: bool) -> Shape | None:
         """A mesh with the path of its file; None if one to look at has none."""
-        context, name = self.context, self.context.text(mesh, "filename", where)
-        scale = context.numbers(mesh, "scale", where, (1.0, 1.0, 1.0))
-        if 0.0 in scale:
-            context.fail(f"{where}: mesh scale={list(scale)}, expected none to be zero")
+        context, name = self.context, mesh.filename
         path, tried = self._find(name)
         if path is None and seen:
             self.unseen.append(f"{where} ({shortened(repr(name))})")
@@ -298,42 +199,29 @@ class _UrdfReader:
             context.fail(
                 f"{where}: the mesh {path} has more than {MAX_MESH_BYTES} bytes"
             )
-        return Shape("mesh", scale, place, str(path.absolute()))
+        return Shape("mesh", tuple(mesh.scale.tolist()), place, str(path.absolute()))
 
     def _find(self, name: str) -> tuple[Path | None, tuple[Path, ...]]:
         """A file that the description refers to, and the paths tried."""
         return resolve_resource(name, self.context.path, self.folders)
 
-    def _coloured(self, shape: Shape, material: Element | None) -> Shape:
-        """Colour and texture; these are looks, so what is wrong is left out."""
-        if material is None:
+    def _coloured(self, shape: Shape, material: Any) -> Shape:
+        """Colour and texture; these are looks, so a texture not there is left out."""
+        color, texture = material.color, material.texture
+        path = None if texture is None else self._find(texture.filename)[0]
+        if color is None and path is None:
             return shape
-        if not len(material):
-            material = self.materials.get(material.get("name", ""), material)
-        color, texture = material.find("color"), material.find("texture")
-        words = () if color is None else color.get("rgba", "").split()
-        rgba = tuple(map(to_number, words))
-        known = len(rgba) == 4 and all(0.0 <= part <= 1.0 for part in rgba)
-        name = "" if texture is None else texture.get("filename", "")
-        path = self._find(name)[0] if name else None
-        if not known and path is None:
-            return shape
-        file = "" if path is None else str(path)
-        return replace(shape, colour=rgba if known else BLACK, texture=file)
+        rgba = BLACK if color is None else tuple(color.rgba.tolist())
+        return replace(shape, colour=rgba, texture="" if path is None else str(path))
 
     # -- joints ------------------------------------------------------------------------
 
-    def _joint(self, name: str, joint: Element) -> JointDescription:
+    def _joint(self, joint: Any, element: Element) -> JointDescription:
         """A joint, with limits, friction and leader if it can move."""
-        context, where = self.context, f"joint {name}"
-        kind = context.text(joint, "type", where)
-        parent, child = (
-            context.text(context.child(joint, end, where), "link", where)
-            for end in ("parent", "child")
-        )
-        ends = parent, child, self._placement(joint, where)
+        context, where, kind = self.context, f"joint {joint.name}", joint.type
+        ends = joint.parent, joint.child, frozen_array(joint.origin)
         if kind == "fixed":
-            return JointDescription(name, kind, *ends)
+            return JointDescription(joint.name, kind, *ends)
         if kind in ("floating", "planar"):
             context.fail(
                 f"{where} is {kind}; only revolute, continuous, prismatic and fixed "
@@ -341,16 +229,17 @@ class _UrdfReader:
             )
         if kind not in ("revolute", "continuous", "prismatic"):
             context.fail(f"{where} has the unknown type {brief(kind)}")
-        axis = context.numbers(joint.find("axis"), "xyz", where, (1.0, 0.0, 0.0))
-        norm = np.linalg.norm(axis)
+        norm = np.linalg.norm(joint.axis)
         if norm < 1e-6:
+            axis = tuple(joint.axis.tolist())
             context.fail(f"{where}: the axis {axis} has no direction")
-        limit = joint.find("limit")
-        limits = {key: context.limit(limit, key, where) for key in LIMITS}
+        self._look_at_ends(joint)
+        limit = element.find("limit")
+        more = {key: context.limit(limit, key, where) for key in MOTION}
+        limits = {**vars(joint.limit), **more}
         for key, value in limits.items():
             if key not in ("lower", "upper") and value < 0.0:
                 context.fail(f"{where}: limit {key}={value:g} is negative")
-        self._look_at_ends(name, joint, limits)
         limits = {key: _bounded(value) for key, value in limits.items()}
         lower, upper = limits["lower"], limits["upper"]
         if kind == "continuous":
@@ -364,47 +253,38 @@ class _UrdfReader:
             min((limits[key] for key in keys if limits[key] > 0.0), default=math.inf)
             for keys in (MOTION[:2], MOTION[2:])
         )
-        dynamics, leader = joint.find("dynamics"), joint.find("mimic")
-        mimic = None
-        if leader is not None:
-            (ratio,) = context.numbers(leader, "multiplier", where, (1.0,))
-            offset = context.number(leader, "offset", where)
-            mimic = Mimic(context.text(leader, "joint", where), ratio, offset)
+        leader = joint.mimic
         return JointDescription(
-            name,
+            joint.name,
             kind,
             *ends,
-            frozen_array(np.array(axis) / norm),
+            frozen_array(joint.axis / norm),
             lower,
             upper,
             limits["velocity"],
             limits["effort"],
-            context.number(dynamics, "damping", where, low=0.0),
-            context.number(dynamics, "friction", where, low=0.0),
-            mimic,
+            # yourdfpy keeps these as text.
+            float(joint.dynamics.damping),
+            float(joint.dynamics.friction),
+            leader and Mimic(leader.joint, leader.multiplier, leader.offset),
             acceleration=acceleration,
             jerk=jerk,
         )
 
     # -- warnings ----------------------------------------------------------------------
 
-    def _look_at_ends(
-        self, name: str, joint: Element, limits: Mapping[str, float]
-    ) -> None:
+    def _look_at_ends(self, joint: Any) -> None:
         """Note soft limits within the limits of a joint, and limits in degrees."""
-        kind, least, most = joint.get("type"), limits["lower"], limits["upper"]
+        name, kind, soft = joint.name, joint.type, joint.safety_controller
+        least, most = joint.limit.lower, joint.limit.upper
         ends = [abs(x) for x in (least, most) if not math.isnan(x)]
         if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= DEGREES:
             self.turned.append(name)
-        soft = joint.find("safety_controller")
-        if soft is None or kind == "continuous":
-            return
         # What is left out, or no number, is neither more nor less than anything.
-        lower, upper = (
-            to_number(soft.get(f"soft_{end}_limit", "")) for end in ("lower", "upper")
-        )
+        lower, upper = soft.soft_lower_limit, soft.soft_upper_limit
+        is_within = lower > least + SLIGHT or upper < most - SLIGHT
         # Two that are alike were left out, which the specification takes for zero.
-        if lower < upper and (lower > least + SLIGHT or upper < most - SLIGHT):
+        if kind != "continuous" and lower < upper and is_within:
             self.softer.append(name)
 
     def _warn(self) -> None:
@@ -412,11 +292,11 @@ class _UrdfReader:
 
         Controllers may keep a ``<safety_controller>``'s soft limits; they are not read.
         """
-        path, unread = self.context.path, _mistakes(self.root, "robot")
+        path, unread = self.context.path, mistakes(self.root, "robot")
         for element in (*self.root.findall("link"), *self.root.findall("joint")):
             where = f"{element.tag} {element.get('name', '').strip()}"
             for part in (element, *element.findall("inertial")):
-                unread += _mistakes(part, where)
+                unread += mistakes(part, where)
         if unread:
             warn_caller(f"{path}: not read: {'; '.join(unread[:MOST])}")
         if self.softer:
@@ -439,19 +319,6 @@ class _UrdfReader:
             )
 
 
-def _rotation(angles: Array) -> Array:
-    """Rotation by roll, pitch and yaw about fixed axes, shape (3, 3)."""
-    (sx, sy, sz), (cx, cy, cz) = np.sin(angles), np.cos(angles)
-    rotation = np.array(
-        [
-            [cy * cz, sy * (sx * cz) - cx * sz, sy * (cx * cz) + sx * sz],
-            [cy * sz, sy * (sx * sz) + cx * cz, sy * (cx * sz) - sx * cz],
-            [-sy, cy * sx, cy * cx],
-        ]
-    )
-    return rotation + 0.0  # no zero has a sign
-
-
 def _bounded(value: float) -> float:
     """A limit: infinite if it is beyond reason."""
     # "No limit" is commonly written as 1e16 or the like.
@@ -459,7 +326,7 @@ def _bounded(value: float) -> float:
 
 
 def _check_tree(
-    links: Mapping[str, Element],
+    links: Sequence[str],
     joints: Sequence[JointDescription],
     context: XmlContext,
 ) -> None:
@@ -502,30 +369,6 @@ def _check_tree(
 
 def _first(names: Sequence[str]) -> str:
     return ", ".join(names[:MOST]) + (", ..." if len(names) > MOST else "")
-
-
-def _mistakes(element: Element, where: str) -> list[str]:
-    """Names of children, and of their attributes, that are nearly those read."""
-    found = []
-    for child in element:
-        meant = _nearly(child.tag, CHILDREN[element.tag])
-        if meant:
-            found.append(f"<{child.tag}> of {where} (did you mean <{meant}>?)")
-        for name in child.attrib:
-            meant = _nearly(name, ATTRIBUTES.get(child.tag, ()))
-            if meant:
-                found.append(
-                    f"the attribute {name!r} of <{child.tag}> of {where} (did you mean "
-                    f"{meant!r}?)"
-                )
-    return found
-
-
-def _nearly(name: str, known: Sequence[str]) -> str | None:
-    if name in known:
-        return None
-    close = difflib.get_close_matches(name.lower()[:80], known, n=1, cutoff=ALIKE)
-    return close[0] if close else None
 
 
 # How a limit is written that is none; readers take numbers of this size for that.

@@ -127,14 +127,14 @@ class XmlContext:
 
     def numbers(
         self,
-        element: Element | None,
+        element: Element,
         attribute: str,
         where: str,
         default: tuple[float, ...],
         low: float | None = None,
     ) -> tuple[float, ...]:
         """Read an attribute of as many numbers as the default has, from ``low`` on."""
-        if element is None or attribute not in element.attrib:
+        if attribute not in element.attrib:
             return default
         text = element.attrib[attribute]
         values = tuple(map(to_number, text.split()))
@@ -154,20 +154,13 @@ class XmlContext:
 
     def number(
         self,
-        element: Element | None,
+        element: Element,
         attribute: str,
         where: str,
         low: float | None = None,
     ) -> float:
         """Read an attribute of one number: zero if it is left out."""
         return self.numbers(element, attribute, where, (0.0,), low)[0]
-
-    def child(self, element: Element, tag: str, where: str) -> Element:
-        """The first child of a kind, which must be there."""
-        found = element.find(tag)
-        if found is None:
-            self.fail(f"{where} lacks <{tag}>")
-        return found
 
     def limit(self, element: Element | None, attribute: str, where: str) -> float:
         """Read a number that may be infinite; NaN if it is left out."""
