@@ -269,7 +269,7 @@ def test_the_command_tells_and_exits_with_one(
         rows = Rows(path, "abc")
         rows.add(row("slow one", T=T))
         rows.add(row("other"))
-    words = ["calibrate_loss", *map(str, paths)]
+    words = ["compare", *map(str, paths)]
     assert golden.main(words) == 0
     assert golden.main([*words, "--t-max", "0.005"]) == 1
     out = capsys.readouterr().out

@@ -99,7 +99,7 @@ IN_VAIN, MANY_IN_VAIN = 4, 8
 # say little: of 42 problems of a planar arm 7 ended 0.2 to 45 % faster by the 7th to
 # 14th path, two 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
 # And where obstacles move, beside which a path may be gone along sooner or later.
-PATHS_IN_VAIN, PATHS_OF_FEW_IN_VAIN, PATHS_IN_VAIN_WHILE_MOVING = 2, 14, 6
+PATHS_IN_VAIN, PATHS_IN_VAIN_WHILE_MOVING = 2, 6
 # Further paths at most: each that promises a gain allows for others.
 MOST_PATHS = 14
 # Random torques that are tried where a motion has to swing.
@@ -313,7 +313,7 @@ class CoarseSearch:
         if self.system.in_free_space:
             return MANY_IN_VAIN if self.many_joints else IN_VAIN
         if not self.many_joints:
-            return PATHS_OF_FEW_IN_VAIN
+            return MOST_PATHS
         moving = self.system.problem.scene.moving
         return PATHS_IN_VAIN_WHILE_MOVING if moving else PATHS_IN_VAIN
 

@@ -24,10 +24,9 @@ logger = logging.getLogger(__name__)
 
 # Doublings of the grid of a motion whose replay does not hold.
 REPAIRS = 2
-# Time-scaling factors tried to make an initial guess feasible where there is no
-# incumbent, and the largest violation that counts as feasible then.
-SLOWER = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
-SLOW_ENOUGH = 1e-6
+# Largest time scaling that makes an initial guess feasible where there is no incumbent,
+# and the number of factors up to it that are tried.
+SLOWEST, FACTORS = 10.0, 12
 # Largest violation of a coarse motion that is near to one.
 NEARLY = 1e-2
 
@@ -96,6 +95,7 @@ def run(state: PlanState, work: Work) -> Candidate | None:
         candidate = _failed(state, work, error)
     if candidate is None:
         return None
+    logger.info("start %d: %s", state.start, candidate.status.value)
     if candidate.status in STOPPED:
         state.cut_short = state.cut_short or candidate.status
     if work.follows is not None:
@@ -171,7 +171,7 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     with state.saving():
         if not feasible and state.best_duration == np.inf and state.begun is not None:
             with contextlib.suppress(Stop, *NUMERICAL):
-                slow = _slowed_down(state.begun)
+                slow = _slowed_down(state.begun, state.options.feasibility)
                 feasible = [] if slow is None else [slow]
         for item in feasible or state.kept[-1:]:
             best = item.iterate if item.feasible else None
@@ -194,13 +194,13 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     return last
 
 
-def _slowed_down(begun: Kept) -> Kept | None:
+def _slowed_down(begun: Kept, feasibility: float) -> Kept | None:
     """A motion, as slow as its limits ask for; None if that is no cure."""
     program, iterate, _ = begun
-    for factor in SLOWER:
+    for factor in np.geomspace(1.0, SLOWEST, FACTORS).tolist():
         z = program.time_scale(iterate.z, factor)
         slow = replace(iterate, z=z, values=program.evaluate(z))
-        if slow.violation <= SLOW_ENOUGH:
+        if slow.violation <= feasibility:
             return Kept(program, slow, True)
     return None
 
@@ -228,7 +228,7 @@ def use_fallback(state: PlanState, status: Status) -> None:
     candidate = replace(candidate, status=status)
     with state.saving():
         try:
-            slow = _slowed_down(kept)
+            slow = _slowed_down(kept, state.options.feasibility)
             if slow is not None:
                 candidate = replace(candidate, layout=None, feasible=True)
                 for factor in TIME_SCALINGS:
