@@ -165,7 +165,7 @@ def search(
     yield from coarse.descents(_paths_first(system, guesses, compared), compared)
     if state.options.effort == "quick" or not coarse.promising:
         return
-    if coarse.many_joints or not system.in_free_space:
+    if coarse.calibrated:
         coarse.calibrate_loss()
     further = _further(coarse, guesses, first, compared)
     yield from coarse.probes(further, coarse.patience)
@@ -306,6 +306,11 @@ class CoarseSearch:
     def many_joints(self) -> bool:
         """Whether the arm has more than FEW_JOINTS joints."""
         return self.system.n > FEW_JOINTS
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the loss of the coarse grid is that of the motions finished."""
+        return self.many_joints or not self.system.in_free_space
 
     @property
     def patience(self) -> int:
@@ -467,7 +472,7 @@ class CoarseSearch:
         Further starts then promise a gain only if their coarse motion is faster.
         """
         if self._gains:
-            self.loss = min(self.loss, max(0.0, *self._gains))
+            self.loss = min(self.loss, max(0.0, min(self._gains)))
 
     def probes(
         self,
@@ -501,6 +506,8 @@ class CoarseSearch:
             if not self._promises(rough):
                 return
             yield from self.finish(rough)
+            if self.calibrated:
+                self.calibrate_loss()
 
     @property
     def _least_guess(self) -> float:
