@@ -92,7 +92,7 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
             f"expected the name of a robot or the path of a URDF file, "
             f"got {brief(name_or_path)}"
         )
-    known = _known_robots()
+    known = _known_robots(_example_folder(), _bundled_folder())
     if isinstance(name_or_path, str) and name_or_path in known:
         return known[name_or_path]
     path = Path(name_or_path)
@@ -117,7 +117,7 @@ def find_srdf(urdf: Path) -> Path | None:
 
 def robot_names() -> tuple[str, ...]:
     """Names that :func:`~tominpmp.robot.load_robot` knows on this machine."""
-    return tuple(sorted(_known_robots()))
+    return tuple(sorted(_known_robots(_example_folder(), _bundled_folder())))
 
 
 def manipulators_first(names: Iterable[str]) -> tuple[str, ...]:
@@ -142,10 +142,15 @@ def _unknown_name(name: str, known: Iterable[str]) -> str:
     )
 
 
-def _known_robots() -> dict[str, RobotFiles]:
-    """Map every known name to its files; bundled robots come first."""
+@cache
+def _known_robots(examples: Path | None, bundled: Path) -> dict[str, RobotFiles]:
+    """Map every known name to its files; bundled robots come first.
+
+    Args:
+        examples: Folder of example-robot-data; None if it is not installed.
+        bundled: Folder of the bundled robots.
+    """
     robots: dict[str, RobotFiles] = {}
-    examples = _example_folder()
     if examples is not None:
         # Two different files of one name (anymal) are told apart by the aliases.
         for urdf in sorted(examples.glob("*/*/*.urdf")):
@@ -155,7 +160,7 @@ def _known_robots() -> dict[str, RobotFiles]:
             if urdf.is_file():
                 named = urdf.with_stem(srdf_stem[0]) if srdf_stem else urdf
                 robots[name] = RobotFiles(urdf, find_srdf(named), name)
-    for urdf in sorted(_bundled_folder().glob("*.urdf")):
+    for urdf in sorted(bundled.glob("*.urdf")):
         robots[urdf.stem] = RobotFiles(urdf, find_srdf(urdf), urdf.stem)
     return robots
 

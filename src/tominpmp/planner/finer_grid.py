@@ -74,7 +74,7 @@ class RefinementBudget:
     bends: float
 
 
-STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 1e-3, 5, 1.5, BENDS)
+STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 5e-4, 5, 1.5, BENDS)
 # Where time matters less than T.
 GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
 
