@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tests.policies import carried_out
+from tests.schedules import carried_out
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import optimality
 from tominpmp.planner.automatic_options import resolve_options

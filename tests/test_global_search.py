@@ -9,7 +9,7 @@ import pytest
 from two_link_cases import all_cases
 
 import tominpmp as tm
-from tests.policies import carried_out
+from tests.schedules import carried_out
 from tominpmp.initial_guess.bumps import HEIGHT, bumped, bumps
 from tominpmp.initial_guess.guess import SAMPLED, straight_guess
 from tominpmp.planner import coarse_search, thorough

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tests.policies import carried_out
+from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner import starts
 from tominpmp.planner.plan_state import PlanState

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tests.policies import carried_out, loop_with
 from tests.sample_arms import make_arm, slide
+from tests.schedules import carried_out, loop_with
 from tominpmp.initial_guess.guess import initial_guesses, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import PATIENCE, CoarseSearch

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tests.policies import carried_out
 from tests.sample_arms import make_arm, slide
+from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch

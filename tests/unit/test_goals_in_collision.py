@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tests.policies import loop_with
+from tests.schedules import loop_with
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import initial_guesses
 from tominpmp.initial_guess.inverse_kinematics import (

@@ -10,7 +10,7 @@ import pytest
 
 import tests.sample_arms as arms
 import tominpmp as tm
-from tests.policies import loop_with
+from tests.schedules import loop_with
 from tominpmp.arrays import Array
 from tominpmp.cell.batch.neighbours import Rounds
 from tominpmp.kinematics import RobotKinematics

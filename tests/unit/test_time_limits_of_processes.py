@@ -142,7 +142,7 @@ def test_a_process_without_time_ends_at_once() -> None:
     system = ProblemFunctions.of(reach())
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
     options = tm.Options(method="inverse", lp_solver="piqp", intervals=160)
-    attempt, failures = solve_alone(system, options, time.time() - 1.0, (0, guess))
+    attempt, failures = solve_alone(system, options, time.time() - 1.0, guess)
     assert not failures
     if attempt is not None:
         assert attempt.status is tm.Status.TIME_LIMIT

@@ -40,12 +40,12 @@ def candidates_of_alternatives(
     entered = None
     if former is not None:
         entered = 0 if len(parts) == 1 else _entered(state.problem, former)
-    policies = [
+    schedules = [
         _starts(part, former if number == entered else None, state)
         for number, part in enumerate(parts)
     ]
     if len(parts) == 1:
-        yield from policies[0]
+        yield from schedules[0]
         return
     bounds = [lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
@@ -61,7 +61,7 @@ def candidates_of_alternatives(
             state.share(len(order) - place + len(again))
             try:
                 while True:
-                    work = policies[i].send(answers[i])
+                    work = schedules[i].send(answers[i])
                     answers[i] = yield work
                     if work.replay or state.cut_short:
                         break

@@ -328,14 +328,14 @@ class CoarseSearch:
         system, best = self.system, self.state.best_duration
         if system.final_configuration is None:
             return False
-        if self.many_joints and system.n > MOST_JOINTS:
+        if system.n > MOST_JOINTS:
             return False
         if best == np.inf:
             # Among obstacles all guesses were tried.
             return system.in_free_space and not self.many_joints
-        above = FAR_ABOVE if self.many_joints else 1.0 + GAP
-        if not system.in_free_space and self.many_joints:
-            above = ABOVE_AMONG_OBSTACLES
+        above = 1.0 + GAP
+        if self.many_joints:
+            above = FAR_ABOVE if system.in_free_space else ABOVE_AMONG_OBSTACLES
         return best > above * self.state.lower_bound(system.problem).T
 
     # -- on the coarse grid ------------------------------------------------------------

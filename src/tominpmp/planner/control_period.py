@@ -27,7 +27,7 @@ from tominpmp.motion.samples import multiples
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS, Options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.descent import SMOOTHING_SHARE, near_to_it
+from tominpmp.planner.descent import near_to_it, total_variation_weight
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, made
@@ -251,12 +251,13 @@ def _brought(
         solution: What planning without the clock has led to.
         period: The period [s].
         former: The candidate.
-        progress: Time and callback; remembers that links touched.
+        progress: Time and callback.
     """
     candidate, trial = former, Trial.of(solution.problem, former.trajectory, period)
-    progress.links_touched = former.clearance_rows
+    apart = former.clearance_rows
     for _ in range(TRIALS):
-        found, knots = trial.candidate(solution, progress), trial.layout.shares
+        found, knots = trial.candidate(solution, progress, apart), trial.layout.shares
+        apart = found.clearance_rows
         logger.info("%d periods of %g s: %s", trial.count, period, found.status.value)
         candidate, trial = found.after(candidate), trial.after(found)
         if found.found or np.array_equal(trial.layout.shares, knots):
@@ -348,12 +349,15 @@ class Trial:
             now += found[-1] + ticks_of(segment.dwell, self.period)
         return tuple(found)
 
-    def candidate(self, solution: Solution, progress: PlanState) -> Candidate:
+    def candidate(
+        self, solution: Solution, progress: PlanState, apart: bool
+    ) -> Candidate:
         """A motion on these knots, with rows for links where they would touch.
 
         Args:
             solution: What planning without the clock has led to.
-            progress: Time and callback; remembers that links touched.
+            progress: Time and callback.
+            apart: Whether rows keep links apart from the first program on.
 
         Returns:
             The motion; one that is not feasible where there is none that lasts as long
@@ -369,10 +373,8 @@ class Trial:
         def make(system: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
             return self._solved(system, options, shown).verified(problem, options)
 
-        apart = progress.links_touched
-        return made(
-            progress, Work(self.system, "clock", make, self_collision_rows=apart)
-        )
+        work = Work(self.system, "clock", make, self_collision_rows=apart)
+        return made(progress, work)
 
     def _solved(
         self, system: ProblemFunctions, options: Options, shown: Callback
@@ -384,14 +386,11 @@ class Trial:
         feasibility = max(options.feasibility, SLIGHT)
         options = replace(options, objective="time", feasibility=feasibility)
         near = near_to_it(options, RADIUS, ITERATIONS)
-        tv_weight = options.smoothing
-        if tv_weight is None:
-            tv_weight = SMOOTHING_SHARE * T
         step, stop = trust_regions(near, accuracy=EXACT)
         begun, z = rested(NonlinearProgram.of(of).at(z), z)
         result = solve(
             replace(begun, least_duration=T),
-            MinimumTime.of(near, tv_weight),
+            MinimumTime.of(near, total_variation_weight(options, T)),
             z,
             step,
             first_of(ReachesTicks(T, feasibility), stop),

@@ -141,16 +141,22 @@ def near_to_it(options: Options, radius: float, iterations: int) -> Options:
 
 
 def total_variation_weight(
-    system: ProblemFunctions, options: Options, duration: float
+    options: Options, duration: float, *, proximal: bool = False
 ) -> float:
-    """Weight of the total variation on a grid finer than the search's [s].
+    """Weight of the total variation of the controls [s].
 
-    With nothing in the way proximal steps keep controls quiet enough. Among obstacles
-    torques that nothing holds would jump for less than the clock of a controller.
+    Among obstacles torques that nothing holds would jump for less than the clock of a
+    controller.
+
+    Args:
+        options: Options of the plan, which may give it.
+        duration: Duration of the motion [s].
+        proximal: Whether proximal steps keep controls quiet enough, as on grids finer
+            than the search's with nothing in the way.
     """
     if options.smoothing is not None:
         return options.smoothing
-    return 0.0 if system.in_free_space else SMOOTHING_SHARE * duration
+    return 0.0 if proximal else SMOOTHING_SHARE * duration
 
 
 def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
@@ -218,10 +224,7 @@ def descend(
 
 def _least_time(options: Options, guess: Guess) -> MinimumTime:
     """The objective of a descent from a guess."""
-    tv_weight = options.smoothing
-    if tv_weight is None:
-        tv_weight = SMOOTHING_SHARE * guess.duration
-    return MinimumTime.of(options, tv_weight)
+    return MinimumTime.of(options, total_variation_weight(options, guess.duration))
 
 
 def _method(system: ProblemFunctions, options: Options) -> tuple[Step, Rule]:

@@ -136,7 +136,8 @@ def _refined(
         of, z = split_intervals(of, z, split)
         # A few programs on the new grid, with the rows of distances that there were.
         few = near_to_it(options, RADIUS, MOST_ITERATIONS)
-        tv_weight = total_variation_weight(system, options, float(of.cost @ z))
+        T, free = float(of.cost @ z), system.in_free_space
+        tv_weight = total_variation_weight(options, T, proximal=free)
         step, stop = trust_regions(few)
         result = solve(
             with_rows_at(NonlinearProgram.of(of).at(z), z, rows),

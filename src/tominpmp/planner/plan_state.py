@@ -56,7 +56,6 @@ class PlanState:
     Args:
         problem: The problem.
         options: Options of the plan.
-        first: Number of the first start.
         asked: Predicate: whether the parent process has requested a stop.
 
     Attributes:
@@ -68,8 +67,6 @@ class PlanState:
         records: One record an iteration of the present candidate.
         kept: Motions of the present candidate, the newest last.
         begun: The motion that the present candidate began with.
-        links_touched: Whether links of a single arm have touched each other in the
-            present candidate.
         cut_short: How the present candidate was stopped; None if it was not.
         fallback: The best candidate of a coarse grid, its last iterate, and the problem
             it solves: the solution if there is no incumbent in the end.
@@ -83,17 +80,15 @@ class PlanState:
         problem: Problem,
         options: Options,
         *,
-        first: int = 0,
         asked: Callable[[], bool] | None = None,
     ) -> None:
         self.problem, self.options = problem, options
         self.candidates: list[Candidate] = []
         self.deadline = Deadline(asked)
-        self.start = first - 1
+        self.start = -1
         self.records: list[IterationRecord] = []
         self.kept: list[Kept] = []
         self.begun: Kept | None = None
-        self.links_touched = False
         self.cut_short: Status | None = None
         self.fallback: tuple[Candidate, Kept, Problem] | None = None
         self.complete = False
@@ -131,7 +126,7 @@ class PlanState:
         """Begin with another candidate."""
         self.start += 1
         self.records, self.kept, self.begun = [], [], None
-        self.links_touched, self.cut_short = False, None
+        self.cut_short = None
         self._set_deadline()
 
     def keep(self, program: Program, iterate: Iterate) -> None:

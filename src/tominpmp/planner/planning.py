@@ -18,7 +18,6 @@ is sent the candidate that came of it, and a loop in :func:`plan` that does the 
 from __future__ import annotations
 
 import contextlib
-import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -50,8 +49,6 @@ from tominpmp.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-
-logger = logging.getLogger(__name__)
 
 
 @on_one_thread
@@ -105,11 +102,11 @@ def plan(
             barrier = find_barrier(problem, options.tolerances.contact)
             if barrier is not None:
                 return without_motion(state, options, Status.INFEASIBLE, str(barrier))
-            policy = everything(state, former)
+            schedule = everything(state, former)
             while status is None:
-                answer = run(state, policy.send(answer))
+                answer = run(state, schedule.send(answer))
                 status = state.ended
-            policy.close()
+            schedule.close()
         except StopIteration:
             pass
         except (Stop, KeyboardInterrupt) as stop:

@@ -168,8 +168,7 @@ def starts(
     if first.blocked:
         # A motion may end where none was looked for; more of the same would not.
         count = count._replace(rescues=count.usual)
-        most = max(count.wanted, count.rescues)
-        guesses = itertools.islice(guesses, most)
+        guesses = itertools.islice(guesses, max(count.wanted, count.rescues))
     if searched:
         cached = CachedGuesses(guesses)
         yield from search(system, state, cached, count.usual)
@@ -254,9 +253,7 @@ class Ahead:
             alone = replace(self.state.options, callback=None, processes=1)
             ends = time.time() + (1.0 - HANDOVER_SHARE) * left - HANDOVER
             task = partial(solve_alone, self.system, alone, ends)
-            self.run = run_parallel(
-                task, list(enumerate(self.ready)), self.processes, left
-            )
+            self.run = run_parallel(task, list(self.ready), self.processes, left)
         return self.ready.pop(0) if self.ready else None
 
     def result(self, number: int, *_: object) -> Candidate:
@@ -304,7 +301,7 @@ def solve_alone(
     system: ProblemFunctions,
     options: Options,
     ends: float,
-    numbered: tuple[int, Guess],
+    guess: Guess,
 ) -> Result:
     """Improve a guess in a process of its own.
 
@@ -312,12 +309,11 @@ def solve_alone(
         system: Functions of the problem.
         options: Options of the plan.
         ends: When the planning time is used up, on the clock of ``time.time`` [s].
-        numbered: Number of the guess, and the guess.
+        guess: The guess.
 
     Returns:
         The candidate, if it led to any motion, and the errors it ended with.
     """
-    _, guess = numbered
     options = replace(options, max_planning_time=max(ends - time.time(), 1e-3))
     state = PlanState(system.problem, options, asked=asked_to_stop)
     with state.deadline.in_force():

@@ -52,7 +52,7 @@ class Work:
         self_collision_rows: Whether the first program has them already; else they are
             added once links of a single arm touch in the replay.
         replay: Whether the candidate is replayed; those of coarse grids are not, and
-            are kept as a spare only.
+            are kept as a fallback only.
         follows: The candidate that it goes on from.
         cutoff: The candidate is kept only if its duration is shorter [s].
     """
@@ -113,7 +113,7 @@ def made(state: PlanState, work: Work) -> Candidate:
     Where links of a single arm touch, these are rows for them; else a finer grid.
 
     Args:
-        state: The plan; it learns how long a replay takes, and whether links touch.
+        state: The plan; it learns how long a replay takes.
         work: The work.
     """
     complete = work.system
@@ -134,7 +134,7 @@ def made(state: PlanState, work: Work) -> Candidate:
         if best.trajectory.duration > LONGEST:
             return best
         if best.touches and system is not complete:
-            system, state.links_touched = complete, True
+            system = complete
         elif doublings == work.repairs or (best.touches and system.clearance is None):
             return best
         else:

@@ -1,4 +1,4 @@
-"""Policies of the planner, carried out without a plan round them."""
+"""Schedules of the planner, carried out without a plan round them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tominpmp.status import Status
 T = TypeVar("T")
 
 
-def carried_out(state: PlanState, policy: Schedule[T]) -> T:
-    """Do all that a policy says; returns what it ends with."""
+def carried_out(state: PlanState, schedule: Schedule[T]) -> T:
+    """Do all that a schedule says; returns what it ends with."""
     answer = None
     while True:
         try:
-            work = policy.send(answer)
+            work = schedule.send(answer)
         except StopIteration as end:
             result: T = end.value
             return result
