@@ -15,7 +15,7 @@ import tominpmp as tm
 from tominpmp import stopping
 from tominpmp.linear_programs import make_solver
 from tominpmp.linear_programs.program import LinearProgram
-from tominpmp.planner import descent, finer_grid
+from tominpmp.planner import coarse_search, descent, finer_grid
 from tominpmp.planner.candidate import Candidate
 from tominpmp.solvers.quiet_torques import QuietTorques
 from tominpmp.solvers.trust_region_step import TrustRegionStep
@@ -179,6 +179,9 @@ def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
     assert tm.plan(reach(), tm.Options(effort="quick", starts=2)).success
     monkeypatch.setattr(descent, "descend", lambda *a: 1 / 0)
     far = tm.Scene([tm.Sphere("far", radius=0.1, position=(9.0, 9.0, 0.0))])
+    coarse = tm.plan(reach(scene=far), tm.Options(effort="quick", starts=2))
+    assert coarse.success and "ZeroDivisionError" in coarse.message
+    monkeypatch.setattr(coarse_search, "descend", lambda *a, **k: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         tm.plan(reach(scene=far), tm.Options(effort="quick", starts=2))
 

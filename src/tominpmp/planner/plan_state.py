@@ -47,6 +47,20 @@ class Kept(NamedTuple):
     feasible: bool
 
 
+class Fallback(NamedTuple):
+    """A motion of the plan that no replay has confirmed, for want of a better one.
+
+    Attributes:
+        candidate: The motion.
+        kept: Its iterate.
+        problem: The problem it solves, which has one goal.
+    """
+
+    candidate: Candidate
+    kept: Kept
+    problem: Problem
+
+
 class PlanState:
     """Time, callback and candidates of a plan.
 
@@ -68,8 +82,9 @@ class PlanState:
         kept: Motions of the present candidate, the newest last.
         begun: The motion that the present candidate began with.
         cut_short: How the present candidate was stopped; None if it was not.
-        fallback: The best candidate of a coarse grid, its last iterate, and the problem
-            it solves: the solution if there is no incumbent in the end.
+        fallback: The best candidate of a coarse grid, whose last iterate becomes the
+            solution if there is no incumbent in the end.
+        first_guesses: The first guess for each goal, which serve where that fails.
         complete: Whether all is done that a plan has to do: the end of its time is the
             end of a search that would never end by itself.
         failures: Errors of candidates that have led to no motion.
@@ -90,7 +105,8 @@ class PlanState:
         self.kept: list[Kept] = []
         self.begun: Kept | None = None
         self.cut_short: Status | None = None
-        self.fallback: tuple[Candidate, Kept, Problem] | None = None
+        self.fallback: Fallback | None = None
+        self.first_guesses: list[Fallback] = []
         self.complete = False
         self.failures: list[Exception] = []
         self._bounds: list[tuple[Problem, LowerBound]] = []

@@ -159,6 +159,8 @@ def everything(
                 answer = yield for_each_goal.send(answer)
         return
     yield from for_each_goal
+    if state.incumbent is None:
+        use_fallback(state, Status.FEASIBLE)
     yield from improvements(state)
     yield from thorough_search(state, improvements)
 

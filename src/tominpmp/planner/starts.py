@@ -46,8 +46,8 @@ from tominpmp.planner.torque_starts import (
     shooting_work,
     torques_may_lead,
 )
-from tominpmp.planner.work import Schedule, Work, run
-from tominpmp.status import Status
+from tominpmp.planner.work import Schedule, Work, run, use_fallback
+from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.grid import interval_shares
@@ -318,7 +318,9 @@ def solve_alone(
     state = PlanState(system.problem, options, asked=asked_to_stop)
     with state.deadline.in_force():
         candidate = run(state, descent_work(system, options, guess, state))
-    return candidate, state.failures
+        if candidate and candidate.status in STOPPED and not candidate.found:
+            use_fallback(state, candidate.status)
+    return state.incumbent or candidate, state.failures
 
 
 # -- warm starts -----------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
@@ -11,8 +10,9 @@ from typing import TypeVar
 import numpy as np
 
 from tominpmp.exceptions import TominpmpError
+from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import Kept, PlanState
+from tominpmp.planner.plan_state import Fallback, Kept, PlanState
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.objective import TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
@@ -93,6 +93,7 @@ def run(state: PlanState, work: Work) -> Candidate | None:
         candidate = _rescued(state, work, state.stopped(stop))
     except (*NUMERICAL, TominpmpError) as error:
         candidate = _failed(state, work, error)
+    _keep_first_guess(state, work)
     if candidate is None:
         return None
     logger.info("start %d: %s", state.start, candidate.status.value)
@@ -158,27 +159,18 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     """The best kept iterate of a candidate, replayed in the time of grace.
 
     Returns:
-        The newest feasible iterate whose replay holds. Without a feasible iterate and
-        an incumbent, the initial guess if time scaling makes it feasible; else the
-        newest iterate. None if no iterate was kept.
+        The newest feasible iterate whose replay holds; without a feasible iterate, the
+        newest one. None if no iterate was kept.
     """
     if not state.kept:
         return None
-    first = state.begun or state.kept[0]
-    initial = first.program.trajectory(first.iterate.z)
+    initial = state.kept[0] if state.begun is None else state.begun
     feasible = [item for item in reversed(state.kept) if item.feasible]
     last: Candidate | None = None
     with state.saving():
-        if not feasible and state.best_duration == np.inf and state.begun is not None:
-            with contextlib.suppress(Stop, *NUMERICAL):
-                slow = _slowed_down(state.begun, state.options.feasibility)
-                feasible = [] if slow is None else [slow]
         for item in feasible or state.kept[-1:]:
-            best = item.iterate if item.feasible else None
-            records = tuple(state.records)
-            result = SlpResult(status, item.iterate, best, records, item.program)
             try:
-                candidate = Candidate.of(work.name, item.program, initial, result)
+                candidate = _as_candidate(work.name, item, initial, status, state)
                 last = last or candidate
                 candidate = candidate.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
@@ -194,6 +186,17 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     return last
 
 
+def _as_candidate(
+    name: str, kept: Kept, initial: Kept, status: Status, state: PlanState
+) -> Candidate:
+    """The candidate of a kept iterate, which is not replayed yet."""
+    program, iterate, feasible = kept
+    best = iterate if feasible else None
+    result = SlpResult(status, iterate, best, tuple(state.records), program)
+    begun = initial.program.trajectory(initial.iterate.z)
+    return Candidate.of(name, program, begun, result)
+
+
 def _slowed_down(begun: Kept, feasibility: float) -> Kept | None:
     """A motion, as slow as its limits ask for; None if that is no cure."""
     program, iterate, _ = begun
@@ -205,40 +208,71 @@ def _slowed_down(begun: Kept, feasibility: float) -> Kept | None:
     return None
 
 
+def _keep_first_guess(state: PlanState, work: Work) -> None:
+    """Keep the guess that was the first for its goal, as a last resort."""
+    problem, guess = work.system.problem, state.begun
+    if guess is None or any(one.problem is problem for one in state.first_guesses):
+        return
+    candidate = _as_candidate(work.name, guess, guess, Status.FEASIBLE, state)
+    candidate = replace(candidate, history=())
+    state.first_guesses.append(Fallback(candidate, guess, problem))
+
+
 def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
     """Keep the best motion of a coarse grid."""
 
     def order(one: Candidate) -> tuple[bool, float]:
         return one.violation > NEARLY, one.trajectory.duration
 
-    if state.fallback is None or order(candidate) < order(state.fallback[0]):
-        state.fallback = candidate, state.kept[-1], work.system.problem
+    if state.fallback is None or order(candidate) < order(state.fallback.candidate):
+        problem = work.system.problem
+        state.fallback = Fallback(candidate, state.kept[-1], problem)
 
 
 def use_fallback(state: PlanState, status: Status) -> None:
-    """Replay the best coarse motion, time-scaled until its replay holds.
+    """Replay the best coarse motion, or a first guess, slowed down until it holds.
 
     Args:
-        state: The plan, which was stopped before it had found another motion.
-        status: How it was stopped.
+        state: The plan, which has not found another motion.
+        status: How it was stopped, or FEASIBLE.
     """
-    if state.fallback is None:
-        return
-    candidate, kept, problem = state.fallback
-    candidate = replace(candidate, status=status)
+    coarse = () if state.fallback is None else (state.fallback,)
+    failed = state.failures[-1:]
+    remark = "".join(KEPT.format(type(error).__name__) for error in failed)
+    best: Candidate | None = None
     with state.saving():
-        try:
-            slow = _slowed_down(kept, state.options.feasibility)
-            if slow is not None:
-                candidate = replace(candidate, layout=None, feasible=True)
-                for factor in TIME_SCALINGS:
-                    z = slow.program.time_scale(slow.iterate.z, factor)
-                    motion = slow.program.trajectory(z)
-                    candidate = replace(candidate, trajectory=motion)
-                    candidate = candidate.verified(problem, state.options)
-                    if candidate.found:
-                        break
-        except (Stop, KeyboardInterrupt) as stop:
-            state.stopped(stop)
-            candidate = replace(candidate, verification=None)
-    state.candidates.append(candidate)
+        for fallback in (*coarse, *state.first_guesses):
+            candidate = replace(fallback.candidate, status=status, remark=remark)
+            try:
+                candidate = _time_scaled(fallback, candidate, state.options)
+            except (Stop, KeyboardInterrupt) as stop:
+                state.stopped(stop)
+                candidate = replace(candidate, verification=None)
+                best = best or candidate
+                break
+            except NUMERICAL as error:
+                logger.warning("a guess could not be slowed down: %r", error)
+            if candidate.found:
+                best = candidate
+                break
+            best = best or candidate
+    if best is not None and (best.found or not state.candidates):
+        state.candidates.append(best)
+
+
+def _time_scaled(
+    fallback: Fallback, candidate: Candidate, options: Options
+) -> Candidate:
+    """A candidate, as slow as its limits and its replay ask for."""
+    _, kept, problem = fallback
+    slow = _slowed_down(kept, options.feasibility)
+    if slow is None:
+        return candidate
+    for factor in TIME_SCALINGS:
+        z = slow.program.time_scale(slow.iterate.z, factor)
+        motion = slow.program.trajectory(z)
+        candidate = replace(candidate, trajectory=motion, layout=None, feasible=True)
+        candidate = candidate.verified(problem, options)
+        if candidate.found:
+            break
+    return candidate
