@@ -90,3 +90,13 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
     monkeypatch.setattr(Candidate, "verified", stopped)
     use_fallback(state, tm.Status.TIME_LIMIT)
     assert state.candidates and not state.candidates[-1].found
+
+
+def test_starts_that_all_end_without_a_motion_leave_a_guess_slowed_down():
+    """An arm had a motion after 2 s, and none after 60 s, when all starts had ended."""
+    arm = tm.load_robot("planar3r")
+    goal = tm.JointGoal([1.2, 0.5, 0.6])
+    problem = tm.Problem(arm, [0.5, 0.1, 0.1], goal)
+    solution = tm.plan(problem, max_iterations=1, intervals=10)
+    assert solution.success and solution.verification.ok
+    assert solution.status is tm.Status.ITERATION_LIMIT
