@@ -29,6 +29,10 @@ $(STAMP): requirements.lock pyproject.toml
 demo: setup ## Plan the paper's example; figures and an animation go to out/
 	@$(BIN)/python examples/paper_demo.py
 
+# Tests start Python some hundred times: compiled modules are kept, whatever the
+# environment says.
+test test-all: export PYTHONDONTWRITEBYTECODE =
+
 # On all cores, whole files each: what a file plans once serves all its tests.
 PYTEST_ARGS ?= -n auto --dist loadfile
 
