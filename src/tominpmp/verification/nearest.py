@@ -19,7 +19,7 @@ from tominpmp.verification.replay import Replay
 # is farther from there than this [rad or m].
 NEAR_END = 0.05
 # Largest number of rows of a replay at which links that are not checked are compared.
-GLANCES = 1000
+GLANCES = 250
 
 
 class Touch(NamedTuple):
