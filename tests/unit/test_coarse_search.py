@@ -139,39 +139,3 @@ def test_torques_carry_no_weight_on_fine_grids_where_they_rule():
         search = CoarseSearch(system, options, state, torques=torques)
         assert search.fine.smoothing == smoothing
         assert search.coarse.smoothing == options.smoothing
-
-
-def test_a_motion_that_was_finished_is_not_finished_again(caplog):
-    robot = tm.load_robot("planar3r")
-    ends = (2.5, -0.5, 2.3), (0.7, 1.7, 1.6)
-    problem = tm.Problem(robot, ends[0], tm.JointGoal(ends[1]), self_collision=False)
-    with caplog.at_level("INFO", logger="tominpmp.planner.coarse_search"):
-        solution = tm.plan(problem)
-    finished = sorted(entry.args[1] for entry in caplog.records if entry.args)
-    assert solution.success
-    assert finished
-    assert solution.T <= 1.477
-    assert np.all(np.diff(finished) > 1e-4 * finished[0])
-
-
-def test_one_that_comes_back_but_is_faster_is_finished(coarse, monkeypatch):
-    search, _ = coarse
-    known = search.known[-1]
-
-    def comes_back(**changes):
-        return search._comes_back(loop(search, [record(search, **changes)]))
-
-    monkeypatch.setattr(search, "ends", [known.shape])
-    assert not comes_back()  # among obstacles
-    alone = ProblemFunctions.of(replace(search.system.problem, scene=tm.Scene()))
-    monkeypatch.setattr(search, "system", alone)
-    only = SimpleNamespace(fallback=search.state.fallback)
-    monkeypatch.setattr(search, "state", only)
-    search.state.best_duration = known.duration
-    assert comes_back()
-    assert not comes_back(violation=0.1)
-    search.state.best_duration = 1.01 * known.duration
-    assert not comes_back()
-    search.state.best_duration = known.duration
-    monkeypatch.setattr(search, "ends", [known.shape + 0.1])
-    assert not comes_back()

@@ -221,11 +221,6 @@ def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
     return np.asarray(q / system.step_scale)
 
 
-def _is_among(shape: Array, others: Iterable[Array]) -> bool:
-    """Whether a shape is that of one of other motions."""
-    return any(np.max(np.abs(shape - other)) < SAME for other in others)
-
-
 @dataclass(frozen=True, eq=False)
 class CoarseMotion:
     """A motion on a coarse grid.
@@ -264,7 +259,6 @@ class CoarseSearch:
 
     Attributes:
         known: Motions on coarse grids, all different.
-        ends: Shapes of the motions that were finished.
         loss: Loss of the coarse grid, as a share of T.
     """
 
@@ -298,7 +292,6 @@ class CoarseSearch:
                 self.fine = replace(self.fine, intervals=finer)
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.known: list[CoarseMotion] = []
-        self.ends: list[Array] = []
         self._tried: list[Guess] = []
         self._gains: list[float] = []
 
@@ -388,7 +381,7 @@ class CoarseSearch:
         return _shape_of(self.system, loop.program.trajectory(z))
 
     def _knows(self, shape: Array) -> bool:
-        return _is_among(shape, (one.shape for one in self.known))
+        return any(np.max(np.abs(shape - one.shape)) < SAME for one in self.known)
 
     def _outdone(self, loop: Loop) -> bool:
         """Whether a start will end no faster than one that went before.
@@ -414,30 +407,18 @@ class CoarseSearch:
 
         def astray(loop: Loop) -> Status | None:
             slow = loop.history[-1].duration > ASTRAY * rough.duration
-            return loop.drop() if slow or self._comes_back(loop) else None
+            return loop.drop() if slow else None
 
         candidate = yield descent_work(
             system, self.fine, guess, self.state, astray, former
         )
-        if candidate is None or (candidate.dropped and self.ends):
+        if candidate is None:
             return None
         if candidate.found:
             self._gains.append(rough.duration / candidate.duration - 1.0)
-            self.ends.append(_shape_of(system, candidate.trajectory))
         T = candidate.duration
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, T)
         return candidate
-
-    def _comes_back(self, loop: Loop) -> bool:
-        """Whether one comes to a motion which was finished before, or near it.
-
-        Among obstacles it may still get away from there, and past them.
-        """
-        record = loop.history[-1]
-        faster = record.duration < (1.0 - PROMISE) * self.state.best_duration
-        if faster or record.violation > NEARLY or not self.system.in_free_space:
-            return False
-        return bool(self.ends) and _is_among(self._present_shape(loop), self.ends)
 
     # -- comparisons -------------------------------------------------------------------
 
