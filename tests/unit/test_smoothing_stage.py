@@ -185,3 +185,13 @@ def test_what_cannot_be_smoothed(planar3r):
     for slack in (-0.01, np.nan, "much", True):
         with pytest.raises(tm.OptionsError, match="slack is"):
             tm.smooth(solution, slack)
+
+
+def test_several_segments_are_refused(planar3r):
+    """It was a message of a ValueError, and the motion as it was."""
+    goals = [1.0, 0.3, 0.2], [1.2, 0.5, 0.6]
+    segments = [tm.Segment(tm.JointGoal(goal)) for goal in goals]
+    problem = tm.Problem(planar3r, [0.5, 0.1, 0.1], segments=segments)
+    solution = tm.plan(problem, effort="quick")
+    with pytest.raises(tm.ProblemError, match="2 segments"):
+        tm.smooth(solution)

@@ -49,7 +49,8 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         are. If none is found, the solution as it was, and its message says so.
 
     Raises:
-        ProblemError: If there is no motion that keeps all constraints.
+        ProblemError: If there is no motion that keeps all constraints, or the problem
+            has segments.
         OptionsError: If the slack is not a share >= 0.
     """
     instance(solution, Solution, "solution")
@@ -58,6 +59,13 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     if solution.trajectory is None or not solution.success:
         raise ProblemError(
             f"there is no motion to smooth: {solution.message}", "solution"
+        )
+    count = len(solution.problem.segments)
+    if count:
+        raise ProblemError(
+            f"the motion has {count} segments, expected one without segments: the "
+            "torques of others cannot be made quiet yet",
+            "solution",
         )
     kept, doing = "Its torques were left as they are", "making them quiet"
     return bettered(solution, doing, kept, partial(_quietest, solution, share))
