@@ -66,9 +66,6 @@ PATIENCE = 12
 STUCK = 0.02
 # Extrapolated gain of all further iterations, in multiples of the last gain.
 LEFT = 3.0
-# A motion is dropped on the asked grid once T has grown by this factor: one that passes
-# through an obstacle between the knots, where rows join it, becomes ever slower.
-ASTRAY = 3.0
 # Least gain over the incumbent that a coarse motion promises, as a share of T.
 PROMISE = 0.003
 # A timed guess this much slower than a motion that was found is not worth its time.
@@ -404,13 +401,8 @@ class CoarseSearch:
         system, former = self.system, rough.candidate
         guess = warm_start(system, former.trajectory)
         guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
-
-        def astray(loop: Loop) -> Status | None:
-            slow = loop.history[-1].duration > ASTRAY * rough.duration
-            return loop.drop() if slow else None
-
         candidate = yield descent_work(
-            system, self.fine, guess, self.state, astray, former
+            system, self.fine, guess, self.state, follows=former
         )
         if candidate is None:
             return None
