@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 from unittest import mock
 
 from benchmarks.golden_runner import BASE, Row, Rows, items, read_rows, revision, run
-from tominpmp.planner.planning import IMPROVEMENTS
+from tominpmp.planner.improvements import IMPROVEMENTS
 
 if TYPE_CHECKING:
     from benchmarks.golden_problems import Task
@@ -74,7 +74,7 @@ def _none(*_: Any, **__: Any) -> None:
 def _without(*names: str) -> Variant:
     """The best motion of a search is not improved in these ways."""
     left = tuple(one for one in IMPROVEMENTS if one.name not in names)
-    return Variant(parts={f"{PLANNER}.planning.IMPROVEMENTS": left})
+    return Variant(parts={f"{PLANNER}.improvements.IMPROVEMENTS": left})
 
 
 NEITHER = _without("finer grid", "certificate")

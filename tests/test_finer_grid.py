@@ -14,7 +14,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import finer_grid
 from tominpmp.planner.finer_grid import (
     STANDARD_BUDGET,
-    Enough,
+    RoundStop,
     to_be_split,
 )
 from tominpmp.solvers.iterate import Iterate
@@ -258,7 +258,7 @@ def is_enough(program, **told):
     loop = Loop(program, MinimumTime.of(tm.Options()), first)
     values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
     loop.history = [IterationRecord(**values | told)]
-    return Enough(STANDARD_BUDGET, 1.0, lambda: False)(loop)
+    return RoundStop(STANDARD_BUDGET, 1.0, lambda: False)(loop)
 
 
 @pytest.mark.parametrize("curable", [True, False])

@@ -122,7 +122,8 @@ def test_detours_from_the_base_begin_with_its_joint():
 
 
 def test_starts_are_compared_by_what_the_finished_one_gained():
-    coarse, guess = search_of(reach())
+    far = tm.Scene([tm.Sphere("far", radius=0.1, position=(9.0, 9.0, 0.0))])
+    coarse, guess = search_of(reach(scene=far))
     assumed = coarse.loss
     coarse.calibrate_loss()
     assert coarse.loss == assumed

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from tominpmp.bounds import lower_bound
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.segments import former_segments
 from tominpmp.initial_guess.warm_start import warm_start
@@ -47,7 +46,7 @@ def candidates_of_alternatives(
     if len(parts) == 1:
         yield from schedules[0]
         return
-    bounds = [lower_bound(part).T for part in parts]
+    bounds = [state.lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
     if entered is not None:
         order = [entered, *(i for i in order if i != entered)]

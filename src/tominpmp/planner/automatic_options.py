@@ -157,10 +157,7 @@ def _check_clock(problem: Problem, options: Options) -> None:
             "this robot",
             "control_period",
         )
-    if options.refine == "switching":
-        raise OptionsError(
-            "refine is 'switching', which places switches between ticks, and "
-            f"control_period is {options.control_period:g} s, which allows them at "
-            "ticks only: expected refine 'grid' or None",
-            "refine",
-        )
+    known = {"refine": ("auto", "grid", None)}
+    period = options.control_period
+    reason = f"control_period is {period:g} s, without switches between ticks"
+    _check_known(options, known, reason)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -104,7 +104,7 @@ class Candidate:
 
     @property
     def found(self) -> bool:
-        """Whether the motion keeps all constraints, in the replay too."""
+        """Whether the motion keeps all constraints of its program, and its replay."""
         confirmed = self.verification is not None and self.verification.ok
         return self.feasible and confirmed
 
@@ -134,7 +134,7 @@ class Candidate:
 
     @property
     def duration(self) -> float:
-        """T of the motion if it keeps all constraints [s]; else infinite."""
+        """T of the motion if its replay holds [s]; else infinite."""
         return self.trajectory.duration if self.found else np.inf
 
     def verified(self, problem: Problem, options: Options) -> Candidate:
@@ -147,10 +147,13 @@ class Candidate:
         return replace(self, verification=verification)
 
 
-def fastest(candidates: Iterable[Candidate]) -> Candidate | None:
-    """The fastest motion that was found; None if there is none.
+def best_of(candidates: Sequence[Candidate]) -> Candidate | None:
+    """The fastest verified candidate, else the one nearest to one; None for none.
 
-    Among equally fast ones it is the last, whose status and remark are the newest.
+    Among equally good ones it is the last, whose status and remark are the newest.
     """
-    found = [candidate for candidate in candidates if candidate.found]
-    return min(reversed(found), key=lambda candidate: candidate.duration, default=None)
+
+    def order(one: Candidate) -> tuple[float, bool, float]:
+        return one.duration, not one.feasible, one.violation
+
+    return min(reversed(candidates), key=order, default=None)

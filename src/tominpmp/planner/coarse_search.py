@@ -25,14 +25,20 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, Guess
-from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.descent import MANY_INTERVALS, descend, descent_work, torques_rule
+from tominpmp.planner.descent import (
+    MANY_INTERVALS,
+    descend,
+    descent_work,
+    guess_of,
+    torques_rule,
+)
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
+    FEW_JOINTS,
     TORQUE_START_OPTIONS,
     random_torque_starts,
     torques_may_lead,
@@ -54,15 +60,15 @@ TOLERANCE, ITERATIONS = 2e-3, 30
 COARSE_EFFORT_TOLERANCE = 1e-2
 # Trust region for finishing a coarse motion, as a share of the usual one.
 RADIUS = 0.5
-# Intervals to finish one with, at most, where torques rule and the grid may follow the
-# motion, and joints times intervals: programs of thirty joints take a second each.
+# Most intervals to finish a motion with that is limited by torques, if its grid may be
+# refined, and most joints times intervals: a program of thirty joints takes a second.
 TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
-# Loss of a coarse grid, as a share of T, where torques rule and where speeds do.
+# Discretisation loss of a coarse grid, as a share of T, of motions that torques limit
+# and of those that speeds limit.
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
-# Iterations after which a start is dropped that is not near a motion, since rows
-# between the nodes have joined it last: these break a motion that was all right before.
+# A start is dropped that is not nearly feasible this many iterations after rows have
+# joined its program last, or whose trust region is smaller than STUCK then.
 PATIENCE = 12
-# While a motion is not near it stands still where its trust region is this small.
 STUCK = 0.02
 # Extrapolated gain of all further iterations, in multiples of the last gain.
 LEFT = 3.0
@@ -78,16 +84,16 @@ SAME = 0.05
 GAP = 0.03
 # Arms of at most FEW_JOINTS joints are searched on in free space, too: they may swing,
 # or turn their elbow over. Least number of detours that are tried.
-FEW_JOINTS, DETOURS = 3, 6
+DETOURS = 6
 # Arms of more joints, up to MOST_JOINTS, are searched on where T is more than FAR_ABOVE
 # times the lower bound: of 70 random goals (speeds times four) five were, and three of
 # them were 1 to 4 % longer than need be. A start of a whole robot takes seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
 # The same among obstacles, where each way round them is another optimum.
 ABOVE_AMONG_OBSTACLES = 1.2
-# Iterations on the asked grid after which a motion among obstacles has to be near one
-# that none can beat by much; else coarse grids are tried. It leads astray that is ever
-# so much above that.
+# A descent among obstacles on the requested grid is stopped after this many iterations
+# unless it is nearly feasible and its gap to the lower bound is at most GAP; and at any
+# iteration where the gap exceeds FAR_ASTRAY. Coarse grids follow.
 DIRECT, FAR_ASTRAY = 8, 0.1
 # Stop rule of probes: number of consecutive starts without promise, for arms of few
 # joints, and of many.
@@ -95,7 +101,7 @@ IN_VAIN, MANY_IN_VAIN = 4, 8
 # Stop rule of further paths among obstacles, and for arms of few joints, whose bounds
 # say little: of 42 problems of a planar arm 7 ended 0.2 to 45 % faster by the 7th to
 # 14th path, two 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
-# And where obstacles move, beside which a path may be gone along sooner or later.
+# More of them where obstacles move, as a path can be followed with different timing.
 PATHS_IN_VAIN, PATHS_IN_VAIN_WHILE_MOVING = 2, 6
 # Further paths at most: each that promises a gain allows for others.
 MOST_PATHS = 14
@@ -162,8 +168,7 @@ def search(
     yield from coarse.descents(_paths_first(system, guesses, compared), compared)
     if state.options.effort == "quick" or not coarse.promising:
         return
-    if coarse.calibrated:
-        coarse.calibrate_loss()
+    coarse.calibrate_loss()
     further = _further(coarse, guesses, first, compared)
     yield from coarse.probes(further, coarse.patience)
     if torques_may_lead(system) and not first.timed:
@@ -177,8 +182,8 @@ def _paths_first(
 ) -> Iterator[Guess]:
     """The guesses, a sampled path before the one straight line among obstacles.
 
-    It leads to the same motion, or to one as good, in half the programs, where the
-    straight line is not near one.
+    Where the straight line is far from feasible, a path leads to a motion as good in
+    half the programs.
     """
     first, *second = itertools.islice(guesses.since(0), 2)
     swap = compared == 1 and not system.in_free_space
@@ -298,11 +303,6 @@ class CoarseSearch:
         return self.system.n > FEW_JOINTS
 
     @property
-    def calibrated(self) -> bool:
-        """Whether the loss of the coarse grid is that of the motions finished."""
-        return self.many_joints or not self.system.in_free_space
-
-    @property
     def patience(self) -> int:
         """Number of consecutive starts without promise that end the search."""
         if self.system.in_free_space:
@@ -383,7 +383,7 @@ class CoarseSearch:
     def _outdone(self, loop: Loop) -> bool:
         """Whether a start will end no faster than one that went before.
 
-        Iterations gain less and less: this one, several times more.
+        Iterations gain less and less: LEFT times the last gain is the most to come.
         """
         if self.system.final_configuration is not None or not self.system.in_free_space:
             return False
@@ -399,8 +399,7 @@ class CoarseSearch:
     def finish(self, rough: CoarseMotion) -> Schedule[Candidate | None]:
         """Go on from a coarse motion on the grid that is asked for."""
         system, former = self.system, rough.candidate
-        guess = warm_start(system, former.trajectory)
-        guess = replace(guess, name=former.name, blocked=rough.guess.blocked)
+        guess = replace(guess_of(system, former), blocked=rough.guess.blocked)
         candidate = yield descent_work(
             system, self.fine, guess, self.state, follows=former
         )
@@ -442,15 +441,17 @@ class CoarseSearch:
     def calibrate_loss(self) -> None:
         """Calibrate the loss of the coarse grid on the motions finished so far.
 
-        Further starts then promise a gain only if their coarse motion is faster.
+        Further starts then promise a gain only if their coarse motion is faster. The
+        loss is no guide for small arms in free space, which may swing.
         """
-        if self._gains:
+        calibrated = self.many_joints or not self.system.in_free_space
+        if calibrated and self._gains:
             self.loss = min(self.loss, max(0.0, min(self._gains)))
 
     def probes(
         self,
         guesses: Iterable[Guess],
-        patience: int,
+        patience: float = np.inf,
         prepared: Callable[[Guess], Schedule[Guess]] | None = None,
     ) -> Schedule[None]:
         """Try further guesses, and finish those that promise a faster motion.
@@ -479,8 +480,7 @@ class CoarseSearch:
             if not self._promises(rough):
                 return
             yield from self.finish(rough)
-            if self.calibrated:
-                self.calibrate_loss()
+            self.calibrate_loss()
 
     @property
     def _least_guess(self) -> float:

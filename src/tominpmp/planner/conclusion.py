@@ -14,7 +14,7 @@ from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
@@ -51,15 +51,13 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         for number, candidate in enumerate(candidates)
         for record in candidate.history
     )
-    if not candidates:
+    best = best_of(candidates)
+    if best is None:
         return without_motion(state, options, status or Status.INFEASIBLE)
-    # Among equally good ones the last, whose status and remark are the newest.
-    order = list(reversed(candidates))
-    best = min(order, key=lambda a: (a.duration, not a.feasible, a.violation))
     ended = best.status
     if status in STOPPED:
         ended = status
-    if best.feasible and not best.found and not best.unconfirmed:
+    if best.refuted:
         ended = Status.UNVERIFIED
     elif ended is Status.CONVERGED and not best.feasible:
         ended = Status.INFEASIBLE
@@ -181,7 +179,7 @@ def _saturated(problem: Problem, motion: Trajectory) -> str:
 
 
 def _scope(options: Options, motion: Trajectory) -> str:
-    """Motions among which one is optimal whose grid was not refined, as was asked.
+    """The class of motions in which a motion is optimal whose grid was not refined.
 
     A finer grid, or controls of a higher degree, may allow a faster motion there.
     """

@@ -49,13 +49,13 @@ from tominpmp.verification.verification import Verification
 
 logger = logging.getLogger(__name__)
 
-# Share of the planning time after which a motion without a clock is made do.
+# Share of the planning time for the search without a clock.
 SEARCH_SHARE = 0.7
 # The motion is near to what it comes from: share of the usual trust region, iterations.
 RADIUS = 0.1
 ITERATIONS = 15
-# Trials, and by what share of its periods the next trial has more of them than one more
-# where nothing tells how many it takes.
+# Most trials. After a trial that does not tell how many periods are needed the next one
+# has one period more, and this share of its periods.
 TRIALS = 12
 LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
 # Violations of rows below this are left to the replay, which lets pass far more: one
@@ -65,12 +65,13 @@ SLIGHT = 1e-5
 # and the duration still changes by that share.
 HOPE = 0.5
 MOVING = 0.1
-# Gap of its linear programs, as a share of T: what they leave of that above the
-# duration that is wanted must be a trace.
+# Gap of its linear programs as a share of T, small beside TRACE: the duration reaches
+# the ticks.
 EXACT = 0.1 * TRACE
-# Intervals are halved where it takes more periods than the trial has, by this share.
-DEAR = 0.01
-# They are as well where nothing tells how many periods it takes, up to this number.
+# Intervals are halved where a motion needs more periods than the trial has, by this
+# share.
+MANY_MORE = 0.01
+# Intervals at most, where a trial does not tell how many periods are needed.
 MOST_INTERVALS = 400
 # A motion on the clock that takes this share of the tolerance more than rounding is
 # put to the test again.
@@ -84,16 +85,13 @@ def searching(options: Options) -> Options:
     return replace(options, max_planning_time=SEARCH_SHARE * options.time_limit)
 
 
-def on_clock(
-    solution: Solution, candidates: Sequence[Candidate], progress: PlanState
-) -> Solution:
+def on_clock(solution: Solution, state: PlanState) -> Solution:
     """Bring the motion of a solution to the clock of its options.
 
     Args:
         solution: What planning without the clock has led to.
-        candidates: All that it has tried: where the fastest motion cannot be brought to
-            the clock, another one may.
-        progress: Time that was spent, and the callback.
+        state: The plan: where its fastest candidate cannot be brought to the clock,
+            another one may.
 
     Returns:
         The solution on the clock; the solution itself where it has no motion, or no
@@ -113,13 +111,15 @@ def on_clock(
             "control_period",
         )
     history, clocked, status = list(solution.history), None, None
-    found = sorted((a for a in candidates if a.found), key=lambda a: a.duration)
+    # Of candidates with one motion the last says the most of it.
+    motions = {id(one.trajectory): one for one in state.candidates if one.found}
+    found = sorted(motions.values(), key=lambda one: one.duration)
 
     def bring() -> None:
         nonlocal clocked
         for former in found:
-            clocked = _brought(solution, period, former, progress)
-            number, before = candidates.index(former), len(former.history)
+            clocked = _brought(solution, period, former, state)
+            number, before = state.candidates.index(former), len(former.history)
             history.extend(replace(r, start=number) for r in clocked.history[before:])
             if clocked.found:
                 break
@@ -127,29 +127,29 @@ def on_clock(
     try:
         bring()
     except (Stop, KeyboardInterrupt) as stop:
-        clocked, status = None, progress.stopped(stop)
+        clocked, status = None, state.stopped(stop)
         if status is Status.INTERRUPTED and solution.status is not status:
             # A motion that is not on the clock is no motion: there is time of grace.
-            with progress.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
+            with state.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
                 bring()
     except NUMERICAL as error:
         logger.warning("the motion could not be brought to the clock: %r", error)
         clocked = None
-    solution = replace(solution, history=tuple(history), planning_time=progress.seconds)
+    solution = replace(solution, history=tuple(history), planning_time=state.seconds)
     if clocked is None or not clocked.found:
         return _without_clock(solution, period, clocked, status)
-    return _with_clock(solution, period, clocked, progress)
+    return _with_clock(solution, period, clocked, state)
 
 
 def _with_clock(
-    solution: Solution, period: float, clocked: Candidate, progress: PlanState
+    solution: Solution, period: float, clocked: Candidate, state: PlanState
 ) -> Solution:
     """The solution with a motion on the clock, and the status that it deserves."""
     motion, judged = clocked.trajectory, clocked.verification
     try:
         status, promise = status_on_clock(solution, motion, judged, period)
     except (Stop, KeyboardInterrupt) as stop:
-        status, promise = progress.stopped(stop), ""
+        status, promise = state.stopped(stop), ""
     T, bound = motion.duration, solution.lower_bound
     message = (
         f"{status.value} T = {T:.4f} s, {ticks_of(T, period)} periods of "
@@ -168,7 +168,7 @@ def _with_clock(
         trajectory=motion,
         verification=judged,
         violations={},
-        planning_time=progress.seconds,
+        planning_time=state.seconds,
     )
 
 
@@ -210,12 +210,11 @@ def _without_clock(
 def status_on_clock(
     solution: Solution, motion: Trajectory, judged: Verification | None, period: float
 ) -> tuple[Status, str]:
-    """What a motion on the clock deserves to be called, and a remark on it.
+    """The status of a motion on the clock, and a remark on it.
 
-    One that was called locally optimal without a clock still is where it takes less
-    than a period more, and a part of what small changes may promise. Where it takes
-    more it is put to the test again, and a period is no promise. One that takes no more
-    periods than any motion on a clock is called so in any case.
+    A motion that was locally optimal without a clock stays so if T has grown by less
+    than a period and a share of the tolerance of the certificate; else it is certified
+    again, a period being no gain. A motion of the fewest possible periods is optimal.
 
     Args:
         solution: The motion without a clock.
@@ -243,7 +242,7 @@ def status_on_clock(
 
 
 def _brought(
-    solution: Solution, period: float, former: Candidate, progress: PlanState
+    solution: Solution, period: float, former: Candidate, state: PlanState
 ) -> Candidate:
     """The motion of a candidate on the clock; the last that was tried if there is none.
 
@@ -251,12 +250,12 @@ def _brought(
         solution: What planning without the clock has led to.
         period: The period [s].
         former: The candidate.
-        progress: Time and callback.
+        state: Time and callback.
     """
     candidate, trial = former, Trial.of(solution.problem, former.trajectory, period)
     apart = former.clearance_rows
     for _ in range(TRIALS):
-        found, knots = trial.candidate(solution, progress, apart), trial.layout.shares
+        found, knots = trial.candidate(solution, state, apart), trial.layout.shares
         apart = found.clearance_rows
         logger.info("%d periods of %g s: %s", trial.count, period, found.status.value)
         candidate, trial = found.after(candidate), trial.after(found)
@@ -349,14 +348,12 @@ class Trial:
             now += found[-1] + ticks_of(segment.dwell, self.period)
         return tuple(found)
 
-    def candidate(
-        self, solution: Solution, progress: PlanState, apart: bool
-    ) -> Candidate:
+    def candidate(self, solution: Solution, state: PlanState, apart: bool) -> Candidate:
         """A motion on these knots, with rows for links where they would touch.
 
         Args:
             solution: What planning without the clock has led to.
-            progress: Time and callback.
+            state: Time and callback.
             apart: Whether rows keep links apart from the first program on.
 
         Returns:
@@ -367,14 +364,14 @@ class Trial:
 
         def shown(record: IterationRecord) -> None:
             # A callback that has interrupted the plan is shown no more iterations.
-            if not progress.deadline.interrupted:
-                progress.see(record)
+            if not state.deadline.interrupted:
+                state.see(record)
 
         def make(system: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
             return self._solved(system, options, shown).verified(problem, options)
 
         work = Work(self.system, "clock", make, self_collision_rows=apart)
-        return made(progress, work)
+        return made(state, work)
 
     def _solved(
         self, system: ProblemFunctions, options: Options, shown: Callback
@@ -421,8 +418,8 @@ class Trial:
         if candidate.violation <= FAR and needed > self.count:
             spans = spans_of(motion, self.system.problem.segments)
             slower = replace(self, motion=motion, spans=spans, halvings=0)
-            dear = needed > self.count + max(1.0, DEAR * self.count)
-            if dear and not self.finer and motion.t.size <= needed:
+            many_more = needed > self.count + max(1.0, MANY_MORE * self.count)
+            if many_more and not self.finer and motion.t.size <= needed:
                 return replace(slower, halvings=1, finer=True)
             return replace(slower, periods=self._longer(needed))
         longer = LONGER[min(self.halvings, len(LONGER) - 1)]
@@ -430,9 +427,10 @@ class Trial:
         return replace(self, periods=periods, halvings=self.halvings + 1)
 
     def _longer(self, count: int) -> tuple[int, ...]:
-        """Periods of the segments, as many in all as far as their windows allow.
+        """Periods of the segments in proportion to their lengths, within their windows.
 
-        Those that are more are spread over the segments by their lengths.
+        Args:
+            count: Number of periods in all.
         """
         ends = np.rint(np.cumsum(self.periods) * (count / self.count))
         longer = np.maximum(np.diff(ends, prepend=0.0), self.periods)

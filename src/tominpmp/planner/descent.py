@@ -44,11 +44,12 @@ REPAIRS_OF_COLLOCATION = 4
 # Intervals of grids from which on coarser ones pay, and linear accelerations: on fewer
 # they lose more where torques switch than constant ones do.
 MANY_INTERVALS = 24
-# A guess is held by speed limits where a joint is at one for this share of the time,
-# from this share of it on: torques do not rule it then.
+# Speed limits are active at a sample of a guess where a joint has AT_LIMIT of
+# its speed; they limit a guess if they are at SPEED_SHARE of its samples, else torques
+# do.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
-# Stop rule: from PATIENCE iterations on, the violation is above the threshold, and the
-# last LATELY ones have not reduced its minimum to the share FALLING.
+# Stop rule: from PATIENCE iterations on, the violation is above the threshold, and its
+# minimum over the last LATELY ones is more than FALLING times the earlier minimum.
 PATIENCE, LATELY, FALLING = 10, 5, 0.9
 # Or T has grown by the factor EVER_SLOWER, and the violation is above FAR.
 EVER_SLOWER, FAR = 10.0, 1e-3

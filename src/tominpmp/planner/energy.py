@@ -23,7 +23,6 @@ from scipy.optimize import minimize_scalar
 from tominpmp.arrays import Array
 from tominpmp.linear_programs import make_solver
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.control_period import on_ticks
 from tominpmp.planner.plan_state import PlanState
@@ -34,7 +33,7 @@ from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import Objective
 from tominpmp.solvers.time_and_energy import TimeAndEnergy
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout
@@ -47,13 +46,13 @@ logger = logging.getLogger(__name__)
 REPLAYS = 2.0
 # How much slower than the fastest motion along its path another one is tried, at most.
 SLOWEST = 100.0
-# How much finer the grid is than that of the fastest motion, by what is spent: motions
-# that spend less have no torques that jump, or torques that jump elsewhere.
+# Refinement of the grid of the fastest motion, by the kind of energy: the optimum has
+# continuous torques, or torques that switch at other times.
 FINER = {"torque_squared": 3, "work": 2}
-# How often a slower pace is halved that breaks limits, as of times of arrival.
+# How often the time scaling is halved that breaks limits, as of times of arrival.
 SLOWER_TRIALS = 6
 UNITS = {"torque_squared": "N^2 m^2 s", "work": "J"}
-NO_CHEAPER = "none of less cost was found."
+NO_CHEAPER = "no motion of less cost was found."
 
 
 def another_motion(
@@ -123,18 +122,16 @@ def bettered(
     return replace(found, status=status or found.status, planning_time=seconds)
 
 
-def economical(solution: Solution, options: Options) -> Solution:
+def economical(solution: Solution) -> Solution:
     """The motion of least T + k times its energy.
 
     Args:
-        solution: The fastest motion that was found.
-        options: Options of the plan.
+        solution: The fastest motion that was found, with the options of the plan.
 
     Returns:
         The motion, or the fastest one with a message that says why there is none.
     """
-    solution = replace(solution, options=options)
-    if solution.trajectory is None or not solution.success:
+    if not solution.success or solution.status in STOPPED:
         return solution
     kept, doing = "This is the fastest motion", "weighing its energy"
     fastest = replace(solution, status=Status.FEASIBLE)

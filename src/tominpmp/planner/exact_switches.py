@@ -8,7 +8,7 @@ from importlib import import_module
 import numpy as np
 
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.transcription.bspline import DEGREES
@@ -27,11 +27,7 @@ def with_exact_switches(
         options: Replace the options of the plan; the result is then kept only if it is
             faster than the motion it begins with.
     """
-
-    def order(candidate: Candidate) -> tuple[float, bool, float]:
-        return candidate.duration, not candidate.feasible, candidate.trajectory.duration
-
-    best = min(state.candidates, key=order, default=None)
+    best = best_of(state.candidates)
     cutoff = np.inf if options is None or best is None else best.duration
     options = options or state.options
     if best is None:

@@ -39,7 +39,7 @@ logger = logging.getLogger(__name__)
 
 # A round is the last whose predicted decrease is below FALLS times the worth of one.
 FALLS = 2.0
-# Slowing down cures a violation of this much, and costs no more than half of it.
+# Time scaling removes a violation up to this, and costs no more than half of it.
 CURABLE = 3e-4
 # Programs that all rounds together may take at least.
 LEAST_PROGRAMS = 16
@@ -79,14 +79,14 @@ STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 5e-4, 5, 1.5, BENDS)
 GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
 
 
-def on_finer_grid(state: PlanState, options: Options | None = None) -> Schedule[None]:
+def on_finer_grid(state: PlanState, options: Options) -> Schedule[None]:
     """Go on with the best motion on a grid of its own, if that pays.
 
     Args:
         state: The plan.
-        options: Other options than those of the plan.
+        options: Options, which may be other ones than those of the plan.
     """
-    best, options = state.incumbent, options or state.options
+    best = state.incumbent
     if best is None:
         return
     if best.layout is None:
@@ -101,7 +101,7 @@ def on_finer_grid(state: PlanState, options: Options | None = None) -> Schedule[
     def spent() -> bool:
         return sum(record.programs for record in state.records) >= programs
 
-    enough = Enough(budget, best.duration, spent)
+    enough = RoundStop(budget, best.duration, spent)
     work = Work.from_best(state, best, partial(_refined, options, best, state, enough))
     # A motion that is cut short brings as much as one that is not, or is dropped: a
     # plan with more time would have dropped it.
@@ -120,7 +120,7 @@ def _refined(
     options: Options,
     candidate: Candidate,
     state: PlanState,
-    enough: Enough,
+    enough: RoundStop,
     system: ProblemFunctions,
     *more: object,
 ) -> Candidate:
@@ -170,7 +170,7 @@ def _refined(
 
 
 @dataclass(frozen=True)
-class Enough:
+class RoundStop:
     """Rule that ends the iterations of a round when no more is promised.
 
     Attributes:

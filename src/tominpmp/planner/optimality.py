@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -33,7 +34,6 @@ from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import ACCURACY, trust_regions
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.distance_rows import with_rows_at
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -45,24 +45,24 @@ logger = logging.getLogger(__name__)
 ROUNDS, ITERATIONS, RADIUS = 4, 25, 0.1
 # Iterations that there may be in any case.
 FEWEST = 60
-# Iterations at most for a motion that is longer than any by this share of T at most.
-FEW, NEARLY_THERE = 10, 0.03
+# Iteration limit of a motion whose gap to the lower bound is at most this share of T.
+FEW, SMALL_GAP = 10, 0.03
 # Where the padding of distances is worth this share of the promise, this much of it is
 # left for the next round.
 PADDING_SHARE, LESS_PADDING = 0.3, 0.3
-# Replays of a motion that was found, each with rows where the last one broke limits.
-CLOSER_LOOKS = 3
-# A round has brought next to nothing that brings no more than this share of T.
+# The rounds end with one that has gained no more than this share of T.
 LITTLE = 5e-4
-# Gain that small changes may promise, as a share of T, where effort is "thorough".
+# Predicted decrease of an optimal motion at most, as a share of T, where effort is
+# "thorough".
 THOROUGH = 1e-3
 # A motion that the certificate accepts is improved all the same if its predicted
 # decrease exceeds this share of T: two of 120 motions in clutter, for which other
 # orders of obstacles and other solvers find the gain at once.
 WORTH_A_TRY = 5e-3
-# Where nothing comes near, a last step that promised less than this share of the
-# tolerance, if it is taken as far as the certificate does, is proof enough.
-CLEARLY = 0.3
+# Without close pairs the certificate is skipped if the last predicted decrease,
+# extrapolated to the changes that the certificate allows, is below this share of the
+# tolerance.
+SKIPPED = 0.3
 
 
 def certified(state: PlanState) -> Schedule[None]:
@@ -78,7 +78,9 @@ def certified(state: PlanState) -> Schedule[None]:
     tolerance = tolerance_of(options)
     if best is None or stays_where_it_moves(problem):
         return
-    if best.status is Status.CONVERGED and clearly(problem, options, best, tolerance):
+    if best.status is Status.CONVERGED and last_step_suffices(
+        problem, options, best, tolerance
+    ):
         return
     bound = state.lower_bound(problem).T
     if (1.0 - tolerance) * best.duration <= bound:
@@ -88,15 +90,13 @@ def certified(state: PlanState) -> Schedule[None]:
     # As many iterations as the search has had, some at least, and none too many.
     had = sum(len(candidate.history) for candidate in state.candidates)
     limit = min(max(had, FEWEST), options.max_iterations)
-    if (1.0 - NEARLY_THERE) * best.duration <= bound:
+    if (1.0 - SMALL_GAP) * best.duration <= bound:
         limit = min(limit, FEW)
 
-    former = best
-
-    def make(system: ProblemFunctions, *_: object) -> Candidate:
+    def make(former: Candidate, system: ProblemFunctions, *_: object) -> Candidate:
         return CertifiedDescent(system, state, tolerance, limit).run(former)
 
-    settled = yield Work.from_best(state, best, make)
+    settled = yield Work.from_best(state, best, partial(make, best))
     if settled is None and best.status is Status.CONVERGED:
         # The test was cut short, or failed: nothing is known of the motion.
         best = replace(best, status=state.cut_short or Status.STALLED)
@@ -109,10 +109,10 @@ def tolerance_of(options: Options) -> float:
     return THOROUGH if options.effort == "thorough" else TOLERANCE
 
 
-def clearly(
+def last_step_suffices(
     problem: Problem, options: Options, candidate: Candidate, tolerance: float
 ) -> bool:
-    """Whether the last step of an iteration was proof enough.
+    """Whether the last step of an iteration makes the certificate needless.
 
     The gain that a linear program predicts within a trust region is at least the share
     of its gain within a larger one that the region is of the larger one.
@@ -129,10 +129,10 @@ def clearly(
         return False
     before, last = candidate.history[-2:]
     radius = min(options.trust_region * min(before.radius, last.radius), 1.0)
-    # Its solution promises as little as that less than there is.
+    # The linear program was solved to this gap: it may have predicted too little.
     gap = ACCURACY * options.tolerance
     promised = (last.predicted / last.duration + gap) / max(radius, 1e-300)
-    return last.accepted and promised <= CLEARLY * tolerance
+    return last.accepted and promised <= SKIPPED * tolerance
 
 
 def _anything_near(problem: Problem, candidate: Candidate) -> bool:
@@ -140,7 +140,7 @@ def _anything_near(problem: Problem, candidate: Candidate) -> bool:
     judged = candidate.verification
     if judged is None:
         return True
-    # The margins of all pairs would have all meshes cut; one arm's links have none.
+    # Margins by pair would have all meshes cut; the links of a single arm have none.
     scenes = any(len(phase.scene) for phase in problem.phases)
     alone = not scenes and not problem.robot.parts
     margin = 0.0 if alone else problem.margin
@@ -173,11 +173,6 @@ class CertifiedDescent:
         """Whether there have been as many iterations as there may be."""
         return len(self.state.records) >= self.limit
 
-    def _allow(self, more: int) -> None:
-        """Allow a number of further iterations, as far as options do."""
-        more = min(more, self.options.max_iterations)
-        self.limit = max(self.limit, len(self.state.records) + more)
-
     def run(self, candidate: Candidate) -> Candidate:
         """The motion, or a faster one, with the status that it deserves."""
         best, seen = candidate, self.examine(candidate)
@@ -193,7 +188,8 @@ class CertifiedDescent:
             gain = 1.0 - further.duration / best.duration
             if gain > self.tolerance:
                 # The search had not come to its end.
-                self._allow(FEWEST)
+                more = min(FEWEST, self.options.max_iterations)
+                self.limit = max(self.limit, len(self.state.records) + more)
             if gain > 0.0:
                 best, layout = further, further.layout
                 seen = self.examine(best)
@@ -231,23 +227,15 @@ class CertifiedDescent:
         """A faster motion, replayed; the same where there is none."""
         of, z = layout.represented(self.system, best.trajectory)
         program, z = rested(NonlinearProgram.of(of).at(z), z)
-        for _ in range(CLOSER_LOOKS):
-            result = self._solved(program, z)
-            if result.best is None:
-                return best
-            candidate = self._replayed(best, result)
-            if candidate is None or candidate.found:
-                return candidate or best
-            # Bodies that pass fast may come too close between all rows.
-            z = result.best.z
-            assert isinstance(result.program, NonlinearProgram)  # noqa: S101
-            program = result.program
-            assert candidate.verification is not None  # noqa: S101
-            times = np.array([item.time for item in candidate.verification.violations])
-            gradual = (block.name for block in program.blocks if block.gradual)
-            program = with_rows_at(program, z, dict.fromkeys(gradual, times))
-            self._allow(ITERATIONS)
-        return best
+        result = self._solved(program, z)
+        if result.best is None:
+            return best
+        found = Candidate.of(best.name, result.program, best.initial, result)
+        found = replace(found, remark=best.remark, history=())
+        if found.trajectory.duration >= best.duration:
+            return best
+        found = found.verified(self.system.problem, self.options)
+        return found if found.found else best
 
     def _solved(self, program: NonlinearProgram, z: Array) -> SlpResult:
         """Some iterations, with rows where they show some to be missing."""
@@ -266,14 +254,6 @@ class CertifiedDescent:
             callback=seen,
             keep=self.state.keep,
         )
-
-    def _replayed(self, best: Candidate, result: SlpResult) -> Candidate | None:
-        """The candidate of a result, replayed; None if it is no faster."""
-        found = Candidate.of(best.name, result.program, best.initial, result)
-        found = replace(found, remark=best.remark, history=())
-        if not (found.feasible and found.trajectory.duration < best.duration):
-            return None
-        return found.verified(self.system.problem, self.options)
 
     def _concluded(self, best: Candidate, seen: Findings) -> Candidate:
         """The motion with the status that it deserves."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, fastest
+from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
@@ -21,15 +21,15 @@ from tominpmp.transcription.base import Program
 
 # Iterates kept per candidate, one a program, besides its newest.
 KEPT = 4
-# Time reserved for the replay of a motion: least and most, as shares of the limit; and
-# in between, as a multiple of the longest replay so far.
+# Time reserved for the last replay: REPLAYS times the longest replay so far, within
+# these shares of the limit.
 RESERVE, MOST_RESERVE, REPLAYS = 0.03, 0.25, 1.5
 # The same while there is no incumbent, and no replay has been timed.
 FIRST_RESERVE = 0.06
 # Overrun allowed to one step, and to the conclusion: share of the limit, and [s].
 STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
-# Time for the replay of the best motion once planning was interrupted [s].
+# Time of grace in all for the best motion once planning was interrupted [s].
 SAVING = 3.0
 
 
@@ -113,6 +113,7 @@ class PlanState:
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit
         self._replay = 0.0
+        self._saved: float | None = None  # when the time of grace ends
         # A violation that is good enough to stop, where any motion will do.
         self._enough = options.feasibility if options.objective == "feasible" else -1.0
         self._set_deadline()
@@ -122,7 +123,8 @@ class PlanState:
     @property
     def incumbent(self) -> Candidate | None:
         """The incumbent: the fastest candidate whose replay holds, or None."""
-        return fastest(self.candidates)
+        best = best_of(self.candidates)
+        return best if best is not None and best.found else None
 
     @property
     def best_duration(self) -> float:
@@ -226,9 +228,10 @@ class PlanState:
     @contextmanager
     def saving(self) -> Iterator[None]:
         """Time of grace, to save the motions found although it is time to stop."""
-        until = time.perf_counter() + SAVING
-        if not self.deadline.requested:
-            until = self._end()
+        until = self._end()
+        if self.deadline.requested:
+            self._saved = self._saved or time.perf_counter() + SAVING
+            until = self._saved
         with self.deadline.grace(until):
             yield
 

@@ -8,8 +8,8 @@ is sent the candidate that came of it, and a loop in :func:`plan` that does the 
 - :mod:`~tominpmp.planner.starts`: guesses for one goal, and how many;
 - :mod:`~tominpmp.planner.coarse_search`: guesses compared on a coarse grid;
 - :mod:`~tominpmp.planner.descent`: a guess becomes a locally optimal motion;
-- :mod:`~tominpmp.planner.finer_grid`, :mod:`~tominpmp.planner.optimality`: improvements
-  of the incumbent, the fastest candidate whose replay holds;
+- :mod:`~tominpmp.planner.improvements`: a table of what improves the incumbent, the
+  fastest candidate whose replay holds;
 - :func:`~tominpmp.planner.work.run`: makes, replays and repairs one candidate, and
   saves it where planning is stopped;
 - :mod:`~tominpmp.planner.conclusion`: the incumbent becomes a solution.
@@ -18,9 +18,8 @@ is sent the candidate that came of it, and a loop in :func:`plan` that does the 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -37,9 +36,7 @@ from tominpmp.planner.barriers import find_barrier
 from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
 from tominpmp.planner.control_period import on_clock, searching
 from tominpmp.planner.energy import economical
-from tominpmp.planner.exact_switches import with_exact_switches
-from tominpmp.planner.finer_grid import on_finer_grid
-from tominpmp.planner.optimality import certified
+from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
@@ -67,8 +64,8 @@ def plan(
             much like its own: another goal, obstacle or limit, or a start on its way.
             It is bent to the new ends. Other guesses are made only if it leads to no
             motion, or ``options.starts`` asks for more than one.
-        **changes: Options by name, as in ``plan(problem, intervals=60)``; they go
-            before those of ``options``.
+        **changes: Options by name, as in ``plan(problem, intervals=60)``; they override
+            those of ``options``.
 
     Returns:
         The solution. When no motion is found, its status and message say why; on Ctrl-C
@@ -101,7 +98,7 @@ def plan(
         try:
             barrier = find_barrier(problem, options.tolerances.contact)
             if barrier is not None:
-                return without_motion(state, options, Status.INFEASIBLE, str(barrier))
+                return without_motion(state, asked, Status.INFEASIBLE, str(barrier))
             schedule = everything(state, former)
             while status is None:
                 answer = run(state, schedule.send(answer))
@@ -112,8 +109,8 @@ def plan(
         except (Stop, KeyboardInterrupt) as stop:
             status = state.stopped(stop)
         solution = _ended(state, options, status)
-        if asked.energy_weight and solution.status not in STOPPED:
-            solution = economical(solution, asked)
+        if asked.energy_weight:
+            solution = economical(replace(solution, options=asked))
         return with_remarks(solution, state)
 
 
@@ -134,9 +131,8 @@ def _ended(state: PlanState, options: Options, status: Status | None) -> Solutio
     with state.saving():
         solution = conclude(state, options, status)
     state.extend(options.time_limit)
-    if options.control_period is not None:
-        with state.saving():
-            solution = on_clock(solution, state.candidates, state)
+    with state.saving():
+        solution = on_clock(solution, state)
     if options.slack is not None and solution.success and status not in STOPPED:
         solution = smooth(solution, options.slack)
     return _interrupted(solution) if state.deadline.requested else solution
@@ -151,62 +147,16 @@ def everything(
         state: The plan.
         former: A former motion to begin with.
     """
-    for_each_goal = candidates_of_alternatives(state, former)
-    if state.options.objective == "feasible":
-        answer = None
-        with contextlib.suppress(StopIteration):
-            while state.incumbent is None:
-                answer = yield for_each_goal.send(answer)
-        return
-    yield from for_each_goal
+    starts, answer = candidates_of_alternatives(state, former), None
+    any_will_do = state.options.objective == "feasible"
+    with contextlib.suppress(StopIteration):
+        while not (any_will_do and state.incumbent is not None):
+            answer = yield starts.send(answer)
     if state.incumbent is None:
         use_fallback(state, Status.FEASIBLE)
-    yield from improvements(state)
-    yield from thorough_search(state, improvements)
-
-
-class Improvement(NamedTuple):
-    """A way to improve the best motion of a search.
-
-    The gain of each is measured by ``python -m benchmarks.ablation``, which leaves them
-    out one at a time.
-
-    Attributes:
-        name: Its name.
-        wanted: Whether options ask for it.
-        improve: Coroutine that improves the incumbent, or updates its status.
-    """
-
-    name: str
-    wanted: Callable[[Options], bool]
-    improve: Callable[[PlanState], Schedule[None]]
-
-
-IMPROVEMENTS = (
-    Improvement(
-        "exact switches",
-        lambda options: options.refine == "switching",
-        with_exact_switches,
-    ),
-    Improvement(
-        "finer grid",
-        lambda options: options.refine is not None,
-        on_finer_grid,
-    ),
-    Improvement(
-        "certificate",
-        lambda options: True,
-        certified,
-    ),
-)
-
-
-def improvements(state: PlanState) -> Schedule[None]:
-    """Improve the best motion in all ways that the options ask for."""
-    state.share(1)
-    for improvement in IMPROVEMENTS:
-        if improvement.wanted(state.options):
-            yield from improvement.improve(state)
+    if not any_will_do:
+        yield from improvements(state)
+        yield from thorough_search(state)
 
 
 def _interrupted(solution: Solution) -> Solution:

@@ -22,7 +22,7 @@ from tominpmp.transcription.program import NonlinearProgram
 NO_QUIETER = "no quieter motion was found."
 # Ways of all joints that are shorter by this share are a gain without quieter torques.
 WORTH_IT = 0.01
-# Ways are told in shares of this at least [s].
+# Shorter path lengths are not divided by [s].
 SHORTEST_WAY = 1e-9
 
 

@@ -40,7 +40,7 @@ from tominpmp.planner.coarse_search import (
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
-    FEW_MOTORS,
+    FEW_JOINTS,
     TORQUE_START_OPTIONS,
     random_torque_starts,
     shooting_work,
@@ -63,20 +63,19 @@ SEGMENTED_STARTS = 2
 MOVING_STARTS = 3
 MOVING_RESCUE_STARTS = 16
 # Torques are the last guess for arms of few joints.
-FEW_MOTORS_RESCUE_STARTS = 2
+FEW_JOINTS_RESCUE_STARTS = 2
 # More guesses are made, up to this number, while no motion is found.
 RESCUE_STARTS = 8
 # Processes that are started at least where several are asked for; beyond the number of
 # cores they would only wait for each other.
 LEAST_PROCESSES = 2
-# Where there is less time than this, no processes are started, which alone takes about
-# two seconds: one would have found something by then [s].
+# With less time than this everything runs in one process: to start others takes about
+# two seconds [s].
 TO_START = 5.0
 # Guesses that are made for each process before any of them is tried: to make one may
 # take a while.
 BATCH = 4
-# Processes end before the time is over by this share of it, and by so much, to hand
-# over their candidates [s].
+# Processes hand over their candidates before the time is over: share of it, and [s].
 HANDOVER_SHARE, HANDOVER = 0.02, 0.05
 # Trust region of a warm start, in shares of the usual one.
 WARM_RADIUS = 0.3
@@ -109,13 +108,13 @@ class Count(NamedTuple):
         usual = 1
         if options.objective == "time":
             if system.final_configuration is None:
-                many = system.in_free_space and system.n > FEW_MOTORS
+                many = system.in_free_space and system.n > FEW_JOINTS
                 usual = LONE_FRAME_STARTS if many else FRAME_STARTS
             usual = max(usual, MOVING_STARTS) if moving else usual
             if system.parts:
                 usual = SEGMENTED_STARTS if options.control in DEGREES else 1
         swings = torques_may_lead(system)
-        rescues = FEW_MOTORS_RESCUE_STARTS if swings else RESCUE_STARTS
+        rescues = FEW_JOINTS_RESCUE_STARTS if swings else RESCUE_STARTS
         rescues = max(usual, MOVING_RESCUE_STARTS if moving else rescues)
         return cls(options.starts or usual, usual, rescues)
 
@@ -166,7 +165,7 @@ def starts(
         raise unreachable(system, rng)
     guesses = itertools.chain([first], guesses)
     if first.blocked:
-        # A motion may end where none was looked for; more of the same would not.
+        # A descent may still free the final configuration; more guesses would not.
         count = count._replace(rescues=count.usual)
         guesses = itertools.islice(guesses, max(count.wanted, count.rescues))
     if searched:

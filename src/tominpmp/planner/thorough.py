@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -24,11 +24,10 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
 from tominpmp.planner.descent import torques_rule
 from tominpmp.planner.exact_switches import with_exact_switches
-from tominpmp.planner.finer_grid import on_finer_grid
-from tominpmp.planner.optimality import certified
+from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
-    FEW_MOTORS,
+    FEW_JOINTS,
     TORQUE_START_OPTIONS,
     random_torque_starts,
     torques_may_lead,
@@ -41,17 +40,14 @@ WAVE, WAVES, MOST_WAVES = 8, 4, 1000
 # The search ends where the gap to the lower bound is at most this.
 PROVEN = 1e-3
 # Seeds of the kinds of starts, which do not depend on each other.
-DETOUR, GUESS, AGAIN = 1, 2, 3
+DETOUR, GUESS, AROUND_BEST = 1, 2, 3
 
 
-def thorough_search(
-    state: PlanState, improvements: Callable[[PlanState], Schedule[None]]
-) -> Schedule[None]:
+def thorough_search(state: PlanState) -> Schedule[None]:
     """Search on for faster motions.
 
     Args:
         state: The plan, whose incumbent is that of a plan with less effort.
-        improvements: Improves the best motion in all ways that the options ask for.
     """
     options, problem = state.options, state.problem
     if options.effort != "thorough":
@@ -86,16 +82,13 @@ def _further_improved(state: PlanState) -> Schedule[None]:
     if best is None:
         return
     system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
-    small = system.in_free_space and system.n <= FEW_MOTORS
+    small = system.in_free_space and system.n <= FEW_JOINTS
     plain = state.problem.motion_limits is None and options.control == "auto"
     plain = plain and options.refine == "auto"
     if small and plain and not options.control_period:
         yield from with_exact_switches(state, replace(options, starts=1))
-    before = state.best_duration
-    lavish = options if options.refine is None else replace(options, refine="grid")
-    yield from on_finer_grid(state, lavish)
-    if state.best_duration < before:
-        yield from certified(state)
+    if options.refine is not None:
+        yield from improvements(state, replace(options, refine="grid"))
 
 
 class Waves:
@@ -109,7 +102,7 @@ class Waves:
     def __init__(self, system: ProblemFunctions, state: PlanState) -> None:
         self.system, self.options, self.state = system, state.options, state
         self.coarse: CoarseSearch | None = None
-        self.sources: list[Iterator[Guess]] = []
+        self.sources: list[Iterator[Guess | None]] = []
         shots = replace(state.options, **TORQUE_START_OPTIONS)
         self.shot: Candidate | None = None
         self.shots = random_torque_starts(system, shots, state, MOST_WAVES)
@@ -133,7 +126,7 @@ class Waves:
         # In every second wave a guess becomes the motion it leads to without weight.
         weighs = number % 2 == 0 or not np.any(self.system.problem.robot.gravity)
         lighter = None if weighs else self._weightless
-        yield from self.coarse.probes(found, WAVE + 1, lighter)
+        yield from self.coarse.probes(found, prepared=lighter)
         if torques_may_lead(self.system):
             with contextlib.suppress(StopIteration):
                 self.shot = yield self.shots.send(self.shot)
@@ -161,15 +154,17 @@ class Waves:
             self._around_best(),
         ]
 
-    def _around_best(self) -> Iterator[Guess]:
-        """Detours from the best motion."""
-        rng = self._rng(AGAIN)
+    def _around_best(self) -> Iterator[Guess | None]:
+        """Detours from the incumbent; None while there is no incumbent."""
+        rng = self._rng(AROUND_BEST)
         for spread in itertools.cycle(SPREADS):
             heights = spread * rng.normal(size=(2, self.system.n))
             best = self.state.incumbent
-            if best is not None:
-                guess = Guess.of_motion(best.name, best.trajectory)
-                yield bumped(self.system, guess, heights)
+            if best is None:
+                yield None
+                continue
+            guess = Guess.of_motion(best.name, best.trajectory)
+            yield bumped(self.system, guess, heights)
 
     def _weightless(self, guess: Guess) -> Schedule[Guess]:
         """The motion that a guess leads to where nothing has a weight."""

@@ -45,7 +45,7 @@ FIRST_DURATION = 1.5
 # PIECES pieces, and last up to LONGER times the first duration.
 RESCUE_SHOTS = 4
 # Arms of at most this number of joints may have to swing.
-FEW_MOTORS = 3
+FEW_JOINTS = 3
 PIECES = 4
 LONGER = 2.0
 
@@ -82,7 +82,7 @@ def torques_may_lead(system: ProblemFunctions) -> bool:
     a small arm may have to swing.
     """
     smooth = system.problem.motion_limits is not None
-    return system.in_free_space and system.n <= FEW_MOTORS and not smooth
+    return system.in_free_space and system.n <= FEW_JOINTS and not smooth
 
 
 def _given_torques(system: ProblemFunctions, options: Options) -> Array:

@@ -27,7 +27,7 @@ REPAIRS = 2
 # Largest time scaling that makes an initial guess feasible where there is no incumbent,
 # and the number of factors up to it that are tried.
 SLOWEST, FACTORS = 10.0, 12
-# Largest violation of a coarse motion that is near to one.
+# Largest violation of a motion that is nearly feasible.
 NEARLY = 1e-2
 
 # Remark on a motion that is kept, as a later stage failed.
@@ -82,7 +82,8 @@ def run(state: PlanState, work: Work) -> Candidate | None:
     """Make a candidate; after a stop or a failure, from its kept iterates.
 
     Returns:
-        The candidate, which ``state`` knows; None if there is no motion at all.
+        The candidate; ``state`` keeps it, unless it misses the cutoff or is kept as a
+        fallback. None if there is no motion at all.
     """
     state.begin()
     candidate: Candidate | None
@@ -170,13 +171,11 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     with state.saving():
         for item in feasible or state.kept[-1:]:
             try:
-                candidate = _as_candidate(work.name, item, initial, status, state)
-                last = last or candidate
-                candidate = candidate.verified(work.system.problem, state.options)
+                last = _as_candidate(work.name, item, initial, status, state)
+                candidate = last.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
                 state.stopped(again)
-                # A refuted iterate says nothing about those not replayed yet.
-                return last and replace(last, verification=None)
+                return last  # its replay is not known
             except (*NUMERICAL, TominpmpError) as error:
                 logger.warning("a kept motion could not be replayed: %r", error)
                 continue
