@@ -27,7 +27,6 @@ from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
 from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.initial_guess.warm_start import WarmStart
-from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
@@ -342,11 +341,11 @@ def _warm_start_work(
 def _keep_former(
     system: ProblemFunctions, former: Former, state: PlanState, candidate: Candidate
 ) -> bool:
-    """Keep a former motion that led to no faster one; whether it is a motion."""
+    """Keep a former motion that led to no faster one, if its replay holds."""
     if isinstance(former, SegmentedGuess):
         return False
     kept = former.remainder(system)
-    if kept is None or not _arrives(system, kept, state.options):
+    if kept is None:
         return False
     same = replace(
         candidate, feasible=True, trajectory=kept, violations={}, layout=None
@@ -355,14 +354,6 @@ def _keep_former(
     if same.duration < candidate.duration:
         state.amend(same)
     return same.found
-
-
-def _arrives(system: ProblemFunctions, motion: Trajectory, options: Options) -> bool:
-    """Whether a former motion ends where the problem wants it to."""
-    q, v = motion.q[-1], motion.v[-1]
-    goal = system.problem.goal.nearest(system.kinematics, q, v)
-    lack, _ = goal.place_residual(system.kinematics, q)
-    return bool(np.max(np.abs(lack), initial=0.0) <= options.goal_tolerance)
 
 
 def _outdone(system: ProblemFunctions, state: PlanState) -> bool:
