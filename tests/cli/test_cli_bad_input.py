@@ -22,20 +22,25 @@ BAD = {
     ),
     "wrong count": (
         "plan planar3r --start 1,2 --goal 1,1,1",
-        "--start has 2 numbers, expected 3, one for each of: joint1, joint2, joint3",
+        "--start: holds 2 numbers, expected 3, one for each of: joint1, joint2, joint3",
     ),
-    "too many": ("plan planar3r --start start --goal 1,1,1,1", "--goal has 4 numbers"),
+    "too many": (
+        "plan planar3r --start start --goal 1,1,1,1",
+        "--goal: holds 4 numbers",
+    ),
     "nothing": (
         "plan planar3r --start '' --goal 1,1,1",
-        "neither a number nor a group",
+        "--start: says nothing of joint positions",
     ),
-    "NaN": ("plan planar3r --start 1,nan,1 --goal 1,1,1", "'joint2' is nan"),
+    "NaN": (
+        "plan planar3r --start 1,nan,1 --goal 1,1,1",
+        "--start[1]: is nan, expected a finite",
+    ),
     "infinite": ("plan planar3r --start start --goal 1,1,inf", "inf"),
     "outside": ("plan planar3r --start 0.1,0,0 --goal 1,1,1", "[0.18, 3]"),
     "unknown state": (
         "plan planar3r --start home --goal 1,1,1",
-        "--start: 'home' is neither a number nor a group state of 'planar3r' (group "
-        "states: start)",
+        "--start: there is no group state 'home'; the robot has: start",
     ),
     "unknown joint": (
         "plan planar3r --start start --goal elbow=1",
@@ -58,11 +63,11 @@ BAD = {
     ),
     "no quaternion": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 0 0",
-        "the quaternion not zero",
+        "expected one that is not zero",
     ),
     "pose of NaN": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 nan 1",
-        "expected finite numbers",
+        "goal.pose is not finite",
     ),
     "no goal": ("plan planar3r --start start", "there is no goal"),
     "two goals": (
@@ -71,7 +76,7 @@ BAD = {
     ),
     "velocity of two": (
         "plan planar3r --start start --goal 1,1,1 --start-velocity 1,2",
-        "--start-velocity has 2 numbers",
+        "--start-velocity: holds 2 numbers",
     ),
     "velocity of a stranger": (
         "plan planar3r --start start --goal 1,1,1 --goal-velocity hand=1",
@@ -111,15 +116,15 @@ BAD = {
     ),
     "obstacle key": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:size=1:at=1,1,1",
-        "'size=1': the keys of a sphere are r, at, quat",
+        "size: there is no such key; there are: name, position, rotation",
     ),
     "obstacle lacks": (
         "plan planar3r --start start --goal 1,1,1 --obstacle box:x:at=1,1,1",
-        "it lacks size",
+        "size: is missing",
     ),
     "obstacle numbers": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=1:at=1,1",
-        "at is '1,1', expected 3 numbers",
+        "expected three finite coordinates",
     ),
     "obstacle size": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=-1:at=9,9,0",

@@ -58,11 +58,11 @@ def test_a_motion_keeps_a_tool_speed(run: Run) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("tool_sped:frame=tip", "no kind 'tool_sped'; there are: "),
-        ("tool_speed:frame=tip", "it lacks limit"),
+        ("tool_sped:frame=tip", "no kind 'tool_sped' (did you mean tool_speed"),
+        ("tool_speed:frame=tip", "limit: is missing"),
         (
             "tool_speed:frame=tip:limits=1",
-            "keys of a tool_speed are during, frame, limit",
+            "did you mean limit?); there are: during, frame, limit",
         ),
         ("tool_speed:frame=tip:limit=0", "limit is 0.0, expected a positive number"),
         ("tool_speed:frame=nose:limit=1", "no frame 'nose'"),

@@ -1,15 +1,17 @@
-"""The problem of a command: from its options, a scenario, or files of MoveIt."""
+"""The problem of a command: from its options, a scenario, or files of MoveIt.
+
+What is typed becomes the tables that a scenario file has, and is read as these are.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import MISSING, fields, replace
-from types import MappingProxyType
-from typing import Any, cast
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, NoReturn, cast
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array, field_type
 from tominpmp.cli.options import (
@@ -21,16 +23,12 @@ from tominpmp.cli.options import (
     is_scenario,
 )
 from tominpmp.constraints import PathConstraint
+from tominpmp.description.fields import Field
 from tominpmp.description.joint_table import OVERRIDES
-from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError, SceneError
-from tominpmp.files.limits import (
-    load_joint_limits,
-    load_limited_robot,
-    load_motion_limits,
-)
+from tominpmp.exceptions import OptionsError, ProblemError, SceneError, TominpmpError
+from tominpmp.files import scenario
 from tominpmp.files.moveit import load_moveit, load_moveit_scene, request_locks
-from tominpmp.files.records import classes
-from tominpmp.files.scenario import load_scenario
+from tominpmp.files.records import classes, from_table
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
@@ -42,6 +40,32 @@ from tominpmp.scene import HeightField, Obstacle, OcTree, Scene
 
 CONSTRAINT_FORM = "KIND:KEY=VALUE:..., for example tool_speed:frame=tip:limit=0.5"
 OBSTACLE_FORM = "KIND:NAME:KEY=VALUE:..., for example sphere:ball:r=0.1:at=0.5,0,0.3"
+# Short words for fields of obstacles.
+FULL = {"r": "radius", "at": "position", "quat": "rotation", "l": "length"}
+
+
+@dataclass(frozen=True)
+class Typed(Field):
+    """A value that was typed; the key is its option, and paths are those typed."""
+
+    path: Path = Path("command line")
+
+    def fail(self, message: str) -> NoReturn:
+        """Raise the error about the option.
+
+        Raises:
+            OptionsError: Always.
+        """
+        raise OptionsError(f"{self.key}: {message}" if self.key else message, self.key)
+
+    def blame(self, error: TominpmpError) -> NoReturn:
+        """Raise an error of the library as it is: it names what was typed."""
+        raise error
+
+    def get(self, name: str) -> Field:
+        """Value of a key of a table; positions have no key but that of the option."""
+        found = super().get(name)
+        return replace(found, key=self.key) if name in ("q", "state") else found
 
 
 def words(text: str) -> list[str]:
@@ -102,6 +126,50 @@ def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]
     return numbers[0] if len(numbers) == 1 else numbers
 
 
+def typed_joints(text: str, name: str, robot: Robot, *, degrees: bool = False) -> Typed:
+    """Joint positions that were typed, as the table that a scenario has for them.
+
+    Numbers in joint order; or the name of a group state; or ``JOINT=VALUE`` pairs,
+    which may follow the name of a group state.
+
+    Args:
+        text: The text.
+        name: The option.
+        robot: The robot.
+        degrees: Whether numbers for joints that turn are in degrees.
+
+    Raises:
+        OptionsError: If a number or pair cannot be read.
+    """
+    states = {} if robot.srdf is None else robot.srdf.group_states
+    items, table = words(text), dict[str, Any]()
+    if text.strip() in states:
+        items, table["state"] = [], text.strip()
+    elif number(items[0]) is None and "=" not in items[0]:
+        table["state"] = items.pop(0)
+    if items and number(items[0]) is not None:
+        table["q"] = _in_si(vector(text, name), robot, degrees)
+    elif items:
+        table["q"] = _in_si(joint_pairs(items, name), robot, degrees)
+    return Typed(table, key=name)
+
+
+def _in_si(
+    values: list[float] | dict[str, float], robot: Robot, degrees: bool
+) -> list[float] | dict[str, float]:
+    """Values of joints in SI units, where those of joints that turn are in degrees."""
+    turning = {j.name for j in robot.description.joints if j.kind != "prismatic"}
+
+    def converted(name: str, value: float) -> float:
+        return np.pi / 180 * value if degrees and name in turning else value
+
+    if isinstance(values, dict):
+        return {name: converted(name, value) for name, value in values.items()}
+    if len(values) != robot.n:
+        return values
+    return [converted(*pair) for pair in zip(robot.joint_names, values, strict=True)]
+
+
 def positions(
     text: str,
     name: str,
@@ -110,100 +178,26 @@ def positions(
     base: Array | None = None,
     degrees: bool = False,
 ) -> Array:
-    """Read joint positions.
+    """Read joint positions as by :func:`typed_joints`, shape (n,) [rad or m].
 
-    Numbers in joint order; or the name of a group state; or ``JOINT=VALUE`` pairs,
-    which may follow the name of a group state.
-
-    Args:
-        text: The text.
-        name: The option, for messages.
-        robot: The robot.
-        base: Positions of joints of which nothing is said, shape (n,).
-        degrees: Whether numbers for joints that turn are in degrees.
-
-    Returns:
-        Shape (n,) [rad or m].
+    The base has positions of joints of which nothing is said, shape (n,).
 
     Raises:
-        OptionsError: If a pair cannot be read.
-        JointNotFound: If a joint is unknown.
-        ProblemError: If there are too few or too many numbers, the word is not a group
-            state, or nothing is said about a joint.
+        OptionsError: If they are wrong.
+        ProblemError: If there is no such group state.
     """
-    items = words(text)
-    if number(items[0]) is not None:
-        known = _by_joint(vector(text, name), name, robot, degrees)
-        return np.array([known[joint] for joint in robot.joint_names])
-    states = {} if robot.srdf is None else robot.srdf.group_states
-    state, items = (text.strip(), []) if text.strip() in states else (None, items)
-    if items and "=" not in items[0]:
-        state = items.pop(0)
-    if state is not None and state not in states:
-        has = ", ".join(states) or "none"
-        raise ProblemError(
-            f"{name}: {state!r} is neither a number nor a group state of "
-            f"{robot.name!r} (group states: {has})",
-            name,
-        )
-    known = {} if base is None else dict(zip(robot.joint_names, base, strict=True))
-    known |= {} if state is None else states[state]
-    known |= _by_joint(joint_pairs(items, name), name, robot, degrees)
-    lacking = [joint for joint in robot.joint_names if joint not in known]
-    if lacking:
-        raise ProblemError(
-            f"{name} says nothing about {', '.join(lacking)}: name them, or begin with "
-            "a group state",
-            name,
-        )
-    return np.array([known[joint] for joint in robot.joint_names])
+    typed = typed_joints(text, name, robot, degrees=degrees)
+    return scenario.positions(typed, robot, base)
 
 
 def velocities(text: str, name: str, robot: Robot, *, degrees: bool = False) -> Array:
     """Read joint velocities: numbers in joint order, or pairs; other joints rest.
 
     Raises:
-        OptionsError: If a number or pair cannot be read.
-        JointNotFound: If a joint is unknown.
-        ProblemError: If there are too few or too many numbers.
+        OptionsError: If they are wrong.
     """
     values = joint_pairs(words(text), name) if "=" in text else vector(text, name)
-    known = _by_joint(values, name, robot, degrees)
-    return np.array([known.get(joint, 0.0) for joint in robot.joint_names])
-
-
-def _by_joint(
-    values: Sequence[float] | Mapping[str, float],
-    name: str,
-    robot: Robot,
-    degrees: bool,
-) -> dict[str, float]:
-    """Values by joint name in SI units, of one for each joint or of some by name."""
-    if not isinstance(values, Mapping):
-        if len(values) != robot.n:
-            raise ProblemError(
-                f"{name} has {len(values)} number{'' if len(values) == 1 else 's'}, "
-                f"expected {robot.n}, one for each of: {', '.join(robot.joint_names)}",
-                name,
-            )
-        values = dict(zip(robot.joint_names, values, strict=True))
-    for joint in values:
-        if joint not in robot.joint_names:
-            raise JointNotFound(joint, robot.joint_names)
-    turn = {j.name for j in robot.description.joints if j.kind != "prismatic"}
-    return {
-        joint: np.pi / 180 * value if degrees and joint in turn else value
-        for joint, value in values.items()
-    }
-
-
-# Short words for fields; the others are typed as they are.
-SHORT = {"radius": "r", "position": "at", "rotation": "quat"}
-FULL = {**{short: key for key, short in SHORT.items()}, "l": "length"}
-# How many numbers some of them have.
-COUNTS = {"radius": 1, "length": 1, "size": 3, "position": 3, "rotation": 4}
-# Motions and tables of numbers are for files.
-UNTYPED = ("motion", "vertices", "triangles")
+    return scenario.vector(Typed(_in_si(values, robot, degrees), key=name), robot)
 
 
 def obstacle(text: str) -> Obstacle:
@@ -217,12 +211,14 @@ def obstacle(text: str) -> Obstacle:
     kind, _, rest = text.partition(":")
     name, *items = rest.split(":")
     try:
+        table = _typed_record(f"--obstacle {text!r}", kind, items, kinds, name=name)
         if kind in kinds and (not name or "=" in name):
-            raise OptionsError(f"it has no name (expected {OBSTACLE_FORM})")
-        made = _record(kind, items, kinds, OBSTACLE_FORM, {"name": name}, ["position"])
-    except OptionsError as error:
-        raise SceneError(f"--obstacle {text!r}: {error}", name or None) from error
-    return cast("Obstacle", made)
+            table.fail("it has no name")
+        if kind in kinds and "position" not in table.value:
+            table.fail("it lacks at")
+        return cast("Obstacle", from_table(table, kinds, "kind"))
+    except TominpmpError as error:
+        raise SceneError(f"{error}; expected {OBSTACLE_FORM}", name or None) from error
 
 
 def constraint(text: str) -> PathConstraint:
@@ -234,61 +230,35 @@ def constraint(text: str) -> PathConstraint:
     kind, *items = text.split(":")
     kinds = classes(PathConstraint, "")
     try:
-        return cast("PathConstraint", _record(kind, items, kinds, CONSTRAINT_FORM))
-    except (OptionsError, ProblemError) as error:
-        raise ProblemError(f"--constraint {text!r}: {error}", "constraints") from error
+        table = _typed_record(f"--constraint {text!r}", kind, items, kinds)
+        return cast("PathConstraint", from_table(table, kinds, "kind"))
+    except TominpmpError as error:
+        said = f"{error}; expected {CONSTRAINT_FORM}"
+        raise ProblemError(said, "constraints") from error
 
 
-def _record(
+def _typed_record(
+    option: str,
     kind: str,
     items: Sequence[str],
     kinds: Mapping[str, type[Any]],
-    form: str,
-    values: Mapping[str, Any] = MappingProxyType({}),
-    needed: Sequence[str] = (),
-) -> Any:
-    """Make a record from ``KEY=VALUE`` with its fields as keys, or raise OptionsError.
-
-    Fields that are needed must be given although they have a default; ``form`` says in
-    messages what was expected.
-    """
-    if kind not in kinds:
-        raise OptionsError(
-            f"there is no kind {kind!r}; there are: {', '.join(kinds)} "
-            f"(expected {form})"
-        )
-    values, hidden = dict(values), (*values, *UNTYPED)
-    known = {item.name: item for item in fields(kinds[kind]) if item.name not in hidden}
-    # Those of all obstacles come last.
-    known |= {key: known.pop(key) for key in ("position", "rotation") if key in known}
+    **values: str,
+) -> Typed:
+    """What ``KEY=VALUE`` say of a record, as the table that a scenario has for it."""
+    table = Typed({"type": kind, **values}, key=option)
     for item in items:
         word, _, value = item.partition("=")
         key = FULL.get(word, word)
-        if key not in known:
-            keys = ", ".join(SHORT.get(key, key) for key in known)
-            raise OptionsError(f"{item!r}: the keys of a {kind} are {keys}")
-        if key in values:
-            raise OptionsError(f"{SHORT.get(key, key)} is given twice")
-        declared = field_type(kinds[kind], key)
+        if key in table.value:
+            table.fail(f"{word} is given twice")
+        declared = field_type(kinds.get(kind, object), key)
         plain = getattr(declared, "__origin__", declared) in (str, "str")
-        values[key] = value if plain else _entry(value, key)
-    bare = [k for k, f in known.items() if f.default is f.default_factory is MISSING]
-    lacking = [SHORT.get(k, k) for k in (*bare, *needed) if k not in values]
-    if lacking:
-        raise OptionsError(f"it lacks {' and '.join(lacking)}")
-    return kinds[kind](**values)
-
-
-def _entry(value: str, key: str) -> Any:
-    """Read a number, a list of them, or, where numbers need not be, a word."""
-    found = [number(word) for word in words(value)]
-    count = COUNTS.get(key)
-    if None in found and count is None:
-        return value
-    if None in found or count not in (None, len(found)):
-        expected = "a number" if count == 1 else f"{count} numbers"
-        raise OptionsError(f"{SHORT.get(key, key)} is {value!r}, expected {expected}")
-    return found[0] if len(found) == 1 else found
+        numbers = [number(word) for word in words(value)]
+        if not plain and None not in numbers:
+            table.value[key] = numbers[0] if len(numbers) == 1 else numbers
+        else:
+            table.value[key] = value
+    return table
 
 
 # What the command line may say beside a file that holds the whole problem.
@@ -327,8 +297,8 @@ def load_problem(
     asked_for = tuple(constraint(text) for text in args.constraint or ())
     if is_scenario(problem_args.robot):
         _refuse("a scenario file", args, KEPT)
-        scenario = load_scenario(problem_args.robot)
-        problem, chosen = scenario.problem, replace(scenario.options, **given)
+        found = scenario.load_scenario(problem_args.robot)
+        problem, chosen = found.problem, replace(found.options, **given)
     elif args.request is not None:
         if args.scene is None:
             raise ProblemError("--request needs a --scene that it belongs to", "scene")
@@ -368,16 +338,11 @@ def check_given(problem_args: ProblemArguments) -> None:
 
 def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None:
     """The motion limits of the command line over those of its file."""
-    path, limits = problem_args.options.motion_limits, None
-    if path is not None:
-        limits = load_motion_limits(path, robot)
-    if not problem_args.limits:
-        return limits
-    typed: dict[str, Any] = {
-        name: joint_values(text, _flag(name)) if isinstance(text, str) else text
-        for name, text in problem_args.limits.items()
-    }
-    return MotionLimits(**typed).over(limits, robot.joint_names)
+    path = problem_args.options.motion_limits
+    table: dict[str, Any] = {} if path is None else {"file": str(path)}
+    for name, text in problem_args.limits.items():
+        table[name] = joint_values(text, _flag(name)) if isinstance(text, str) else text
+    return scenario.read_motion_limits(Typed(table), robot)
 
 
 def load_changed_robot(
@@ -394,25 +359,21 @@ def load_changed_robot(
             f"to search is --planning-effort {args.effort}",
             "--effort",
         )
-    locked = joint_pairs(args.lock or (), "--lock")
-    changes: dict[str, Any] = {
-        name: joint_values(getattr(args, name), _flag(name))
-        for name in OVERRIDES
-        if getattr(args, name) is not None
+    table: dict[str, Any] = {
+        "name": robot,
+        "package_dirs": [str(folder) for folder in args.package_dir or ()],
+        "group": args.group,
+        "limits": args.limits,
+        "locked_joints": {**(resting or {}), **joint_pairs(args.lock or (), "--lock")},
     }
-    if args.gravity is not None:
-        changes["gravity"] = vector(args.gravity, "--gravity")
-    file = args.joint_limits
-    return load_limited_robot(
-        None if file is None else load_joint_limits(file),
-        robot,
-        changes,
-        package_dirs=args.package_dir or (),
-        srdf=args.srdf,
-        group=args.group,
-        limits=args.limits,
-        locked_joints={**(resting or {}), **locked},
-    )
+    for name in ("srdf", "joint_limits", "gravity", *OVERRIDES):
+        given = getattr(args, name)
+        if name == "gravity" and given is not None:
+            table[name] = vector(given, "--gravity")
+        elif given is not None:
+            is_file = isinstance(given, Path)
+            table[name] = str(given) if is_file else joint_values(given, _flag(name))
+    return scenario.read_robot(Typed(table))
 
 
 def load_scene(args: PlayOptions) -> tuple[Robot, Scene]:
@@ -423,7 +384,7 @@ def load_scene(args: PlayOptions) -> tuple[Robot, Scene]:
     """
     if is_scenario(args.robot):
         _refuse("a scenario file", args, ("robot", "output"))
-        problem = load_scenario(args.robot).problem
+        problem = scenario.load_scenario(args.robot).problem
         return problem.robot, problem.scene
     arm = load_changed_robot(args.robot, args)
     return arm, _obstacles(args, arm)
@@ -487,12 +448,10 @@ def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
         q = positions(args.goal, "--goal", robot, base=q_start, degrees=args.degrees)
         return JointGoal(q, _velocities(args, "goal_velocity", robot))
     v = None if text is None else np.array(vector(text, "--goal-velocity"))
+    frame, *numbers = args.goal_position or args.goal_pose or ("",)
     if args.goal_position is not None:
-        frame, *point = args.goal_position
-        return PositionGoal(frame, np.array(point), v)
-    assert args.goal_pose is not None  # noqa: S101
-    frame, *numbers = args.goal_pose
-    return PoseGoal(frame, _placement(numbers), v)
+        return PositionGoal(frame, np.array(numbers), v)
+    return PoseGoal(frame, (numbers[:3], numbers[3:]), v)
 
 
 def _velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
@@ -501,19 +460,6 @@ def _velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     if text is None:
         return None
     return velocities(text, _flag(name), robot, degrees=args.degrees)
-
-
-def _placement(numbers: Sequence[float]) -> pin.SE3:
-    """Placement from a point and a quaternion of any length but zero."""
-    point, quaternion = np.array(numbers[:3]), np.array(numbers[3:])
-    length = float(np.linalg.norm(quaternion))
-    if not np.all(np.isfinite(numbers)) or length < 1e-9:
-        raise ProblemError(
-            f"--goal-pose is {' '.join(f'{x:g}' for x in numbers)}, expected finite "
-            "numbers X Y Z QX QY QZ QW, the quaternion not zero",
-            "goal",
-        )
-    return pin.SE3(pin.Quaternion(quaternion / length).matrix(), point)
 
 
 def _refuse(what: str, args: RobotOptions, keep: Collection[str] = ()) -> None:

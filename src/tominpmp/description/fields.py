@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ScenarioError, closest, shortened
+from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,14 @@ class Field:
         key = f"{shortened(self.key)}: " if self.key else ""
         text = f"{self.path}: {key}{message}"
         raise ScenarioError(text, self.path, self.key or None)
+
+    def blame(self, error: TominpmpError) -> NoReturn:
+        """Raise an error of the library as one about this value.
+
+        Raises:
+            ScenarioError: Always.
+        """
+        self.fail(str(error))
 
     def unknown(self, known: Iterable[str]) -> NoReturn:
         """Raise the error that there is no such key.
@@ -81,7 +89,7 @@ class Field:
         if not isinstance(table, dict):
             self._expected("a table of keys and values")
         key = f"{self.key}.{name}" if self.key else name
-        return Field(table.get(name), self.path, key)
+        return replace(self, value=table.get(name), key=key)
 
     def need(self, name: str) -> Field:
         """Value of a key that must be there."""
@@ -108,7 +116,7 @@ class Field:
         if not isinstance(values, list):
             self._expected("a list")
         for index, value in enumerate(values):
-            yield Field(value, self.path, f"{self.key}[{index}]")
+            yield replace(self, value=value, key=f"{self.key}[{index}]")
 
     def text(self) -> str:
         """A text that is not empty."""

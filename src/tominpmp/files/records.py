@@ -66,7 +66,7 @@ def blaming(item: Field) -> Iterator[None]:
     except ScenarioError:
         raise
     except TominpmpError as error:
-        item.fail(str(error))
+        item.blame(error)
 
 
 def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:

@@ -102,6 +102,7 @@ from tominpmp.exceptions import (
     RobotLoadError,
     ScenarioError,
     TominpmpError,
+    brief,
 )
 from tominpmp.files.limits import (
     load_joint_limits,
@@ -269,44 +270,57 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     if not state.given and q.value is None:
         table.fail("says nothing of joint positions: expected q or state")
     if isinstance(q.value, str):
-        state, q = q, Field(None, q.path, q.key)
+        state, q = q, replace(q, value=None)
+    known = {} if base is None else _by_name(base, robot)
     if state.given:
         if isinstance(q.value, list):
             q.fail("expected joints by name beside a state")
-        with blaming(state):
-            base = robot.group_state(state.text())
-    if q.value is None:
-        return np.array(base)
-    return vector(q, robot, base)
+        states = {} if robot.srdf is None else robot.srdf.group_states
+        if state.text() not in states:
+            has = ", ".join(states) or "none"
+            state.fail(
+                f"there is no group state {brief(state.value)}; the robot has: {has}"
+            )
+        known |= states[state.value]
+    return _row(replace(q, value={}) if q.value is None else q, robot, known)
 
 
-def vector(value: Field, robot: Robot, base: Array | None = None) -> Array:
-    """Read values of all joints: numbers in joint order, or by name.
-
-    Positions that are not named are those of the base, velocities are zero.
+def vector(value: Field, robot: Robot) -> Array:
+    """Read values of all joints: numbers in joint order, or by name, else zero.
 
     Raises:
         ScenarioError: If there are too many or too few, or a joint is unknown.
     """
-    if not isinstance(value.value, dict):
+    return _row(value, robot, dict.fromkeys(robot.joint_names, 0.0))
+
+
+def _by_name(values: Array | list[float], robot: Robot) -> dict[str, float]:
+    return dict(zip(robot.joint_names, values, strict=True))
+
+
+def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
+    """Numbers in joint order, or by name over those that are known; shape (n,)."""
+    names = robot.joint_names
+    if isinstance(value.value, dict):
+        for name, item in value.table().items():
+            if name not in names:
+                item.fail(str(JointNotFound(name, names)))
+            known = known | {name: item.number()}
+    else:
         numbers = value.numbers()
         if len(numbers) != robot.n:
+            count = f"{len(numbers)} number{'' if len(numbers) == 1 else 's'}"
             value.fail(
-                f"holds {len(numbers)} numbers, expected {robot.n}, one for each of: "
-                f"{', '.join(robot.joint_names)}"
+                f"holds {count}, expected {robot.n}, one for each of: "
+                f"{', '.join(names)}"
             )
-        return np.array(numbers)
-    given = value.table()
-    for name, item in given.items():
-        if name not in robot.joint_names:
-            item.fail(str(JointNotFound(name, robot.joint_names)))
-    lacking = [name for name in robot.joint_names if name not in given]
-    if lacking and base is None and value.key.endswith("q"):
-        value.fail(f"says nothing about {', '.join(lacking)}")
-    rest = np.zeros(robot.n) if base is None else base
-    known = dict(zip(robot.joint_names, rest, strict=True))
-    known |= {name: item.number() for name, item in given.items()}
-    return np.array([known[name] for name in robot.joint_names])
+        known = _by_name(numbers, robot)
+    lacking = [name for name in names if name not in known]
+    if lacking:
+        value.fail(
+            f"says nothing about {', '.join(lacking)}: name them, or give a state"
+        )
+    return np.array([known[name] for name in names])
 
 
 SEGMENT_KEYS = tuple(field.name for field in fields(Segment))
@@ -601,7 +615,7 @@ def read_robot(table: Field) -> Robot:
     except TominpmpError as error:
         option = getattr(error, "option", None)
         where = table.get(option) if option in ROBOT_KEYS else table
-        where.fail(str(error))
+        where.blame(error)
     for item in table.get("payloads").items():
         payload = read_payload(item)
         with blaming(item):
