@@ -78,28 +78,20 @@ def _files(incomplete: str) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
-def frames(typed: CompletionContext) -> list[str]:
-    """Frames of the robot that was named: its links and joints."""
-    return [e.get("name", "") for e in _elements(typed, "urdf", "link", "joint")]
+def named(kind: str, *tags: str) -> Completer:
+    """Names of elements of the URDF or SRDF file of the robot that was named."""
+    return lambda typed: [e.get("name", "") for e in _elements(typed, kind, *tags)]
 
 
 def joints(typed: CompletionContext) -> list[str]:
     """Moving joints of the robot that was named, as ``JOINT=``."""
-    return [
-        f"{element.get('name', '')}="
-        for element in _elements(typed, "urdf", "joint")
-        if element.get("type") in MOVING
-    ]
-
-
-def groups(typed: CompletionContext) -> list[str]:
-    """Groups of the SRDF file of the robot that was named."""
-    return [e.get("name", "") for e in _elements(typed, "srdf", "group")]
+    found = _elements(typed, "urdf", "joint")
+    return [f"{e.get('name', '')}=" for e in found if e.get("type") in MOVING]
 
 
 def positions(typed: CompletionContext) -> list[str]:
     """Group states of the robot that was named, and its joints."""
-    states = [e.get("name", "") for e in _elements(typed, "srdf", "group_state")]
+    states = named("srdf", "group_state")(typed)
     return [*dict.fromkeys(states), *joints(typed)]
 
 
@@ -114,13 +106,14 @@ def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Eleme
     from tominpmp.description.xml_reader import read_xml
     from tominpmp.exceptions import TominpmpError
 
-    given = _given(typed, "srdf") if kind == "srdf" else None
-    robot = _given(typed, "robot") or _given(typed, "scenario")
+    found = ((k, typed.get(k)) for k in ("robot", "scenario", kind))
+    given = {k: item.raw for k, item in found if item is not None}
     # With an option that lacks its values, no argument is told apart.
-    robot = robot or next((w for w in sys.argv[3:] if not w.startswith("-")), "")
+    bare = (word for word in sys.argv[3:] if not word.startswith("-"))
+    robot = given.get("robot") or given.get("scenario") or next(bare, "")
     try:
-        path = Path(given) if given else getattr(find_robot(robot), kind)
-        if path is None or path.stat().st_size > MOST_BYTES:
+        path = Path(given.get(kind) or getattr(find_robot(robot), kind) or "")
+        if not path.name or path.stat().st_size > MOST_BYTES:
             return
         root = read_xml(path)
     except (TominpmpError, OSError, ParseError):
@@ -129,21 +122,15 @@ def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Eleme
         yield from root.findall(tag)
 
 
-def _given(typed: CompletionContext, name: str) -> str | None:
-    """What was typed for an argument before."""
-    found = typed.get(name)
-    return None if found is None else found.raw
-
-
 #: What completes the values of options, by the name of the option.
 COMPLETIONS: dict[str, Completer] = {
-    "group": groups,
+    "group": named("srdf", "group"),
     "limits": words("datasheet"),
     "lock": joints,
     "start": positions,
     "goal": positions,
-    "goal_position": frames,
-    "goal_pose": frames,
+    "goal_position": named("urdf", "link", "joint"),
+    "goal_pose": named("urdf", "link", "joint"),
     "interpolation": words("auto", "controller", "linear", "cubic", "quintic"),
     "ros_message": words("JointTrajectory", "FollowJointTrajectory", "RobotTrajectory"),
     "robot": robots,
@@ -258,14 +245,13 @@ def fields_of(
     texts, found = attribute_texts(kind), []
     for item in fields(kind):
         hint = _hint(kind, item)
-        typed, metavar = _typed(hint)
+        typed, metavar, choices = _typed(hint)
         if typed is None or not item.name.endswith(ending):
             continue
         other, note = (further or {}).get(item.name, ("", ""))
         text = texts.get(item.name, ("", ""))[1].replace("None", NONE)
         if item.default not in (None, MISSING):
             text += f" Default: {item.default}."
-        choices = _choices(hint)
         optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
         marks = Parameter(
             alias=other or None,
@@ -314,23 +300,16 @@ def _kinds(hint: Any) -> list[Any]:
     return [kind for kind in get_args(hint) or (hint,) if kind is not NoneType]
 
 
-def _typed(hint: Any) -> tuple[Any, str]:
-    """What is typed for a field, None if nothing can be; and how that is called."""
+def _typed(hint: Any) -> tuple[Any, str, tuple[str, ...]]:
+    """What is typed for a field, None if nothing can be; its name; and the choices."""
     kinds = _kinds(hint)
-    if Literal in (get_origin(hint), get_origin(kinds[0])):
-        return str, METAVARS[str]
+    literal = next((k for k in (hint, *kinds) if get_origin(k) is Literal), None)
+    if literal is not None:
+        return str, METAVARS[str], tuple(map(str, get_args(literal)))
     if float in kinds and any(get_origin(kind) is Mapping for kind in kinds):
-        return str, PER_JOINT
+        return str, PER_JOINT, ()
     kind = kinds[0] if len(kinds) == 1 and kinds[0] in METAVARS else None
-    return kind, METAVARS.get(kind, "")
-
-
-def _choices(hint: Any) -> tuple[str, ...]:
-    """The words that a field may be, where they are listed."""
-    for kind in (hint, *get_args(hint)):
-        if get_origin(kind) is Literal:
-            return tuple(str(word) for word in get_args(kind))
-    return ()
+    return kind, METAVARS.get(kind, ""), ()
 
 
 def _reader(hint: Any, also_none: bool = False) -> Callable[..., Any] | None:

@@ -165,70 +165,62 @@ def accelerations_continue(trajectory: Trajectory) -> bool:
     return bool(np.all(np.abs(after - before) <= CONTINUOUS * largest))
 
 
-def _points(samples: Samples) -> Iterator[dict[str, Any]]:
-    for k, total in enumerate(nanoseconds(samples.t).tolist()):
-        sec, nanosec = divmod(total, BILLION)
-        point: dict[str, Any] = {}
-        for key, name in POINT_FIELDS.items():
-            row = getattr(samples, key)[k]
-            # Empty is how the message says that it does not know.
-            point[name] = [] if np.all(np.isnan(row)) else row.tolist()
-        yield point | {"time_from_start": {"sec": sec, "nanosec": nanosec}}
-
-
-def message_data(samples: Samples) -> dict[str, Any]:
-    """A JointTrajectory as plain values."""
-    return {
+def message_data(samples: Samples, message: str = MESSAGE) -> dict[str, Any]:
+    """A message as plain values."""
+    data: dict[str, Any] = {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
         "joint_names": list(samples.joint_names),
-        "points": list(_points(samples)),
+        "points": [],
     }
+    for k, total in enumerate(nanoseconds(samples.t).tolist()):
+        sec, nanosec = divmod(total, BILLION)
+        rows = {name: getattr(samples, key)[k] for key, name in POINT_FIELDS.items()}
+        # Empty is how the message says that it does not know.
+        point: dict[str, Any] = {
+            name: [] if np.all(np.isnan(row)) else row.tolist()
+            for name, row in rows.items()
+        }
+        time = {"sec": sec, "nanosec": nanosec}
+        data["points"].append(point | {"time_from_start": time})
+    for key in reversed(MESSAGES[message]):
+        data = {key: data}
+    return data
+
+
+def _json(value: Any) -> str:
+    """JSON whose numbers YAML 1.1, which ROS reads, knows too: 1.0e-05, not 1e-05."""
+    return re.sub(r"(?<![\d.])(\d+)e(?=[-+])", r"\1.0e", json.dumps(value))
 
 
 def write_json(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a JSON message, a line a point."""
-    header = json.dumps({"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""})
-    names = json.dumps(list(samples.joint_names))
-    keys = MESSAGES[message]
-    for key in keys:
-        file.write(f'{{"{key}": '.encode())
-    file.write(f'{{"header": {header},\n"joint_names": {names},\n"points": ['.encode())
-    for index, point in enumerate(_points(samples)):
-        file.write(b",\n" if index else b"\n")
-        parts = [f'"{name}": {_value(part)}' for name, part in point.items()]
-        file.write(f"{{{', '.join(parts)}}}".encode())
-    file.write(b"\n]}" + b"}" * len(keys) + b"\n")
-
-
-def _value(part: Any) -> str:
-    """A part of a point as JSON that YAML 1.1, which ROS reads, understands too."""
-    if isinstance(part, list):
-        return f"[{', '.join(map(_number, part))}]"
-    return json.dumps(part)
+    data = message_data(samples, message)
+    inner = find_trajectory(Field(data, Path())).value
+    points, inner["points"] = map(_json, inner["points"]), []
+    begin, _, end = json.dumps(data).rpartition("]")
+    lines = ",\n".join(points)
+    file.write(f"{begin}\n{lines}\n]{end}\n".encode())
 
 
 def write_yaml(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a YAML message."""
-    indent = ""
-    for key in MESSAGES[message]:
-        file.write(f"{indent}{key}:\n".encode())
-        indent += "  "
-    for line in _yaml_lines(samples):
-        file.write(f"{indent}{line}\n".encode())
+    keys = MESSAGES[message]
+    for depth, key in enumerate(keys):
+        file.write(f"{'  ' * depth}{key}:\n".encode())
+    for line in _yaml_lines(message_data(samples)):
+        file.write(f"{'  ' * len(keys)}{line}\n".encode())
 
 
-def _yaml_lines(samples: Samples) -> Iterator[str]:
+def _yaml_lines(data: dict[str, Any]) -> Iterator[str]:
     yield "header:"
     yield "  stamp: {sec: 0, nanosec: 0}"
     yield "  frame_id: ''"
-    yield f"joint_names: [{', '.join(map(_quoted, samples.joint_names))}]"
+    yield f"joint_names: [{', '.join(map(_quoted, data['joint_names']))}]"
     yield "points:"
-    for point in _points(samples):
-        mark = "-"
-        for name, part in point.items():
-            value = _value(part).replace('"', "")
-            yield f"{mark} {name}: {value}"
-            mark = " "
+    for point in data["points"]:
+        parts = [f"{name}: {_json(part)}" for name, part in point.items()]
+        yield f"- {parts[0]}"
+        yield from (f"  {part}".replace('"', "") for part in parts[1:])
 
 
 def _quoted(name: str) -> str:
@@ -238,14 +230,6 @@ def _quoted(name: str) -> str:
         lambda found: f"\\U{ord(found.group()):08x}",
         json.dumps(name, ensure_ascii=False),
     )
-
-
-def _number(value: float) -> str:
-    """Write a number so that YAML 1.1 knows it for one: 1.0e-05, not 1e-05."""
-    mantissa, mark, exponent = repr(value).partition("e")
-    if mark and "." not in mantissa:
-        mantissa += ".0"
-    return mantissa + mark + exponent
 
 
 def parse_json(content: bytes, path: Path) -> Any:
