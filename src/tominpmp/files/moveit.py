@@ -62,47 +62,33 @@ from tominpmp.scene import Box, Cylinder, Mesh, Obstacle, Scene, Sphere, rotatio
 SHOWN = 20
 # What a MotionPlanRequest and a PlanningScene have: read, refused, or without effect on
 # the motion (bounds for bases that move, and how MoveIt is to look for a motion).
-REQUEST = frozenset(
-    (
-        *("start_state", "goal_constraints", "path_constraints"),
-        *("trajectory_constraints", "workspace_parameters", "pipeline_id"),
-        *("planner_id", "group_name", "num_planning_attempts", "allowed_planning_time"),
-        *("max_velocity_scaling_factor", "max_acceleration_scaling_factor"),
-        *("cartesian_speed_limited_link", "cartesian_speed_end_effector_link"),
-        "max_cartesian_speed",
-    )
-)
+REQUEST = """
+    start_state goal_constraints path_constraints trajectory_constraints
+    workspace_parameters pipeline_id planner_id group_name num_planning_attempts
+    allowed_planning_time max_velocity_scaling_factor max_acceleration_scaling_factor
+    cartesian_speed_limited_link cartesian_speed_end_effector_link max_cartesian_speed
+""".split()
 # Links are watched as the SRDF says; of entries about objects, and of padding, a
 # warning of its own tells.
-SCENE = frozenset(
-    (
-        *("name", "robot_model_name", "robot_state", "world", "object_colors"),
-        *("fixed_frame_transforms", "allowed_collision_matrix", "link_padding"),
-        *("link_scale", "is_diff"),
-    )
-)
+SCENE = """
+    name robot_model_name robot_state world object_colors fixed_frame_transforms
+    allowed_collision_matrix link_padding link_scale is_diff
+""".split()
 # Tables in them, and lists of tables, that are looked through for further keys.
-TABLES = frozenset(
-    (
-        *("start_state", "robot_state", "joint_state", "multi_dof_joint_state"),
-        *("goal_constraints", "joint_constraints", "position_constraints"),
-        *("orientation_constraints", "constraint_region", "world"),
-        "collision_objects",
-    )
-)
+TABLES = """
+    start_state robot_state joint_state multi_dof_joint_state goal_constraints
+    joint_constraints position_constraints orientation_constraints constraint_region
+    world collision_objects
+""".split()
 # What else such tables have: read, refused, or without effect on the motion.
-INSIDE = TABLES | frozenset(
-    (
-        *("header", "name", "position", "velocity", "effort", "joint_names"),
-        *("transforms", "wrench", "attached_collision_objects", "is_diff"),
-        *("joint_name", "tolerance_above", "tolerance_below", "weight"),
-        *("link_name", "target_point_offset", "orientation", "visibility_constraints"),
-        *(f"absolute_{axis}_axis_tolerance" for axis in "xyz"),
-        *("primitives", "primitive_poses", "meshes", "mesh_poses", "planes"),
-        *("plane_poses", "subframe_names", "subframe_poses", "id", "type", "pose"),
-        *("operation", "octomap"),
-    )
-)
+INSIDE = """
+    header name position velocity effort joint_names transforms wrench
+    attached_collision_objects is_diff joint_name tolerance_above tolerance_below weight
+    link_name target_point_offset orientation visibility_constraints
+    absolute_x_axis_tolerance absolute_y_axis_tolerance absolute_z_axis_tolerance
+    primitives primitive_poses meshes mesh_poses planes plane_poses subframe_names
+    subframe_poses id type pose operation octomap
+""".split()
 
 
 def _warn_of_unread(message: Field, keys: Iterable[str]) -> None:
@@ -121,12 +107,17 @@ def _unread(table: Field, known: Collection[str]) -> Iterator[str]:
         elif name in TABLES and item.given:
             parts = item.items() if isinstance(item.value, list) else (item,)
             for part in parts:
-                yield from _unread(part, INSIDE)
+                yield from _unread(part, (*TABLES, *INSIDE))
 
 
 # Numbers of the shapes in the message SolidPrimitive.
 _SHAPES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
-_SIZES = {"box": "x, y and z", "sphere": "the radius", "cylinder": "height and radius"}
+# Those that are read, with their dimensions.
+_SIZES = {
+    "box": (3, "x, y and z"),
+    "sphere": (1, "the radius"),
+    "cylinder": (2, "height and radius"),
+}
 # Keys of the message of which there is one at least.
 SCENE_KEYS = ("world", "robot_state", "fixed_frame_transforms", "robot_model_name")
 # Places beyond this are a mistake [m].
@@ -397,29 +388,17 @@ def _read_primitive(shape: Field) -> tuple[str, list[float]]:
         ScenarioError: If it is none of these.
     """
     kind = shape.need("type")
-    name = kind.value.lower() if isinstance(kind.value, str) else kind.value
-    if isinstance(name, int):
-        name = _SHAPES.get(name, name)
-    if not isinstance(name, str) or name not in _SIZES:
+    named = isinstance(kind.value, int) and _SHAPES.get(kind.value)
+    name = str(named or kind.value).lower()
+    if name not in _SIZES:
         kind.fail(
-            f"there is no shape {brief(name)} here; there are: {', '.join(_SIZES)}, "
-            "and meshes"
+            f"there is no shape {brief(named or kind.value)} here; there are: "
+            f"{', '.join(_SIZES)}, and meshes"
         )
-    size = shape.need("dimensions")
-    count = {"box": 3, "sphere": 1, "cylinder": 2}[name]
+    size, (count, words) = shape.need("dimensions"), _SIZES[name]
     if not isinstance(size.value, list) or len(size.value) != count:
-        size.fail(f"is {brief(size.value)}, expected {_SIZES[name]} of a {name} [m]")
+        size.fail(f"is {brief(size.value)}, expected {words} of a {name} [m]")
     return name, size.numbers(count)
-
-
-def _read_mesh_corners(shape: Field, frames: _Frames) -> Array:
-    """Read the corners of a mesh [m], shape (k, 3).
-
-    Raises:
-        ScenarioError: If it is no mesh or cannot be read.
-    """
-    with blaming(shape):
-        return Mesh("region", **_mesh(shape, frames)).points
 
 
 def _mesh(shape: Field, frames: _Frames) -> dict[str, Any]:
@@ -427,10 +406,8 @@ def _mesh(shape: Field, frames: _Frames) -> dict[str, Any]:
     named = [shape.get(key) for key in MESH_FILES if shape.get(key).given]
     if named:
         scale = shape.get("dimensions" if shape.get("dimensions").given else "scale")
-        values: dict[str, Any] = {"path": _mesh_file(named[0], frames)}
-        if scale.given:
-            values["scale"] = np.array(scale.numbers(3))
-        return values
+        factors = {"scale": np.array(scale.numbers(3))} if scale.given else {}
+        return {"path": _mesh_file(named[0], frames), **factors}
     if not (shape.get("vertices").given and shape.get("triangles").given):
         shape.fail(
             "has neither a type, as primitives have, nor vertices and triangles, nor "
@@ -444,9 +421,8 @@ def _mesh(shape: Field, frames: _Frames) -> dict[str, Any]:
 
 
 def _corners(triangle: Field) -> list[int]:
-    indices = triangle
-    if isinstance(triangle.value, dict):
-        indices = triangle.need("vertex_indices")
+    named = isinstance(triangle.value, dict)
+    indices = triangle.need("vertex_indices") if named else triangle
     numbers = indices.numbers(3)
     if not all(number.is_integer() and 0 <= number < 2**31 for number in numbers):
         indices.fail(f"is {brief(indices.value)}, expected three numbers of vertices")
@@ -497,24 +473,23 @@ def _start_values(request: Field, key: str) -> dict[str, float]:
     return dict(zip(joints, numbers, strict=True))
 
 
-def _goal_joints(request: Field) -> set[str]:
-    """Joints that the goal names."""
-    return {
-        item.need("joint_name").text()
-        for goal in request.get("goal_constraints").items()
-        for item in goal.get("joint_constraints").items()
-    }
-
-
-def _goal_links(request: Field) -> list[str]:
-    """Links that the goal names."""
+def _goal_names(request: Field, key: str, *kinds: str) -> list[str]:
+    """Joints ("joint_name") or links ("link_name") of constraints of the goal."""
     found = [
-        str(item.get("link_name").value)
+        item.need(key).text()
         for goal in request.get("goal_constraints").items()
-        for kind in ("position", "orientation")
+        for kind in kinds
         for item in goal.get(f"{kind}_constraints").items()
     ]
     return list(dict.fromkeys(found))
+
+
+def _goal_joints(request: Field) -> list[str]:
+    return _goal_names(request, "joint_name", "joint")
+
+
+def _goal_links(request: Field) -> list[str]:
+    return _goal_names(request, "link_name", "position", "orientation")
 
 
 def _outside_group(
@@ -544,14 +519,14 @@ def _outside_group(
     groups = JointGroups() if semantics is None else semantics.groups
     states = {} if semantics is None else semantics.group_states
     found = groups.find(name.text())
-    links, moving = _goal_links(request), set[str]()
-    if found is not None:
-        moving = set(groups.groups[found].joints)
-        if moving:
-            warn_of_group(found, groups.groups[found])
+    links = _goal_links(request)
+    moving = set[str]() if found is None else set(groups.groups[found].joints)
     named = bool(moving)
+    if found is not None and named:
+        warn_of_group(found, groups.groups[found])
     if not named:
-        moving = _goal_joints(request).union(*map(description.joints_above, links))
+        above = map(description.joints_above, links)
+        moving = set(_goal_joints(request)).union(*above)
     outside = [
         joint
         for joint in description.joints
@@ -930,8 +905,9 @@ class _GoalReader:
                     size = _region_size(shape)
                 elif shape is not None:
                     # The middle of a mesh is within what is tolerated, its convex hull.
-                    centre = _read_mesh_corners(shape, self.frames).mean(axis=0)
-                    spot = spot * pin.SE3(np.eye(3), centre)
+                    with blaming(shape):
+                        mesh = Mesh("region", **_mesh(shape, self.frames))
+                    spot = spot * pin.SE3(np.eye(3), mesh.points.mean(axis=0))
                 found.append((spot, size))
         if not found:
             region.fail("holds 0 regions, expected one or more")

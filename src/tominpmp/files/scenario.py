@@ -78,7 +78,7 @@ from __future__ import annotations
 import re
 import tempfile
 import warnings
-from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -148,43 +148,36 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     """
     if not table.given:
         return None
-    kind = _class_with(table.table().keys() - {"file"})
-    table.only("file", *(field.name for field in fields(kind)))
-    values = _of_file(table.get("file"), robot)
-    for name, item in table.table().items():
-        if name != "file":
-            values[name] = _limit(name, item, values.get(name, {}))
+    items = table.table()
+    file = items.pop("file", None)
+    # The first class that has all the fields; a caller's may be one.
+    known = {k: [item.name for item in fields(k)] for k in classes_of_limits()}
+    fitting = (k for k, names in known.items() if items.keys() <= set(names))
+    kind = next(fitting, MotionLimits)
+    table.only("file", *known[kind])
+    values: dict[str, Any] = {}
+    if file is not None and file.value is not None:
+        below = load_motion_limits(file.path.parent / file.text(), robot)
+        values = {name: getattr(below, name) for name in kinds_of(below)}
+        values["effort_scale"] = below.effort_scale
+    for name, item in items.items():
+        values[name] = _limit(name, item, values.get(name) or {})
     with blaming(table):
         limits = kind(**values)
         limits.check(robot.joint_names)
     return limits
 
 
-def _class_with(names: Set[str]) -> type[MotionLimits]:
-    """The first class of motion limits that has some fields; a caller's may be one."""
-    every = classes_of_limits()
-    fitting = (kind for kind in every if names <= {item.name for item in fields(kind)})
-    return next(fitting, MotionLimits)
-
-
-def _of_file(item: Field, robot: Robot) -> dict[str, Any]:
-    """Limits of the YAML file that a table refers to, relative to its own file."""
-    if item.value is None:
-        return {}
-    limits = load_motion_limits(item.path.parent / item.text(), robot)
-    given = {name: getattr(limits, name) for name in kinds_of(limits)}
-    found: dict[str, Any] = {k: dict(value) for k, value in given.items() if value}
-    return found | {"effort_scale": limits.effort_scale}
-
-
 def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
-    if name == "effort_curves":
-        curves = {joint: read_curve(curve) for joint, curve in item.table().items()}
-        return {**before, **curves}
-    if isinstance(item.value, dict):
-        own = {k: v.number(infinite=True) for k, v in item.table().items()}
-        return {**before, **own}
-    return item.value
+    """A limit: a number, one for each joint, or by joint over those of a file."""
+    curves = name == "effort_curves"
+    if not curves and not isinstance(item.value, dict):
+        return item.value
+    own = {
+        joint: read_curve(value) if curves else value.number(infinite=True)
+        for joint, value in item.table().items()
+    }
+    return {**before, **own}
 
 
 def beyond(
@@ -554,18 +547,8 @@ def _values(robot: Robot) -> Mapping[str, object]:
 
 
 ROBOT_KEYS = (
-    "name",
-    "path",
-    "srdf",
-    "package_dirs",
-    "group",
-    "limits",
-    "joint_limits",
-    "motion_limits",
-    "gravity",
-    "locked_joints",
-    "payloads",
-    *OVERRIDES,
+    *("name", "path", "srdf", "package_dirs", "group", "limits", "joint_limits"),
+    *("motion_limits", "gravity", "locked_joints", "payloads", *OVERRIDES),
 )
 
 
@@ -767,17 +750,8 @@ MAX_BYTES = 16 * 2**20
 # Reading a longer number takes a hundred times as much memory as the file.
 MAX_DIGITS = 5000
 SECTIONS = (
-    "margin",
-    "self_collision",
-    "robot",
-    "start",
-    "goal",
-    "scene",
-    "motion_limits",
-    "constraints",
-    "segments",
-    "may_touch",
-    "options",
+    *("margin", "self_collision", "robot", "start", "goal", "scene", "motion_limits"),
+    *("constraints", "segments", "may_touch", "options"),
 )
 # What errors call the state in which the first segment begins: that of the problem.
 STARTS = ("q_start", "v_start")
