@@ -49,24 +49,16 @@ class EffortCurve(Record):
         """Check the curve."""
         with told_of("effort curve"):
             super().__post_init__()
-        if self.speed.size != self.effort.size or self.speed.size < 2:
-            raise ProblemError(
-                f"effort curve: {self.speed.size} speeds and {self.effort.size} "
-                "torques, expected as many of each, two at least",
-                "effort",
-            )
-        if self.speed[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
-            raise ProblemError(
-                f"effort curve: speeds are {self.speed.tolist()}, expected to increase "
-                "from 0",
-                "speed",
-            )
-        if np.any(self.effort < 0.0):
-            raise ProblemError(
-                f"effort curve: torques are {self.effort.tolist()}, expected none "
-                "below 0",
-                "effort",
-            )
+        speeds, efforts, fault = self.speed.tolist(), self.effort.tolist(), None
+        if len(speeds) != len(efforts) or len(speeds) < 2:
+            counts = f"{len(speeds)} speeds and {len(efforts)} torques"
+            fault = f"{counts}, expected as many of each, two at least", "effort"
+        elif speeds[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
+            fault = f"speeds are {speeds}, expected to increase from 0", "speed"
+        elif min(efforts) < 0.0:
+            fault = f"torques are {efforts}, expected none below 0", "effort"
+        if fault is not None:
+            raise ProblemError(f"effort curve: {fault[0]}", fault[1])
 
     @classmethod
     def droop(cls, stall: float, no_load_speed: float) -> EffortCurve:

@@ -351,7 +351,7 @@ def test_mistakes_are_named_by_segment_and_key(
         ('goal = {type = "joint", q = [1.0]}', "segments[1].goal.q", "expected 3"),
         (
             'goal = {type = "joint", q = [9.0, 0.0, 0.0]}',
-            "segments[1].goal",
+            "segments[1].goal.q",
             "segment 2 of 2",
         ),
         (

@@ -152,22 +152,11 @@ def _warnings_shown() -> Iterator[None]:
         yield
 
 
-class _Shown(logging.Handler):
-    """Gives what is logged to a function."""
-
-    def __init__(self, show: Callable[[logging.LogRecord], None]) -> None:
-        super().__init__(logging.INFO)
-        self._show = show
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Show a message."""
-        self._show(record)
-
-
 @contextmanager
 def log_shown(name: str, show: Callable[[logging.LogRecord], None]) -> Iterator[None]:
     """Show what a logger is given."""
-    logger, handler = logging.getLogger(name), _Shown(show)
+    logger, handler = logging.getLogger(name), logging.Handler(logging.INFO)
+    handler.emit = show  # type: ignore[assignment, method-assign]
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)

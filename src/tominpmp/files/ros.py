@@ -378,20 +378,15 @@ def write_bag(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
 
 def _typed(samples: Samples, types: dict[str, Any]) -> Any:
     """A message as rosbags has it, whose constructors check the fields."""
-    duration = types["builtin_interfaces/msg/Duration"]
+    names = ("Time", "Duration")
+    time, duration = (types[f"builtin_interfaces/msg/{name}"] for name in names)
     point = types["trajectory_msgs/msg/JointTrajectoryPoint"]
     data = message_data(samples)
     points = [
-        point(
-            **{
-                name: duration(**value) if isinstance(value, dict) else np.array(value)
-                for name, value in item.items()
-            }
-        )
-        for item in data["points"]
+        point(*map(np.array, rows), duration(**since))
+        for *rows, since in (item.values() for item in data["points"])
     ]
-    time = types["builtin_interfaces/msg/Time"](**data["header"]["stamp"])
-    header = types["std_msgs/msg/Header"](stamp=time, frame_id="")
+    header = types["std_msgs/msg/Header"](time(0, 0), "")
     return types[TYPE](header, data["joint_names"], points)
 
 

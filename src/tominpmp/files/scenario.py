@@ -79,8 +79,8 @@ import re
 import tempfile
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +93,7 @@ from tominpmp.description.fields import Field
 from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import OVERRIDES, JointTable, Linkage
 from tominpmp.description.paths import checked_path
-from tominpmp.description.srdf import SemanticDescription, srdf_file
+from tominpmp.description.srdf import srdf_file
 from tominpmp.description.urdf import urdf_file
 from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import (
@@ -421,17 +421,14 @@ def key_of(
         keys: Keys of such a table.
 
     Returns:
-        The value of the key; of constraints the one, as far as the file has it; the
-        table if the field is none of it.
+        The value, as far as the file has it; the table if the field is none of it.
     """
-    steps = re.findall(r"\w+", field or "")
-    at = next((i for i, step in enumerate(steps) if step in keys), None)
-    if at is None:
-        return table
-    found = table.get(steps[at])
-    for step in steps[at + 1 :] if steps[at] == "constraints" else ():
+    found = table
+    for step in re.findall(r"\w+", field or ""):
         if isinstance(found.value, list) and step.isdigit():
             found = list(found.items())[int(step)]
+        elif found is table and step in keys:
+            found = table.get(step)
         elif isinstance(found.value, dict) and step in found.value:
             found = found.get(step)
     return found
@@ -482,19 +479,6 @@ class Beside:
     stem: str
     files: dict[str, bytes] = field(default_factory=dict)
 
-    def urdf(self, robot: Robot) -> str:
-        """Add the URDF file of a robot, and return its name."""
-        text, meshes = urdf_file(robot.description, _loads(robot), self.stem)
-        self.files.update(meshes)
-        self.files[f"{self.stem}.urdf"] = text
-        return f"{self.stem}.urdf"
-
-    def srdf(self, robot: Robot, semantics: SemanticDescription) -> str:
-        """Add the SRDF file of a robot, and return its name."""
-        name = f"{self.stem}.srdf"
-        self.files[name] = srdf_file(semantics, robot.name, _loads(robot))
-        return name
-
     def write(self, folder: Path) -> None:
         """Write them into a folder.
 
@@ -503,11 +487,6 @@ class Beside:
         """
         for name, content in self.files.items():
             write_bytes(folder / name, content)
-
-
-def _loads(robot: Robot) -> list[str]:
-    """Names of the payloads, which the scenario has in a table of its own."""
-    return [payload.name for payload in robot.payloads]
 
 
 def unlike(one: Robot, other: Robot) -> str:
@@ -633,14 +612,35 @@ def robot_table(
             f"it was combined from several: {', '.join(robot.parts)}; expected one "
             "that was loaded"
         )
-    table = _source(robot, folder, beside)
-    default = find_srdf(robot.urdf_path)
-    if "name" in table:
-        default = find_robot(robot.name).srdf
+    loads = [payload.name for payload in robot.payloads]
+
+    def file(ending: str, path: Path, said: str) -> str:
+        """Name of a file, which is written beside the scenario if need be."""
+        if path.is_file():
+            return file_name(path, folder)
+        if beside is None:
+            raise TypeError(
+                f"{said} {path}, expected one that was loaded from a file: "
+                "tominpmp.save_scenario() writes one beside the scenario"
+            )
+        name = f"{beside.stem}.{ending}"
+        if ending == "urdf":
+            text, meshes = urdf_file(robot.description, loads, beside.stem)
+            beside.files.update(meshes | {name: text})
+        elif robot.srdf is not None:
+            beside.files[name] = srdf_file(robot.srdf, robot.name, loads)
+        return name
+
+    path, table = robot.urdf_path, dict[str, Any]()
+    known, default = None, find_srdf(path)
+    with suppress(RobotLoadError):
+        known = find_robot(robot.name)
+    if known is not None and known.urdf == path and path.is_file():
+        table["name"], default = robot.name, known.srdf
+    else:
+        table["path"] = file("urdf", path, "it was loaded from")
     if robot.srdf is not None and robot.srdf.path != default:
-        path = robot.srdf.path
-        write = None if beside is None else partial(beside.srdf, robot, robot.srdf)
-        table["srdf"] = _file(path, folder, f"its SRDF file is {path}", write)
+        table["srdf"] = file("srdf", robot.srdf.path, "its SRDF file is")
     if robot.package_dirs:
         table["package_dirs"] = [file_name(d, folder) for d in robot.package_dirs]
     gravity = robot.description.gravity or DEFAULT_GRAVITY
@@ -655,31 +655,6 @@ def robot_table(
     if robot.motion_limits is not None:
         table["motion_limits"] = to_table(robot.motion_limits, folder)
     return table | _overrides(robot, locked)
-
-
-def _source(robot: Robot, folder: Path, beside: Beside | None) -> dict[str, Any]:
-    """Name or path of the description, which may be one of the files beside."""
-    path = robot.urdf_path
-    try:
-        if path.is_file() and find_robot(robot.name).urdf == path:
-            return {"name": robot.name}
-    except RobotLoadError:
-        pass
-    said = f"it was loaded from {path}"
-    write = None if beside is None else partial(beside.urdf, robot)
-    return {"path": _file(path, folder, said, write)}
-
-
-def _file(path: Path, folder: Path, said: str, write: Callable[[], str] | None) -> str:
-    """Name of a file of a robot, which is written beside the scenario if need be."""
-    if path.is_file():
-        return file_name(path, folder)
-    if write is None:
-        raise TypeError(
-            f"{said}, expected one that was loaded from a file: "
-            "tominpmp.save_scenario() writes one beside the scenario"
-        )
-    return write()
 
 
 def check_given_back(
@@ -753,8 +728,6 @@ SECTIONS = (
     *("margin", "self_collision", "robot", "start", "goal", "scene", "motion_limits"),
     *("constraints", "segments", "may_touch", "options"),
 )
-# What errors call the state in which the first segment begins: that of the problem.
-STARTS = ("q_start", "v_start")
 
 
 @dataclass(frozen=True, eq=False)
@@ -829,13 +802,8 @@ def _read_goal(document: Field, robot: Robot, q_start: Array) -> Goal | None:
 
 def _blamed(document: Field, field: str) -> Field:
     """What of a scenario a field of its problem leads to, as "segments[1].goal.q"."""
-    of_one = re.match(r"segments\[(\d+)\]\.(.*)", field)
-    if of_one is not None:
-        number, field = int(of_one[1]), of_one[2]
-        if number > 0 or not field.startswith(STARTS):
-            return key_of(list(document.get("segments").items())[number], field)
-    if field.startswith(STARTS):
-        return document.get("start")
+    if re.match(r"(segments\[0\]\.)?[qv]_start", field):
+        return document.get("start")  # where the first segment begins, too
     found = key_of(document, field, SECTIONS)
     return document.get("goal") if found is document else found
 
