@@ -79,19 +79,13 @@ def join_lists(args: Sequence[str], options: Collection[str]) -> list[str]:
     """Join ``--start 1 2 -3`` to ``--start 1,2,-3``, so that -3 is no option."""
     joined: list[str] = []
     for arg in args:
-        if _takes_more(joined[-2:], options) and _is_value(arg):
+        option, equals, _ = joined[-1].partition("=") if joined else ("", "", "")
+        begun = (equals and option in options) or (joined[-2:-1] or [""])[0] in options
+        if begun and _is_value(arg):
             joined[-1] += f",{arg}"
         else:
             joined.append(arg)
     return joined
-
-
-def _takes_more(words: Sequence[str], options: Collection[str]) -> bool:
-    """Tell whether the last words are ``--start 1`` or ``--start=1``."""
-    if len(words) == 2 and words[0] in options:
-        return True
-    option, equals, _ = words[-1].partition("=") if words else ("", "", "")
-    return bool(equals) and option in options
 
 
 def _is_value(word: str) -> bool:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
-from types import TracebackType
 from typing import Any
 
 from rich.console import Console
-from rich.status import Status as Line
 from rich.text import Text
 
 from tominpmp.cli.options import PlanOptions, ProblemArguments
@@ -135,31 +134,23 @@ class Progress:
     """
 
     def __init__(self, console: Console, *, quiet: bool, verbose: bool) -> None:
-        self._console = console
-        self._status: Line | None = None
-        if console.is_terminal and not quiet:
-            self._status = console.status("")
+        self._console, self._shown = console, ExitStack()
+        alive = console.is_terminal and not quiet
+        self._status = console.status("") if alive else None
         self._lines = verbose and not quiet and not console.is_terminal
         self._last = time.monotonic()
-        self._log = log_shown(LOGGER, lambda record: self.phase(record.getMessage()))
 
     def __enter__(self) -> Progress:
         """Begin to show."""
         if self._status is not None:
-            self._status.start()
-            self._log.__enter__()
+            self._shown.enter_context(self._status)
+            log = log_shown(LOGGER, lambda record: self.phase(record.getMessage()))
+            self._shown.enter_context(log)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         """Clear the line."""
-        if self._status is not None:
-            self._log.__exit__(kind, error, trace)
-            self._status.stop()
+        self._shown.close()
 
     def phase(self, text: str) -> None:
         """Say what is being done."""

@@ -188,26 +188,22 @@ def load_limited_robot(
 def _warn_of_joints(
     limits: MoveItLimits, joints: Collection[str], followers: Collection[str]
 ) -> None:
-    notes = []
-    unknown = [brief(joint) for joint in limits.joints if joint not in joints]
-    if unknown:
-        notes.append(f"the robot has no joints {', '.join(unknown[:20])}")
+    unknown = [brief(joint) for joint in limits.joints if joint not in joints][:20]
     led = [joint for joint in limits.joints if joint in followers]
-    if led:
-        notes.append(
-            f"limits of joints that follow others are not used: {', '.join(led)}"
-        )
     scalings = limits.velocity_scaling, limits.acceleration_scaling
     factors = [
         f"{key} ({value:g})"
         for key, value in zip(_SCALINGS, scalings, strict=True)
         if value < 1.0
     ]
-    if factors:
-        notes.append(f"the limits are taken whole, without {' and '.join(factors)}")
-    if notes:
-        message = f"{limits.path}: {'; '.join(notes)}"
-        warn_caller(message)
+    notes = {
+        f"the robot has no joints {', '.join(unknown)}": unknown,
+        f"limits of joints that follow others are not used: {', '.join(led)}": led,
+        f"the limits are taken whole, without {' and '.join(factors)}": factors,
+    }
+    said = [note for note, found in notes.items() if found]
+    if said:
+        warn_caller(f"{limits.path}: {'; '.join(said)}")
 
 
 def load_joint_limits(path: str | Path) -> MoveItLimits:

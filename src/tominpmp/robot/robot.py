@@ -1,13 +1,23 @@
-"""A robot arm: its model, limits, friction and geometry."""
+"""Robot arms: model, limits, friction and geometry, and loading them.
+
+Beside a name or the path of a URDF file a robot is loaded from a text that is one, a
+``yourdfpy.URDF``, a ``pinocchio.Model`` with or without geometry (also as Pinocchio and
+example-robot-data return them), and the modules of the package robot_descriptions, or
+their names.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+import importlib
+import math
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +25,16 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.checks import JOINTS, array, instance, names
-from tominpmp.description.inertials import check_inertia
+from tominpmp.datasheets import OVERRIDES, published_values
+from tominpmp.description.files import (
+    RobotFiles,
+    check_folders,
+    find_robot,
+    find_srdf,
+    robot_names,
+)
+from tominpmp.description.from_pinocchio import describe_model
+from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
     JointLimits,
     JointTable,
@@ -31,10 +50,24 @@ from tominpmp.description.model import (
     expansion,
     sticks,
 )
-from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.srdf import (
+    Group,
+    SemanticDescription,
+    group_locks,
+    read_semantics,
+    warn_of_passive,
+)
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.exceptions import FrameNotFound, ProblemError, RobotLoadError, brief
-from tominpmp.motion_limits import MotionLimits
+from tominpmp.description.urdf import read_parsed, read_urdf
+from tominpmp.exceptions import (
+    FrameNotFound,
+    OptionsError,
+    ProblemError,
+    RobotLoadError,
+    brief,
+    closest,
+)
+from tominpmp.motion_limits import MotionLimits, kinds_of, limits_by_joint
 from tominpmp.notebook import card, skeletons, table
 from tominpmp.robot.payload import Payload, attach
 
@@ -428,3 +461,379 @@ def assembled(
         description=description,
         **values,
     )
+
+
+# What the argument ``limits`` may be.
+DATASHEET = "datasheet"
+# How names in the package robot_descriptions end.
+MODULE_ENDING = "_description"
+EXPECTED = (
+    "the name of a robot, the path or the text of a URDF file, a pinocchio.Model, a "
+    "yourdfpy.URDF or a module of robot_descriptions"
+)
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """What was given for a robot, read.
+
+    Attributes:
+        files: The files; names in angle brackets where there are none.
+        description: What a URDF file says.
+        semantics: What an SRDF file says, if there is one.
+        values: Values by argument of ``load_robot`` and joint name that neither says.
+        stated: Limits by quantity and joint name that go before all of these.
+    """
+
+    files: RobotFiles
+    description: UrdfDescription
+    semantics: SemanticDescription | None
+    values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str | None, ...]:
+        """Names of the robot: asked for, in its description, of the file."""
+        return self.files.name, self.description.name, self.files.urdf.stem
+
+    def known_values(self, limits: str | None) -> dict[str, dict[str, Any]]:
+        """Limits and rotor inertias by quantity and joint name, beside the URDF file's.
+
+        They are stated, else those of the maker's data sheet, else what no URDF file
+        says, or what only motion limits have: accelerations and jerks.
+
+        Args:
+            limits: "datasheet" for those of the data sheet, too.
+
+        Raises:
+            OptionsError: If limits are neither "datasheet" nor None, or there is no
+                sheet.
+        """
+        if limits not in (None, DATASHEET):
+            raise OptionsError(
+                f"limits is {brief(limits)}, expected {DATASHEET!r} or None", "limits"
+            )
+        joints = self.description.joints
+        levels: list[Mapping[str, Mapping[str, Any]]] = [
+            {
+                quantity: {j.name: getattr(j, quantity, math.inf) for j in joints}
+                for quantity in kinds_of(MotionLimits, numbers=True)
+            },
+            {}
+            if self.semantics is None
+            else {"armature": self.semantics.rotor_inertias},
+            self.values,
+        ]
+        if limits is not None:
+            moving = [joint.name for joint in joints]
+            levels.append(published_values(self.names, moving))
+        found: dict[str, dict[str, Any]] = {}
+        for level in (*levels, self.stated):
+            for quantity, values in level.items():
+                found.setdefault(quantity, {}).update(values)
+        return found
+
+    def linkage(
+        self, group: Group | None, locked_joints: Mapping[str, float] | None
+    ) -> Linkage:
+        """Find which joints are locked and which follow others.
+
+        Args:
+            group: Group of joints that move, as to :func:`load_robot`; None for all.
+            locked_joints: Positions of joints that are not to move [rad or m].
+
+        Raises:
+            OptionsError: If there is no such group, or a position is wrong.
+            JointNotFound: If a joint is unknown.
+        """
+        joints = self.description.joints
+        locked_joints = {} if locked_joints is None else locked_joints
+        # First what the caller gave, with its errors.
+        linkage = Linkage.resolve(joints, locked_joints)
+        if group is None:
+            return linkage
+        locks = group_locks(self.semantics, self.description, group, locked_joints)
+        return Linkage.resolve(joints, locks)
+
+
+def read_source(
+    source: object,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+    srdf: str | os.PathLike[str] | None = None,
+    geometry: object = None,
+) -> RobotSource:
+    """Read what was given for a robot; what was read already is taken as it is.
+
+    Args:
+        source: What ``load_robot`` takes.
+        package_dirs: Folders in which to look for ``package://``.
+        srdf: Path or text of an SRDF file.
+        geometry: Geometry of a ``pinocchio.Model``, see ``load_robot``.
+
+    Raises:
+        RobotLoadError: If it is nothing that a robot can be read from.
+    """
+    if isinstance(source, RobotSource):
+        return source
+    folders = check_folders(package_dirs)
+    parts = _pinocchio_parts(source, geometry)
+    if parts is not None:
+        description, semantics, effort = describe_model(*parts, package_dirs=folders)
+        files = RobotFiles(description.path, srdf=None)
+        if srdf is not None:
+            semantics = read_semantics(srdf, description)
+        return RobotSource(files, description, semantics, {"effort": effort})
+    if geometry is not None:
+        raise RobotLoadError(
+            f"geometry is given beside {brief(source)}; it belongs to a pinocchio.Model"
+        )
+    text = _text(source)
+    if text is not None:
+        files = RobotFiles(Path(f"<text of {len(text)} bytes>"), None)
+        description = read_urdf(files.urdf, folders, text)
+    elif _is_yourdfpy(source):
+        files = RobotFiles(Path(f"<yourdfpy.URDF {source.robot.name}>"), None)  # type: ignore[attr-defined]
+        description = read_parsed(source, files.urdf, folders)
+    else:
+        files, more = _find(source)
+        description = read_urdf(files.urdf, (*folders, *more))
+    semantics = read_semantics(files.srdf if srdf is None else srdf, description)
+    return RobotSource(files, description, semantics)
+
+
+def _pinocchio_parts(
+    source: object, geometry: object
+) -> tuple[pin.Model, pin.GeometryModel | None, pin.GeometryModel | None] | None:
+    """Model, collision and visual geometry; None if it is no model of Pinocchio."""
+    shapes: list[Any] = []
+    if isinstance(source, tuple) and source and isinstance(source[0], pin.Model):
+        source, *shapes = source  # as buildModelsFromUrdf returns them
+    wrapped = getattr(source, "model", None)
+    if isinstance(wrapped, pin.Model):  # a RobotWrapper, as of example_robot_data
+        shapes = [getattr(source, f"{kind}_model", None) for kind in _KINDS]
+        source = wrapped
+    if not isinstance(source, pin.Model):
+        return None
+    if geometry is not None:
+        listed = isinstance(geometry, tuple | list)
+        shapes = list(geometry) if listed else [geometry]  # type: ignore[call-overload]
+    known = all(isinstance(item, pin.GeometryModel | None) for item in shapes)
+    if not known or len(shapes) > len(_KINDS):
+        raise RobotLoadError(
+            f"geometry is {brief(geometry if geometry is not None else shapes)}, "
+            "expected a pinocchio.GeometryModel to collide with, or two: to collide "
+            "with and to look at"
+        )
+    collision, visual = [*shapes, None, None][:2]
+    return source, collision, visual
+
+
+_KINDS = ("collision", "visual")
+
+
+def _text(source: object) -> bytes | None:
+    """A text that is given instead of the name of a file; None if it is none."""
+    if isinstance(source, str):
+        # A declaration would name another encoding than that of the text given.
+        source = source.lstrip("\ufeff").encode("utf-8", "replace")
+    text = source.lstrip() if isinstance(source, bytes) else b""
+    return text if text.startswith(b"<") else None
+
+
+def _is_yourdfpy(source: object) -> bool:
+    """Whether it is a ``yourdfpy.URDF``, without importing that."""
+    known = sys.modules.get("yourdfpy")
+    return known is not None and isinstance(source, known.URDF)
+
+
+def _find(source: object) -> tuple[RobotFiles, tuple[Path, ...]]:
+    """Files of a robot by name, path or module, and folders of its packages."""
+    if isinstance(source, str | os.PathLike):
+        name = str(source)
+        module = name.isidentifier() and name.endswith(MODULE_ENDING)
+        if module and name not in robot_names():
+            return _of_module(_imported(name), name)
+        return find_robot(source), ()
+    name = str(getattr(source, "__name__", ""))
+    urdf = getattr(source, "URDF_PATH", None)
+    if not name.startswith("robot_descriptions") and not isinstance(
+        urdf, str | os.PathLike
+    ):
+        raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
+    return _of_module(source, name)
+
+
+def _imported(name: str) -> Any:
+    """Import a module of robot_descriptions, which may fetch files at that."""
+    try:
+        importlib.import_module("robot_descriptions")
+    except ImportError as error:
+        raise RobotLoadError(
+            f"there is no robot {brief(name)}; names that end with {MODULE_ENDING!r} "
+            "are those of the package robot_descriptions: python -m pip install "
+            "robot_descriptions"
+        ) from error
+    try:
+        return importlib.import_module(f"robot_descriptions.{name}")
+    except ModuleNotFoundError as error:
+        raise RobotLoadError(
+            f"the package robot_descriptions has no module {brief(name)}"
+            f"{closest(name, _module_names())}"
+        ) from error
+    except Exception as error:  # whatever fetching files may raise
+        raise RobotLoadError(
+            f"robot_descriptions.{name} cannot be had: {brief(str(error), 200)}"
+        ) from error
+
+
+def _module_names() -> list[str]:
+    try:
+        listed = importlib.import_module("robot_descriptions._descriptions")
+        return list(listed.DESCRIPTIONS)
+    except (ImportError, AttributeError, TypeError):
+        return []
+
+
+def _of_module(module: Any, name: str) -> tuple[RobotFiles, tuple[Path, ...]]:
+    urdf = getattr(module, "URDF_PATH", None)
+    if not isinstance(urdf, str | os.PathLike):
+        other = [kind for kind in ("MJCF", "XACRO") if hasattr(module, f"{kind}_PATH")]
+        has = f"has {' and '.join(other)} only" if other else "has none"
+        raise RobotLoadError(
+            f"the module {brief(name)} {has}, expected one with a URDF file (URDF_PATH)"
+        )
+    path = Path(urdf).absolute()
+    folders = {
+        Path(getattr(module, key)).absolute()
+        for key in ("PACKAGE_PATH", "REPOSITORY_PATH")
+        if isinstance(getattr(module, key, None), str | os.PathLike)
+    }
+    around = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
+    found = RobotFiles(path, find_srdf(path), name.rpartition(".")[2] or None)
+    return found, tuple(sorted(around))
+
+
+#: A name, a path, a text, a ``pinocchio.Model`` (alone or with geometry), a
+#: ``yourdfpy.URDF`` or a module of robot_descriptions.
+RobotLike: TypeAlias = (
+    "str | bytes | os.PathLike[str] | pin.Model | tuple[Any, ...] | Any"
+)
+
+# Standard gravity in two decimals, as Pinocchio has it [m/s^2].
+DEFAULT_GRAVITY = (0.0, 0.0, -9.81)
+
+
+def load_robot(
+    source: RobotLike,
+    *,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+    srdf: str | os.PathLike[str] | None = None,
+    geometry: pin.GeometryModel | Sequence[pin.GeometryModel | None] | None = None,
+    limits: str | None = None,
+    group: Group | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: ArrayLike | None = None,
+    damping: JointValues | None = None,
+    armature: JointValues | None = None,
+    friction: JointValues | None = None,
+    effort: JointValues | None = None,
+    velocity: JointValues | None = None,
+    position_lower: JointValues | None = None,
+    position_upper: JointValues | None = None,
+) -> Robot:
+    """Load a robot from its URDF file, or from what another library made of it.
+
+    Values per joint are one number for all, an array in joint order, or a mapping of
+    joint names for some; they replace what the file says.
+
+    Args:
+        source: A bundled robot (``"planar3r"``), one of the package example-robot-data
+            (``"panda"``, ``"ur5"``), the path or the text of a URDF file; a
+            ``pinocchio.Model``, alone, as the tuple that ``buildModelsFromUrdf``
+            returns or as a ``RobotWrapper``; a ``yourdfpy.URDF``; a module of the
+            package robot_descriptions or its name (``"panda_description"``).
+        package_dirs: Folders in which to look for ``package://``; those above the file
+            and of ROS are looked through anyway.
+        srdf: Path or text of a semantic description; by default the one that lies
+            beside the file or in the folder ``../srdf`` and has its name.
+        geometry: Of a ``pinocchio.Model``: a ``GeometryModel`` to collide with, or two
+            of them, to collide with and to look at. Its collision pairs, unless they
+            are none or all, say which links are watched against each other; its
+            reference configurations are group states.
+        limits: ``"datasheet"`` for those that the maker publishes (accelerations,
+            jerks, torque rates, and speeds and torques instead of the file's); the
+            arguments below go before them. See :mod:`tominpmp.datasheets`.
+        group: Group of the SRDF file, as ``"panda_arm"``, whose joints move; or a
+            link, for the chain from the base to it; two links, for the chain from one
+            to the other; or names of joints. The others are locked: where
+            ``locked_joints`` has them, else where a group state of the file has them,
+            else at zero. The base stands still.
+        locked_joints: Positions [rad or m] of joints that are not to move; outside
+            their limits they cause a warning. Joints that follow them are locked too.
+        gravity: Gravity in the world, shape (3,) [m/s^2]; by default what the file
+            says, else 9.81 along -z.
+        damping: Viscous friction [N m s/rad or N s/m].
+        armature: Rotor inertia seen at the joint [kg m^2 or kg].
+        friction: Dry (Coulomb) friction [N m or N].
+        effort: Effort limits [N m or N]: x for (-x, x), or pairs (lower, upper); zero
+            makes a joint passive.
+        velocity: Velocity limits [rad/s or m/s], possibly infinite.
+        position_lower: Lower position limits [rad or m], possibly infinite.
+        position_upper: Upper position limits [rad or m], possibly infinite.
+
+    Returns:
+        The robot.
+
+    Raises:
+        RobotLoadError: If there is no such robot, its files are wrong or a mesh is not
+            there, or a joint lacks a limit or inertia that no argument gives.
+        OptionsError: If the value of an argument is wrong.
+        JointNotFound: If a joint is unknown.
+    """
+    given = read_source(source, package_dirs, srdf, geometry)
+    linkage = given.linkage(group, locked_joints)
+    linkage.warn_of_limits(given.description.joints)
+    known, reasons = given.known_values(limits), linkage.reasons()
+
+    def table_for(joint_names: tuple[str, ...]) -> JointTable:
+        table = JointTable.from_description(
+            joint_names, given.description.joints, linkage
+        )
+        own = {
+            key: {k: v for k, v in known[key].items() if k in joint_names}
+            for key in OVERRIDES
+            if key in known
+        }
+        table = table.overridden(reasons, **own)
+        table = table.overridden(
+            reasons,
+            damping=damping,
+            armature=armature,
+            friction=friction,
+            effort=effort,
+            velocity=velocity,
+            position_lower=position_lower,
+            position_upper=position_upper,
+        )
+        table.check_complete(given.files.urdf)
+        return table
+
+    own = given.description.gravity or DEFAULT_GRAVITY
+    robot = assembled(
+        name=given.files.name or given.description.name,
+        description=given.description,
+        linkage=linkage,
+        table_for=table_for,
+        gravity=check_gravity(own if gravity is None else gravity),
+        srdf=given.semantics,
+    )
+    further = limits_by_joint(known, robot.joint_names)
+    robot = replace(robot, motion_limits=further)
+    table, ties = robot._table(), (robot.expansion_matrix, robot.expansion_offset)
+    check_inertia(robot.model, table, *ties, given.description)
+    warn_of_inertia(robot.model, given.description)
+    if given.semantics is not None:
+        motors = set(robot.joint_names) - set(robot.passive_joints)
+        warn_of_passive(given.semantics.groups.passive, motors)
+    _ = robot.collision_model  # a mesh that cannot be read is an error now
+    return robot
