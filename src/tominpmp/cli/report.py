@@ -239,6 +239,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
     Infinite limits are None.
     """
     limits, beyond, semantics = robot.limits, robot.motion_limits, robot.srdf
+    groups = {} if semantics is None else semantics.groups.groups
     kinds = {joint.name: joint.kind for joint in robot.description.joints}
     columns = {
         item.name: getattr(limits, item.name) for item in dataclasses.fields(limits)
@@ -264,9 +265,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
             if joint.mimic is not None and joint.name not in robot.locked_joints
         ],
         "passive_joints": robot.passive_joints,
-        "groups": {}
-        if semantics is None
-        else {name: group.joints for name, group in semantics.groups.groups.items()},
+        "groups": {name: group.joints for name, group in groups.items()},
         "group_states": {} if semantics is None else semantics.group_states,
         "frames": robot.frame_names,
         "collision_geometries": int(robot.collision_model.ngeoms),

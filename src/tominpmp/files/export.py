@@ -124,7 +124,11 @@ def file_samples(
     """
     if is_message(path):
         return message_samples(trajectory, dt, with_effort)
-    return _node_samples(trajectory) if dt is None else trajectory.sample(dt)
+    if dt is not None:
+        return trajectory.sample(dt)
+    t, a = trajectory.t, trajectory(trajectory.t).a
+    q, v, u, ends = trajectory.q, trajectory.v, trajectory.u, trajectory.segment_ends
+    return Samples(trajectory.joint_names, t, q, v, a, u, segment_ends=ends)
 
 
 def check_options(path: str | Path, with_effort: bool, message: str | None) -> None:
@@ -218,18 +222,6 @@ def _chosen(
     table: Mapping[str, Callable[..., Any]], path: str | Path
 ) -> Callable[..., Any]:
     return table[checked_ending(path, table, "motions are not kept as")]
-
-
-def _node_samples(trajectory: Trajectory) -> Samples:
-    return Samples(
-        trajectory.joint_names,
-        trajectory.t,
-        trajectory.q,
-        trajectory.v,
-        trajectory(trajectory.t).a,
-        trajectory.u,
-        segment_ends=trajectory.segment_ends,
-    )
 
 
 def _checked(samples: Samples, path: Path) -> Samples:

@@ -514,21 +514,16 @@ class RobotSource:
                 f"limits is {brief(limits)}, expected {DATASHEET!r} or None", "limits"
             )
         joints = self.description.joints
-        levels: list[Mapping[str, Mapping[str, Any]]] = [
-            {
-                quantity: {j.name: getattr(j, quantity, math.inf) for j in joints}
-                for quantity in kinds_of(MotionLimits, numbers=True)
-            },
-            {}
-            if self.semantics is None
-            else {"armature": self.semantics.rotor_inertias},
-            self.values,
-        ]
-        if limits is not None:
-            moving = [joint.name for joint in joints]
-            levels.append(published_values(self.names, moving))
+        described = {
+            quantity: {j.name: getattr(j, quantity, math.inf) for j in joints}
+            for quantity in kinds_of(MotionLimits, numbers=True)
+        }
+        said = self.semantics
+        rotors = {} if said is None else {"armature": said.rotor_inertias}
+        moving = [joint.name for joint in joints]
+        sheet = {} if limits is None else published_values(self.names, moving)
         found: dict[str, dict[str, Any]] = {}
-        for level in (*levels, self.stated):
+        for level in (described, rotors, self.values, sheet, self.stated):
             for quantity, values in level.items():
                 found.setdefault(quantity, {}).update(values)
         return found
@@ -610,7 +605,8 @@ def _pinocchio_parts(
         source, *shapes = source  # as buildModelsFromUrdf returns them
     wrapped = getattr(source, "model", None)
     if isinstance(wrapped, pin.Model):  # a RobotWrapper, as of example_robot_data
-        shapes = [getattr(source, f"{kind}_model", None) for kind in _KINDS]
+        names = ("collision_model", "visual_model")
+        shapes = [getattr(source, name, None) for name in names]
         source = wrapped
     if not isinstance(source, pin.Model):
         return None
@@ -618,7 +614,7 @@ def _pinocchio_parts(
         listed = isinstance(geometry, tuple | list)
         shapes = list(geometry) if listed else [geometry]  # type: ignore[call-overload]
     known = all(isinstance(item, pin.GeometryModel | None) for item in shapes)
-    if not known or len(shapes) > len(_KINDS):
+    if not known or len(shapes) > 2:
         raise RobotLoadError(
             f"geometry is {brief(geometry if geometry is not None else shapes)}, "
             "expected a pinocchio.GeometryModel to collide with, or two: to collide "
@@ -626,9 +622,6 @@ def _pinocchio_parts(
         )
     collision, visual = [*shapes, None, None][:2]
     return source, collision, visual
-
-
-_KINDS = ("collision", "visual")
 
 
 def _text(source: object) -> bytes | None:
