@@ -28,9 +28,13 @@ PAGE_ENDINGS = (".html", ".htm")
 # Options that name a file beside the motion: what it holds, how it must end, and what
 # writes it.
 FILES: dict[str, tuple[str, Sequence[str], Callable[[Solution, Path], object]]] = {
-    "plot": ("plot", PLOT_ENDINGS, Solution.plot),
-    "html": ("page", PAGE_ENDINGS, Solution.play),
-    "certificate": ("certificate plot", PLOT_ENDINGS, Solution.plot_certificate),
+    "plot": ("plot", PLOT_ENDINGS, lambda found, path: found.plot(path)),
+    "html": ("page", PAGE_ENDINGS, lambda found, path: found.play(path)),
+    "certificate": (
+        "certificate plot",
+        PLOT_ENDINGS,
+        lambda found, path: found.plot_certificate(path),
+    ),
     "sensitivities": (
         "sensitivities plot",
         PLOT_ENDINGS,

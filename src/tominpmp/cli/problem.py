@@ -368,11 +368,11 @@ def load_changed_robot(
     }
     for name in ("srdf", "joint_limits", "gravity", *OVERRIDES):
         given = getattr(args, name)
-        if name == "gravity" and given is not None:
-            table[name] = vector(given, "--gravity")
+        if isinstance(given, Path):
+            table[name] = str(given)
         elif given is not None:
-            is_file = isinstance(given, Path)
-            table[name] = str(given) if is_file else joint_values(given, _flag(name))
+            read = vector if name == "gravity" else joint_values
+            table[name] = read(given, _flag(name))
     return scenario.read_robot(Typed(table))
 
 

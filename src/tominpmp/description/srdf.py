@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -69,25 +69,19 @@ class _ReadOnly:
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
-        for item in fields(self):  # type: ignore[arg-type]
-            object.__setattr__(self, item.name, _frozen(getattr(self, item.name)))
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, _mapped(value, MappingProxyType))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the read-only mappings as plain ones."""
-        values = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
-        return type(self), tuple(map(_plain, values))
+        return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
 
 
-def _frozen(value: Any) -> Any:
+def _mapped(value: Any, kind: Callable[[dict[Any, Any]], Any]) -> Any:
+    """A mapping, and those in it, as one of another kind; other values remain."""
     if not isinstance(value, Mapping):
         return value
-    return MappingProxyType({key: _frozen(item) for key, item in value.items()})
-
-
-def _plain(value: Any) -> Any:
-    if not isinstance(value, Mapping):
-        return value
-    return {key: _plain(item) for key, item in value.items()}
+    return kind({key: _mapped(item, kind) for key, item in value.items()})
 
 
 @dataclass(frozen=True)

@@ -442,6 +442,8 @@ def _mesh_file(name: Field, frames: _Frames) -> Path:
     return path
 
 
+# A joint that follows may be this far from where its leader puts it [rad or m].
+TOGETHER = 1e-9
 # A joint that does not move may be this far from where the request has it
 # [rad or m].
 APART = 1e-3
@@ -629,13 +631,21 @@ def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, fl
 def _locks(
     request: Field, start: Mapping[str, float], source: RobotSource
 ) -> dict[str, float]:
-    """Joints to lock for a request, by name [rad or m]; others may follow them."""
+    """Joints to lock for a request, and those that follow them, by name [rad or m]."""
     description, moved = source.description, _goal_joints(request)
     locks = _outside_group(request, start, description, source.semantics)
     # Any joint may move to bring a link to its place.
     if moved and not _goal_links(request):
         still = (j.name for j in description.joints if j.mimic is None)
         locks |= {k: start[k] for k in still if k in start and k not in moved}
+    for joint in description.joints:
+        mimic = joint.mimic
+        if mimic is not None and mimic.leader in locks and joint.name in start:
+            there = mimic.multiplier * locks[mimic.leader] + mimic.offset
+            # Where others are follows from their leaders; a warning tells. A lock that
+            # was typed must not contradict one that is told here.
+            if abs(there - start[joint.name]) <= TOGETHER:
+                locks[joint.name] = start[joint.name]
     return locks
 
 
