@@ -126,34 +126,6 @@ def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-def typed_joints(text: str, name: str, robot: Robot, *, degrees: bool = False) -> Typed:
-    """Joint positions that were typed, as the table that a scenario has for them.
-
-    Numbers in joint order; or the name of a group state; or ``JOINT=VALUE`` pairs,
-    which may follow the name of a group state.
-
-    Args:
-        text: The text.
-        name: The option.
-        robot: The robot.
-        degrees: Whether numbers for joints that turn are in degrees.
-
-    Raises:
-        OptionsError: If a number or pair cannot be read.
-    """
-    states = {} if robot.srdf is None else robot.srdf.group_states
-    items, table = words(text), dict[str, Any]()
-    if text.strip() in states:
-        items, table["state"] = [], text.strip()
-    elif number(items[0]) is None and "=" not in items[0]:
-        table["state"] = items.pop(0)
-    if items and number(items[0]) is not None:
-        table["q"] = _in_si(vector(text, name), robot, degrees)
-    elif items:
-        table["q"] = _in_si(joint_pairs(items, name), robot, degrees)
-    return Typed(table, key=name)
-
-
 def _in_si(
     values: list[float] | dict[str, float], robot: Robot, degrees: bool
 ) -> list[float] | dict[str, float]:
@@ -178,16 +150,35 @@ def positions(
     base: Array | None = None,
     degrees: bool = False,
 ) -> Array:
-    """Read joint positions as by :func:`typed_joints`, shape (n,) [rad or m].
+    """Read joint positions.
 
-    The base has positions of joints of which nothing is said, shape (n,).
+    Numbers in joint order; or the name of a group state; or ``JOINT=VALUE`` pairs,
+    which may follow the name of a group state.
+
+    Args:
+        text: The text.
+        name: The option.
+        robot: The robot.
+        base: Positions of joints of which nothing is said, shape (n,).
+        degrees: Whether numbers for joints that turn are in degrees.
+
+    Returns:
+        Shape (n,) [rad or m].
 
     Raises:
-        OptionsError: If they are wrong.
-        ProblemError: If there is no such group state.
+        OptionsError: If they are wrong, or there is no such group state.
     """
-    typed = typed_joints(text, name, robot, degrees=degrees)
-    return scenario.positions(typed, robot, base)
+    states = {} if robot.srdf is None else robot.srdf.group_states
+    items, table = words(text), dict[str, Any]()
+    if text.strip() in states:
+        items, table["state"] = [], text.strip()
+    elif number(items[0]) is None and "=" not in items[0]:
+        table["state"] = items.pop(0)
+    if items and number(items[0]) is not None:
+        table["q"] = _in_si(vector(text, name), robot, degrees)
+    elif items:
+        table["q"] = _in_si(joint_pairs(items, name), robot, degrees)
+    return scenario.positions(Typed(table, key=name), robot, base)
 
 
 def velocities(text: str, name: str, robot: Robot, *, degrees: bool = False) -> Array:

@@ -67,18 +67,17 @@ class Linkage:
                 at = locked.get(mimic.leader, 0.0)
                 locked[name] = mimic.multiplier * at + mimic.offset
         for name, position in positions.items():
+            at, fault = locked.get(name, math.nan), ""
             if name in followers:
-                raise OptionsError(
-                    f"locked_joints: joint {name} follows {followers[name].leader}; "
-                    "lock that one",
-                    "locked_joints",
+                fault = f"follows {followers[name].leader}; lock that one"
+            elif not math.isclose(at, position, rel_tol=1e-9, abs_tol=1e-9):
+                fault = (
+                    f"got {position:g}, but it follows {mimics[name].leader}, which "
+                    f"puts it at {at:g}"
                 )
-            if not math.isclose(locked[name], position, rel_tol=1e-9, abs_tol=1e-9):
-                raise OptionsError(
-                    f"locked_joints: joint {name} got {position:g}, but it follows "
-                    f"{mimics[name].leader}, which puts it at {locked[name]:g}",
-                    "locked_joints",
-                )
+            if fault:
+                said = f"locked_joints: joint {name} {fault}"
+                raise OptionsError(said, "locked_joints")
         return cls(locked, followers)
 
     def reasons(self) -> dict[str, str]:
@@ -240,15 +239,6 @@ def check_gravity(gravity: ArrayLike) -> Array:
     return vector
 
 
-def _part_row(values: object, joints: Sequence[str], part: str) -> Array:
-    """Values of the joints of one robot, which may be given by their own names."""
-    named = by_joint(values)
-    if named is None:
-        return real_array(values)
-    own = [joint.removeprefix(f"{part}/") for joint in joints]
-    return in_order(named, own, part)
-
-
 def stack_parts(
     joints: Sequence[str], names: Sequence[str], values: Mapping[str, object]
 ) -> Array:
@@ -269,10 +259,10 @@ def stack_parts(
     out = np.empty(len(joints))
     for name in names:
         rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
-        try:
-            given = _part_row(values[name], [joints[i] for i in rows], name)
-        except ValueError:
-            given = np.empty((0, 0))
+        named, given = by_joint(values[name]), array_or_nan(values[name])
+        if named is not None:  # by the names that they have in their own robot
+            own = [joints[i].removeprefix(f"{name}/") for i in rows]
+            given = in_order(named, own, name)
         if given.shape != (len(rows),):
             raise ProblemError(
                 f"{name} has shape {given.shape}, expected {len(rows)} numbers, one "
