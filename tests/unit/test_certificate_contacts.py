@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.clearances import CLOSE
 from tominpmp.certificate.limits import LimitRows, limits_of
 from tominpmp.certificate.motion import Motion
 from tominpmp.dynamics import RobotDynamics
@@ -20,6 +19,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 START = np.array([-0.9, 0.2, 0.1])
 SPEED = np.array([1.5, 0.3, -0.2])
 N, H = 24, 0.05
+# Pairs that are looked at, by their distance as a share of the reach.
+CLOSE = 0.01
 # Accelerations that jump.
 WAVES = 0.1 * (-1.0) ** np.arange(N)[:, None] * np.ones(3)
 OBSTACLES = {

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.motion import Motion
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.motion.extrema import local_maxima, rising_then_falling
@@ -27,9 +27,9 @@ REGULAR = (0.5, 1.0)
 ATTENTION = 0.03
 # Samples of an interval, between which the nearest instants of pairs are searched.
 SAMPLES = 16
-# Pairs nearer than this, in shares of the reach, are refined, as corners pass each
-# other within a millisecond: by this number of halvings of the time around a sample.
-CLOSE, HALVINGS = 0.01, 6
+# Number of halvings of the time around a sample: corners pass each other within a
+# millisecond.
+HALVINGS = 6
 # A pair stays near where its slack, at its speed, lasts for this share of the motion.
 STAYING = 0.05
 
@@ -64,33 +64,33 @@ def contacts(motion: Motion, item: ClearanceConstraint) -> Nearest | None:
     Returns:
         The pairs at these instants; None if no pair is near.
     """
-    looks, changes = _Approaches(motion, item), motion.changes
+    looks, T = _Approaches(motion, item), float(motion.changes.t[-1])
     at = motion.instants(*(np.arange(1, SAMPLES + 1) / SAMPLES).tolist())
-    times = at.times(changes.h)
-    table = looks.table(times)
-    near = table > -np.inf
-    seen = np.flatnonzero(near.any(axis=0))
-    if not seen.size:
-        return None
-    table, near = table[:, seen], near[:, seen]
-    nearest = local_maxima(table)
-    regular = np.isin(at.share, REGULAR)[:, None] & near & ~nearest
-
-    def sampled(flags: BoolArray) -> Nearest:
-        rows, columns = np.nonzero(flags)
-        slopes = looks.slopes(times[rows], seen[columns])
-        return Nearest(times[rows], seen[columns], table[rows, columns], *slopes)
-
-    found = [sampled(nearest & (table <= -CLOSE)), sampled(regular)]
+    times = at.times(motion.changes.h)
+    missing = looks.missing(times)
+    nearest = local_maxima(missing)
+    regular = np.isin(at.share, REGULAR)[:, None] & (missing > -np.inf) & ~nearest
+    rows, pair = np.nonzero(regular)
     # Rows at regular instants are kept for pairs that stay near for a while.
-    staying, T = found[1], float(changes.t[-1])
-    speed = np.abs(looks.speed(staying.times, staying.slopes, staying.rates))
-    kept = np.maximum(-staying.missing, 0.0) >= STAYING * T * speed
-    found[1] = Nearest._make(part[kept] for part in staying)
-    close = nearest & (table > -CLOSE)
-    if close.any():
-        found.append(looks.closest(times, seen, table, close))
-    return Nearest(*map(np.concatenate, zip(*found, strict=True)))
+    by_q, by_t, speed = looks.slopes(times[rows], pair)
+    samples = Nearest(times[rows], pair, missing[rows, pair], by_q, by_t)
+    kept = np.maximum(-samples.missing, 0.0) >= STAYING * T * np.abs(speed)
+    found = looks.closest(times, missing, *np.nonzero(nearest))
+    if not np.any(kept) and not found.pairs.size:
+        return None
+    both = zip(samples, found, strict=True)
+    return Nearest(*(np.concatenate([one[kept], other]) for one, other in both))
+
+
+class _Slopes(NamedTuple):
+    """Derivatives of missing clearances by configuration and time, and along a motion.
+
+    Shapes (k, n), (k,) and (k,).
+    """
+
+    by_q: Array
+    by_t: Array
+    speed: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,59 +100,41 @@ class _Approaches:
     motion: Motion
     item: ClearanceConstraint
 
-    def table(self, times: Array) -> Array:
+    def missing(self, times: Array) -> Array:
         """Missing clearances of all pairs; minus infinity if far, shape (m, pairs)."""
         missing = self.item.values(self.motion.path(times).q, ATTENTION, times)
         return np.where(missing > -ATTENTION, missing, -np.inf)
 
-    def slopes(self, times: Array, pair: IntArray) -> tuple[Array, Array]:
+    def slopes(self, times: Array, pair: IntArray) -> _Slopes:
         """Derivatives of the missing clearances of pairs, at a time each."""
         distinct, index = np.unique(times, return_inverse=True)
-        q = self.motion.path(distinct).q
-        return self.item.derivatives_at(q, index, pair, distinct)
-
-    def speed(self, times: Array, slopes: Array, rates: Array) -> Array:
-        """Rate of the missing clearance along the motion [1/s], shape (k,)."""
-        v = self.motion.path(times).v
-        return np.asarray(np.einsum("kj,kj->k", slopes, v) + rates)
+        state = self.motion.path(distinct)
+        by_q, by_t = self.item.derivatives_at(state.q, index, pair, distinct)
+        return _Slopes(by_q, by_t, np.sum(by_q * state.v[index], axis=1) + by_t)
 
     def closest(
-        self, times: Array, seen: IntArray, table: Array, flags: BoolArray
+        self, times: Array, missing: Array, rows: IntArray, pair: IntArray
     ) -> Nearest:
-        """The nearest instants around flagged samples.
+        """The nearest instants of pairs around samples.
 
         A corner that passes is a kink of the distance in time, or nearly: the slope
         there is the mean of the slopes before and after that is stationary in time.
         """
-        rows, columns = np.nonzero(flags)
-        pair, changes = seen[columns], self.motion.changes
-        first, last = changes.t[list(self.motion.span)]
+        first, last = self.motion.changes.t[list(self.motion.span)]
         padded = np.concatenate([[first], times, [last]])
-        begin, end = rising_then_falling(
-            lambda at: self.speed(at, *self.slopes(at, pair)),
+        ends = rising_then_falling(
+            lambda at: self.slopes(at, pair).speed,
             padded[rows],
             padded[rows + 2],
             HALVINGS,
         )
-        slopes = [self.slopes(time, pair) for time in (begin, end)]
-        speeds = [self.speed(begin, *slopes[0]), self.speed(end, *slopes[1])]
+        before, after = (self.slopes(time, pair) for time in ends)
         # The missing clearance grows before and falls after, else peaks at an end.
-        rises, falls = np.maximum(speeds[0], 0.0), np.maximum(-speeds[1], 0.0)
+        rises, falls = np.maximum(before.speed, 0.0), np.maximum(-after.speed, 0.0)
         total = np.maximum(rises + falls, 1e-300)
-        after = np.where(rises + falls > 0.0, rises / total, 0.5)
-        time = (1.0 - after) * begin + after * end
-        by_q = (1.0 - after)[:, None] * slopes[0][0] + after[:, None] * slopes[1][0]
-        by_t = (1.0 - after) * slopes[0][1] + after * slopes[1][1]
-        missing = np.maximum(self._missing(time, pair), table[rows, columns])
-        return Nearest(time, pair, missing, by_q, by_t)
-
-    def _missing(self, times: Array, pair: IntArray) -> Array:
-        """Missing clearances of pairs at a time each, shape (k,)."""
-        item, every = self.item, np.arange(pair.size)
-        margin = np.broadcast_to(item.margin, item.count)[pair]
-        enough = margin + ATTENTION * item.length
-        found = item.checker.measured(
-            self.motion.path(times).q, every, pair, enough, times
-        )
-        missing = (margin - found) / item.length
-        return np.where(missing > -ATTENTION, missing, -np.inf)
+        late = np.where(rises + falls > 0.0, rises / total, 0.5)
+        time = (1.0 - late) * ends[0] + late * ends[1]
+        by_q = (1.0 - late)[:, None] * before.by_q + late[:, None] * after.by_q
+        by_t = (1.0 - late) * before.by_t + late * after.by_t
+        there = self.missing(time)[np.arange(pair.size), pair]
+        return Nearest(time, pair, np.maximum(there, missing[rows, pair]), by_q, by_t)

@@ -17,7 +17,6 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.clearances import CLOSE
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.perturbations import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
@@ -50,6 +49,8 @@ FEW, SMALL_GAP = 10, 0.03
 # Where the padding of distances is worth this share of the promise, this much of it is
 # left for the next round.
 PADDING_SHARE, LESS_PADDING = 0.3, 0.3
+# A motion is near to whatever is within this share of the reach beyond its margin.
+CLOSE = 0.01
 # The rounds end with one that has gained no more than this share of T.
 LITTLE = 5e-4
 # Predicted decrease of an optimal motion at most, as a share of T, where effort is

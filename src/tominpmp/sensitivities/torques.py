@@ -8,7 +8,9 @@ is linear in each of them, so that their derivatives need no differences.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +24,7 @@ from tominpmp.certificate.limits import (
 )
 from tominpmp.certificate.motion import Motion
 from tominpmp.constraints import MotorLimit, TorqueLimit
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
 
@@ -70,48 +73,35 @@ class TorqueWeights:
             return cls(*np.zeros((5, 0, n)))
         return cls(*map(np.concatenate, zip(*found, strict=True)))
 
-    def against(self, torque: Array) -> float:
-        """Share of T that torques, shape (k, n), cost."""
-        return float(np.sum(self.weight * torque))
+    def of_model(self, robot: Robot, change: Callable[[pin.Model], None]) -> float:
+        """Share of T that the torques cost which a change of the model adds."""
+        model = robot.model.copy()
+        change(model)
+        rows = self.q, self.v, self.a
+        more, own = (
+            RobotDynamics(one, dry=False).inverse(*rows)
+            for one in (replace(robot, model=model), robot)
+        )
+        return float(np.sum(self.weight * (more - own)))
 
     def by_gravity(self, robot: Robot) -> Array:
         """Shares of T by the coordinates of gravity, shape (3,) [s^2/m]."""
-        out = np.zeros(3)
-        for axis in range(3):
-            model = robot.model.copy()
-            model.gravity.linear = np.eye(3)[axis]
-            out[axis] = self.against(_torques(robot, model, self.q))
-        return out
+
+        def pulled(model: pin.Model, way: Array) -> None:
+            model.gravity.linear = model.gravity.linear + way
+
+        ways = (partial(pulled, way=way) for way in np.eye(3))
+        return np.array([self.of_model(robot, way) for way in ways])
 
     def by_mass(self, robot: Robot, payload: Payload) -> float:
         """Share of T by the mass of a payload of the robot [1/kg]."""
-        model = robot.model.copy()
-        frame = model.frames[robot.frame_id(payload.name)]
         tensor = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
         if payload.mass > 0.0:
             tensor = np.asarray(tensor) / payload.mass
         one = pin.Inertia(1.0, np.array(payload.com), np.array(tensor))
-        for joint in range(model.njoints):
-            model.inertias[joint] = pin.Inertia.Zero()
-        model.inertias[frame.parentJoint] = frame.placement.act(one)
-        model.armature = np.zeros(model.nv)
-        return self.against(_torques(robot, model, self.q, self.v, self.a))
 
+        def loaded(model: pin.Model) -> None:
+            frame = model.frames[robot.frame_id(payload.name)]
+            model.inertias[frame.parentJoint] += frame.placement.act(one)
 
-def _torques(
-    robot: Robot,
-    model: pin.Model,
-    q: Array,
-    v: Array | None = None,
-    a: Array | None = None,
-) -> Array:
-    """Torques of a changed model at states, at rest by default, shape (k, n)."""
-    data, rest = model.createData(), np.zeros_like(q)
-    rows = zip(
-        robot.expand(q),
-        robot.expand_tangent(rest if v is None else v),
-        robot.expand_tangent(rest if a is None else a),
-        strict=True,
-    )
-    found = np.array([pin.rnea(model, data, *row) for row in rows])
-    return robot.reduce_tangent(found.reshape(-1, model.nv))
+        return self.of_model(robot, loaded)
