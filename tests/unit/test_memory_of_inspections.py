@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ import tominpmp as tm
 from tominpmp.transcription.exchange import (
     MOST_NUMBERS,
     MOST_SAMPLES,
-    _Continuous,
     _samples,
     between_samples,
+    excess_at,
     exchanged,
     most_instants,
+    violated,
 )
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
@@ -95,11 +97,16 @@ def test_only_the_worst_are_looked_at_more_closely(
     start = program.start(lambda t: np.tile(problem.q_start, (t.size, 1)), 10.0, T)
     spline = program.motion(start)
     assert system.clearance is not None
-    at = _samples(spline.h, most_instants(system.clearance.count))
-    look = _Continuous(system.clearance, program, spline)
-    more, values = look._closer(at)
-    assert isinstance(more, Instants) and len(values) == more.size
-    assert at.size < more.size <= at.size + most_instants(system.clearance.count)
+    looked: list[int] = []
+
+    def counted(*given: Any) -> np.ndarray:
+        looked.append(given[3].size)
+        return excess_at(*given)
+
+    monkeypatch.setattr("tominpmp.transcription.exchange.excess_at", counted)
+    violated(system.clearance, program, spline, None, Instants.none())
+    most = most_instants(system.clearance.count)
+    assert len(looked) > 1 and max(looked[1:]) <= most
 
 
 def test_dips_are_those_of_the_definition() -> None:

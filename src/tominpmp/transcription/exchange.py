@@ -14,6 +14,7 @@ values with a margin are no rows there, until they violate their limits.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,22 +38,18 @@ SAMPLES = 4
 # closely [m], as are values of other constraints closer than the second number to their
 # bounds: at these places around an instant, in shares of the step.
 CLOSE, CLOSE_VALUE = 1e-3, 1e-2
-CLOSER_LOOK = np.array([-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375])
+CLOSER_LOOK = np.arange(8) / 8 - 0.5
 # Instants closer than this share of an interval count as one; instants of distances
 # only if they are closer than this time, too [s]: a tip at 20 m/s moves by 3 cm in that
 # share of an interval.
 APART = 0.03
 APART_IN_TIME = 2e-5
-# The step is refined where obstacles move, until they move by no more than this share
-# of the padding in it, and by this factor at most.
-FINE = 0.25
-FINEST = 128
-# Number of instants that replace an instant in each refinement.
-SPLIT = 4
-# Largest numbers of instants inspected, of instants refined at a time, and of entries
-# in a table of instants by values: tables take memory, and the verification inspects
-# the motion again.
-MOST_SAMPLES, MOST_SPLIT, MOST_NUMBERS = 20_000, 4_000, 4_000_000
+# The step is cut where obstacles move, until they move by no more than this share of
+# the padding in it, and so often at most.
+FINE, CUTS = 0.25, 2
+# Numbers of instants inspected at a time, and of entries in a table of instants by
+# values: tables take memory, and the verification inspects the motion again.
+FEWEST_SAMPLES, MOST_SAMPLES, MOST_NUMBERS = 200, 20_000, 4_000_000
 # Tolerated violation where the padding is zero.
 LEAST = 1e-5
 # Values with a larger margin than this are no rows at an instant that joins for other
@@ -158,138 +155,107 @@ def _violated(
         whole = np.ones(known.size, dtype=bool)
         whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
         known = Instants(known.interval[whole], known.share[whole])
-    return Missing(_Continuous(constraint, of, motion, block.within).violated(known))
+    return Missing(violated(constraint, of, motion, block.within, known))
 
 
-class _Continuous:
-    """Search for the instants at which a continuous constraint is violated."""
+def violated(
+    constraint: Constraint,
+    of: Transcription[Any],
+    motion: Motion,
+    within: tuple[int, int] | None,
+    known: Instants,
+) -> Instants:
+    """For each interval and continuous value the worst instant, if it is violated.
 
-    def __init__(
-        self,
-        constraint: Constraint,
-        of: Transcription[Any],
-        motion: Motion,
-        within: tuple[int, int] | None = None,
-    ) -> None:
-        self._constraint, self._of, self._motion = constraint, of, motion
-        self._within = within or (0, of.intervals)
-        assert constraint.usable is not None  # noqa: S101
-        self._usable = constraint.usable
-        self._close = CLOSE / of.system.reach if constraint.gradual else CLOSE_VALUE
-        self._most = most_instants(constraint.count)
+    Args:
+        constraint: The constraint.
+        of: The transcription.
+        motion: A motion of it.
+        within: First interval on which it holds, and the one after its last; None for
+            all.
+        known: Instants that have rows; instants near them are left out.
+    """
+    at, missing = _closer_looks(constraint, of, motion, within or (0, of.intervals))
+    worst = np.max(missing, axis=1, initial=-np.inf)
+    found: list[tuple[int, float]] = []
+    taken: dict[int, list[float]] = {}
+    for k, share in known.pairs:
+        taken.setdefault(k, []).append(share)
+    for k in np.unique(at.interval).tolist():
+        inside = np.flatnonzero(at.interval == k)
+        block = missing[inside]
+        pairs = np.flatnonzero(block.max(axis=0) > 0.0)
+        peaks = inside[np.argmax(block[:, pairs], axis=0)]
+        apart = APART
+        if constraint.gradual:
+            apart = min(apart, APART_IN_TIME / float(motion.h[k]))
+        for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
+            share = float(at.share[index])
+            near = taken.setdefault(k, [])
+            if all(abs(share - other) > apart for other in near):
+                near.append(share)
+                found.append((k, share))
+    return Instants.of_pairs(found)
 
-    def violated(self, known: Instants) -> Instants:
-        """For each interval and value the worst instant, if it is violated there.
 
-        Instants near known ones are left out.
-        """
-        h, moving = self._motion.h, self._constraint.moving
-        regular = _samples(h, self._most).within(*self._within)
-        at, missing = self._closer(regular)
-        if moving:
-            more, there = self._finer(regular)
-            at, missing = at.joined(more), np.concatenate([missing, there])
-        worst = np.max(missing, axis=1)
-        found: list[tuple[int, float]] = []
-        taken: dict[int, list[float]] = {}
-        for k, share in known.pairs:
-            taken.setdefault(k, []).append(share)
-        for k in np.unique(at.interval[worst > 0.0]).tolist():
-            inside = np.flatnonzero(at.interval == k)
-            block = missing[inside]
-            pairs = np.flatnonzero(block.max(axis=0) > 0.0)
-            peaks = inside[np.argmax(block[:, pairs], axis=0)]
-            apart = APART
-            if self._constraint.gradual:
-                apart = min(apart, APART_IN_TIME / float(h[k]))
-            for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
-                share = float(at.share[index])
-                near = taken.setdefault(k, [])
-                if all(abs(share - other) > apart for other in near):
-                    near.append(share)
-                    found.append((k, share))
-        return Instants.of_pairs(found)
+def _closer_looks(
+    constraint: Constraint,
+    of: Transcription[Any],
+    motion: Motion,
+    within: tuple[int, int],
+) -> tuple[Instants, Array]:
+    """Instants at which a continuous constraint is violated, and its violations there.
 
-    def _missing(self, at: Instants, attention: float) -> Array:
-        """Excess over the bounds beyond the usable padding, shape (m, p)."""
-        excess = excess_at(self._constraint, self._of, self._motion, at, attention)
-        return np.asarray(excess - self._usable)
-
-    def _closer(self, at: Instants) -> tuple[Instants, Array]:
-        """Instants, refined where bounds may be violated between them.
-
-        Returns:
-            The instants, and the violations there.
-        """
-        close = self._attention(at)
-        missing = self._missing(at, close)
-        near = between_samples(missing, 0.0, close)
-        near = _worst(near, missing, CLOSER_LOOK.size, self._most)
+    The step is cut around instants beside which a bound may be violated: values rise
+    from one to the next as they do from a sample to the next, and those of moving
+    obstacles by no more than the obstacles move. Pairs that do not move are looked at
+    more closely only once.
+    """
+    usable, h, most = constraint.usable, motion.h, most_instants(constraint.count)
+    assert usable is not None  # noqa: S101
+    rises = np.zeros(constraint.count)
+    if constraint.moving:
+        rises = constraint.rises(float(h.sum() + of.delays[-1]))
+    moving, rise = np.flatnonzero(rises > 0.0), float(np.max(rises, initial=0.0))
+    at = _samples(h, most).within(*within)
+    width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
+    attention = CLOSE / of.system.reach if constraint.gradual else CLOSE_VALUE
+    if constraint.gradual:
+        # Corners pass each other between instants: the tip of an arm of 5 m moves by
+        # centimetres.
+        v = of.states(motion, at, 1).v / of.system.step_scale
+        speed = np.max(np.abs(v), axis=1, initial=0.0)
+        way = 0.5 * width * h[at.interval] * speed
+        attention = max(attention, float(np.max(way, initial=0.0)))
+    room = FINE * float(np.max(constraint.room, initial=0.0)) + LEAST
+    found: list[tuple[Instants, Array]] = []
+    while True:
+        excess = excess_at(constraint, of, motion, at, attention)
+        missing = np.asarray(excess - usable)
+        over = np.flatnonzero(np.max(missing, axis=1, initial=-np.inf) > 0.0)
+        there = Instants(at.interval[over], at.share[over]), missing[over]
+        near = np.zeros(0, dtype=np.int64)
+        if not found:
+            near = between_samples(missing, 0.0, attention)
+        found.append(there)
+        step = width * h[at.interval]
+        if float(np.max(step, initial=0.0)) * rise > room and len(found) <= CUTS:
+            ahead = excess[:, moving] + 0.5 * step[:, None] * rises[moving]
+            near = np.union1d(near, np.flatnonzero(np.max(ahead, axis=1) > 0.0))
         if not near.size:
-            return at, missing
-        count = np.bincount(at.interval, minlength=self._motion.h.size)
-        width = 1.0 / count[at.interval[near]]
-        share = at.share[near, None] + CLOSER_LOOK * width[:, None]
-        more = Instants(np.repeat(at.interval[near], CLOSER_LOOK.size), share.ravel())
-        return at.joined(more), np.concatenate([missing, self._missing(more, 0.0)])
-
-    def _attention(self, at: Instants) -> float:
-        """Margin below which a value may exceed its bound between two instants.
-
-        Corners pass each other between instants: the tip of an arm of 5 m moves by
-        centimetres.
-        """
-        if not self._constraint.gradual:
-            return self._close
-        step = self._motion.h[at.interval] / np.bincount(at.interval)[at.interval]
-        v = self._of.states(self._motion, at, 1).v / self._of.system.step_scale
-        way = 0.5 * step * np.max(np.abs(v), axis=1)
-        return max(self._close, float(np.max(way, initial=0.0)))
-
-    def _finer(self, at: Instants) -> tuple[Instants, Array]:
-        """Instants between given ones at which a moving obstacle comes too close.
-
-        Returns:
-            The instants, and the violations there.
-        """
-        h = self._motion.h
-        width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
-        rises = self._constraint.rises(float(h.sum() + self._of.delays[-1]))
-        rise = float(np.max(rises, initial=0.0))
-        room = FINE * float(np.max(self._constraint.room, initial=0.0)) + LEAST
-        longest = float(np.max(width * h[at.interval]))
-        parts = min(max(longest * rise / room, 1.0), float(FINEST))
-        found, lacking = Instants.none(), []
-        while True:
-            # Between instants a step apart a value rises by this much, seen from the
-            # nearer one: only where that may cause a violation is the step refined.
-            # Pairs that do not move never cause a refinement.
-            step = 0.5 * width * h[at.interval]
-            attention = float(np.max(step)) * rise if parts > 1.0 else 0.0
-            missing = self._missing(at, attention)
-            over = np.flatnonzero(np.max(missing, axis=1) > 0.0)
-            found = found.joined(Instants(at.interval[over], at.share[over]))
-            lacking.append(missing[over])
-            rising = np.flatnonzero(rises > 0.0)
-            ahead = missing[:, rising] + self._usable[rising]
-            ahead += step[:, None] * rises[rising]
-            moved = np.max(ahead, axis=1, initial=-np.inf)
-            near = np.flatnonzero(moved > 0.0)
-            if parts <= 1.0 or not near.size:
-                return found, np.concatenate(lacking)
-            split = min(int(np.ceil(parts)), SPLIT)
-            most = min(MOST_SPLIT, self._most // SPLIT)
-            near = _worst(near, moved[:, None], 1, most)
-            places = (np.arange(split) + 0.5) / split - 0.5
-            share = at.share[near, None] + places * width[near, None]
-            at = Instants(np.repeat(at.interval[near], split), share.ravel())
-            width, parts = np.repeat(width[near] / split, split), parts / split
+            instants, violations = zip(*found, strict=True)
+            return reduce(Instants.joined, instants), np.concatenate(violations)
+        near = _worst(near, missing, CLOSER_LOOK.size, most)
+        share = at.share[near, None] + CLOSER_LOOK * width[near, None]
+        at = Instants(np.repeat(at.interval[near], CLOSER_LOOK.size), share.ravel())
+        width = np.repeat(width[near], CLOSER_LOOK.size) / CLOSER_LOOK.size
+        attention = 0.5 * float(np.max(width * h[at.interval])) * rise
 
 
 def most_instants(values: int) -> int:
     """Number of instants that are inspected, for a number of values at each."""
     most = MOST_NUMBERS // max(values, 1)
-    return int(np.clip(most, MOST_SPLIT // 20, MOST_SAMPLES))
+    return int(np.clip(most, FEWEST_SAMPLES, MOST_SAMPLES))
 
 
 def _worst(near: IntArray, missing: Array, parts: int, most: int) -> IntArray:
