@@ -54,9 +54,8 @@ def integrate_costates(
     steps = steps.reshape(changes.N, STEPS, 2 * n, 2 * n)
     p = found.costates
     for i in range(STEPS - 1, -1, -1):
-        p = np.einsum("ki,kij->kj", p, steps[:, i])
-        p = p + (found.pushes[:, i] if i else 0.0)
-    p[1:] += found.jumps[:-1]
+        p = np.einsum("ki,kij->kj", p, steps[:, i]) + found.falls[:, i]
+    p[1:] += found.falls[:-1, STEPS]
     return np.asarray(p)
 
 

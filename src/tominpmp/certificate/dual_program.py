@@ -46,10 +46,9 @@ class DualSolution:
     Attributes:
         costates: Derivatives of the duration by the states just before the nodes 1 to
             N, shape (N, 2 n).
-        jumps: Decrease of the costates at these nodes, where a state limit is active,
-            shape (N, 2 n).
-        pushes: Decrease of the costates inside the intervals, at the places k / PLACES
-            nearest to an active state limit, shape (N, PLACES, 2 n).
+        falls: Decrease of the costates in the intervals, at the places k / PLACES
+            nearest to an active state limit; at the last, that at the node after, shape
+            (N, PLACES + 1, 2 n).
         switching: Derivative of the Hamiltonian by the torques, mean over each
             interval, in shares of the torque limits, shape (N, n).
         hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
@@ -59,8 +58,7 @@ class DualSolution:
     """
 
     costates: Array
-    jumps: Array
-    pushes: Array
+    falls: Array
     switching: Array
     hamiltonian: Array
     multipliers: LimitRows
@@ -203,22 +201,19 @@ class _Program:
             hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
         """
         N, n = self.N, self.n
-        jumps = np.zeros((N, 2 * n))
-        pushes = np.zeros((N, PLACES, 2 * n))
-        falls = self.T * (rows.y * rows.of_state)[:, None] * rows.slopes
+        falls = np.zeros((N, PLACES + 1, 2 * n))
         interval, share = rows.at.interval, rows.at.share
-        inside = share < 1.0
-        place = np.clip(np.rint(share * PLACES).astype(int), 1, PLACES - 1)[inside]
-        np.add.at(pushes, (interval[inside], place), falls[inside])
-        np.add.at(jumps, interval[~inside], falls[~inside])
+        inside = np.clip(np.rint(share * PLACES).astype(int), 1, PLACES - 1)
+        place = np.where(share < 1.0, inside, PLACES)
+        each = self.T * (rows.y * rows.of_state)[:, None] * rows.slopes
+        np.add.at(falls, (interval, place), each)
         given = LimitRows.joined([rows, columns])
         bounded = np.where(given.held_above, given.above, given.below)
         given = given.kept(np.isfinite(bounded))
         torques = rows.kept(rows.of(EFFORT.name, PASSIVE))
         return DualSolution(
             costates=-gaps.reshape(N, -1) * self.T - self._arriving(torques),
-            jumps=jumps,
-            pushes=pushes,
+            falls=falls,
             switching=self._switching(torques),
             hamiltonian=hamiltonian,
             multipliers=given,
