@@ -117,12 +117,6 @@ class Motion:
             a = self.system.dynamics.forward(x, u - dry)[:, self.changes.n :]
         return States(times, q, v, a)
 
-    @cached_property
-    def a(self) -> Array:
-        """Accelerations at both ends of its intervals, shape (N, 2, n)."""
-        found = [one.states(one.instants(0.0, 1.0)).a for one in self.segments]
-        return np.concatenate(found).reshape(-1, 2, self.changes.n)
-
     # -- torques as shares of their limits ---------------------------------------------
 
     def _shares(self, *places: float) -> Array:

@@ -90,15 +90,13 @@ class HermitePath:
 
     def positions(self, times: Array) -> Array:
         """Positions at times [s], shape (m,) to (m, n)."""
-        return self._states(times)[0]
-
-    def _states(self, times: Array) -> tuple[Array, Array]:
-        """Positions and velocities at times [s]."""
-        return states(self.t, self.q, self.v, None, times)[:2]
+        return states(self.t, self.q, self.v, None, times)[0]
 
     def _bezier(self, begin: Array, end: Array) -> Array:
         """Bézier points between times within one row, shape (4, m, n)."""
-        (q0, v0), (q1, v1) = self._states(begin), self._states(end)
+        (q0, v0, *_), (q1, v1, *_) = (
+            states(self.t, self.q, self.v, None, times) for times in (begin, end)
+        )
         third = (end - begin)[:, None] / 3.0
         return np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
 
