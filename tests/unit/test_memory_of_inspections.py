@@ -13,11 +13,11 @@ from tominpmp.transcription.exchange import (
     MOST_NUMBERS,
     MOST_SAMPLES,
     _samples,
+    _worst_instants,
     between_samples,
     excess_at,
     exchanged,
     most_instants,
-    violated,
 )
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
@@ -104,7 +104,7 @@ def test_only_the_worst_are_looked_at_more_closely(
         return excess_at(*given)
 
     monkeypatch.setattr("tominpmp.transcription.exchange.excess_at", counted)
-    violated(system.clearance, program, spline, None, Instants.none())
+    _worst_instants(system.clearance, program, spline, None, Instants.none())
     most = most_instants(system.clearance.count)
     assert len(looked) > 1 and max(looked[1:]) <= most
 

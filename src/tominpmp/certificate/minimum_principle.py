@@ -104,11 +104,9 @@ def certify(
     trajectory = with_segments(problem, trajectory, Tolerances())
     # Alternatives of a goal may have another number of rows.
     asked, problem = problem, problem.alternative_of(trajectory)
-    given = trajectory
-    if problem.segments:
-        problem, trajectory = without_stays(problem, given)
     if verification is None:
-        verification = verify(asked, given)
+        verification = verify(asked, trajectory)
+    problem, trajectory = without_stays(problem, trajectory)
     rounding = 0.0 if period is None else clock_share(trajectory, period)
     seen = examine(problem, trajectory, verification, tolerance, rounding=rounding)
     out = seen.certificate

@@ -49,8 +49,8 @@ def without_stays(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajec
     """A motion without its dwells.
 
     Args:
-        problem: A problem of several segments.
-        motion: Its motion, with the ends of its segments.
+        problem: The problem.
+        motion: Its motion, with the ends of its segments if there are several.
 
     Returns:
         The problem with the dwells of the motion, and the motion without them.

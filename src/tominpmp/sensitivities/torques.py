@@ -73,7 +73,7 @@ class TorqueWeights:
             return cls(*np.zeros((5, 0, n)))
         return cls(*map(np.concatenate, zip(*found, strict=True)))
 
-    def of_model(self, robot: Robot, change: Callable[[pin.Model], None]) -> float:
+    def _of_model(self, robot: Robot, change: Callable[[pin.Model], None]) -> float:
         """Share of T that the torques cost which a change of the model adds."""
         model = robot.model.copy()
         change(model)
@@ -91,7 +91,7 @@ class TorqueWeights:
             model.gravity.linear = model.gravity.linear + way
 
         ways = (partial(pulled, way=way) for way in np.eye(3))
-        return np.array([self.of_model(robot, way) for way in ways])
+        return np.array([self._of_model(robot, way) for way in ways])
 
     def by_mass(self, robot: Robot, payload: Payload) -> float:
         """Share of T by the mass of a payload of the robot [1/kg]."""
@@ -104,4 +104,4 @@ class TorqueWeights:
             frame = model.frames[robot.frame_id(payload.name)]
             model.inertias[frame.parentJoint] += frame.placement.act(one)
 
-        return self.of_model(robot, loaded)
+        return self._of_model(robot, loaded)

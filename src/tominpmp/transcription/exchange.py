@@ -155,10 +155,10 @@ def _violated(
         whole = np.ones(known.size, dtype=bool)
         whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
         known = Instants(known.interval[whole], known.share[whole])
-    return Missing(violated(constraint, of, motion, block.within, known))
+    return Missing(_worst_instants(constraint, of, motion, block.within, known))
 
 
-def violated(
+def _worst_instants(
     constraint: Constraint,
     of: Transcription[Any],
     motion: Motion,

@@ -171,7 +171,8 @@ class Approach:
 
     def _look(self, stretches: Stretches) -> None:
         """Examine all pairs in stretches of many rows."""
-        moved = self._moved(stretches)
+        of = stretches
+        moved = self._checker.closing(of.q, of.swing, of.begin, of.end)
         lower = self._checker.lower_bounds(stretches.q, stretches.time) - self._margins
         if self.room == np.inf:
             nearest = np.argsort(lower, axis=None, kind="stable")[:FIRST]
@@ -221,8 +222,8 @@ class Approach:
             # The same pairs in all parts.
             index = (PARTS * index[:, None] + np.arange(PARTS)).ravel()
             column = np.repeat(column, PARTS)
-            closer = self._moved(parts, some)[index, column]
-            self._refine(parts, closer, index, some[column], cuts + 1)
+            closer = self._checker.closing(parts.q, parts.swing, begin, end, some)
+            self._refine(parts, closer[index, column], index, some[column], cuts + 1)
 
     def _measure(
         self,
@@ -275,14 +276,6 @@ class Approach:
             here = (away <= self._near)[stretch]
             lack = np.maximum(lack, np.where(here, allowed[pair], 0.0))
         return lack
-
-    def _moved(self, stretches: Stretches, pairs: IntArray | None = None) -> Array:
-        """Largest decreases of distances within stretches, shape (m, k) [m].
-
-        For k pairs; None stands for all.
-        """
-        of = stretches
-        return self._checker.closing(of.q, of.swing, of.begin, of.end, pairs)
 
     def _sharpen(self) -> None:
         """Refine the time of the least clearance."""
