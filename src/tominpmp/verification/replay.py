@@ -228,11 +228,6 @@ class Integration:
         self.evaluations = 0
         self._stride = np.inf
 
-    def tighter(self, tightness: float) -> Integration:
-        """The integration with tolerances tighter by a factor than usual."""
-        known = self._trajectory, self.pieces, self.integrator, self.plants
-        return Integration(self.plants[0].robot, *known, tightness)
-
     def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2

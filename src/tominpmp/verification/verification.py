@@ -170,8 +170,8 @@ def verify(
     instance(problem, Problem, "problem")
     tolerances = Tolerances() if tolerances is None else tolerances
     instance(tolerances, Tolerances, "tolerances", "Tolerances or None")
-    known = get_args(Geometry)
-    choice(geometry, known, "geometry", " or ".join(map(repr, known)))
+    shapes = get_args(Geometry)
+    choice(geometry, shapes, "geometry", " or ".join(map(repr, shapes)))
     if checker is not None:
         instance(checker, CollisionChecker, "checker", "a CollisionChecker or None")
     robot = problem.robot
@@ -182,7 +182,8 @@ def verify(
     stages = stages_of(problem, trajectory)
     torque = torque_pieces(robot, trajectory)
     plants = [Plant(stage.problem.robot) for stage in stages]
-    integration = Integration(robot, trajectory, torque, integrator, plants)
+    known = robot, trajectory, torque, integrator, plants
+    integration = Integration(*known)
     start, checkers = start_of(problem), _checkers(stages, checker, geometry)
     growth, goal = amplification(stages, trajectory), tolerances.goal
     findings, feedback, defect, sure = None, None, None, False
@@ -192,7 +193,7 @@ def verify(
         # Errors of the integration may also carry a motion to its goal.
         sure = not findings.violations and (
             not doubtful(growth, goal, integration.error)
-            or settled(alone, integration.tighter(TIGHTER).run(start), tolerances)
+            or settled(alone, Integration(*known, TIGHTER).run(start), tolerances)
         )
     rate = None if sure else feedback_rate(growth, trajectory.duration, goal)
     if rate is not None:
