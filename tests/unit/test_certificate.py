@@ -20,9 +20,9 @@ from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.dual_program import solve_dual_program
 from tominpmp.certificate.limits import LimitRows, limits_of
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify, examine
-from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.perturbations import (
+from tominpmp.certificate.motion import (
     MOST,
+    Motion,
     Perturbations,
     certificate_grid,
 )

@@ -18,7 +18,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
-from tominpmp.certificate.perturbations import LONGEST
+from tominpmp.certificate.motion import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
