@@ -13,7 +13,14 @@ and Vickson, 1995). Where obstacles move, their effect on later clearances is pa
 
 The certificate takes no result of the solver that planned the motion: costates and
 multipliers come from a linear program about the motion
-(:mod:`tominpmp.certificate.dual_program`).
+(:mod:`tominpmp.certificate.dual_program`). These costates are compared with the adjoint
+equation of the paper's differentials (equations 12 and 13) in real time,
+
+.. math:: \dot p = -f_x^T p
+
+between the instants at which a state limit is active, where the costate falls by the
+multiplier times the gradient of the limit: the program uses accelerations and the
+inverse dynamics, this equation torques and the forward dynamics. Each checks the other.
 """
 
 from __future__ import annotations
@@ -29,8 +36,11 @@ from tominpmp.arrays import Array, BoolArray, frozen_array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
-from tominpmp.certificate.costates import disagreement, integrate_costates
-from tominpmp.certificate.dual_program import DualSolution, solve_dual_program
+from tominpmp.certificate.dual_program import (
+    PLACES,
+    DualSolution,
+    solve_dual_program,
+)
 from tominpmp.certificate.limits import PASSIVE
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.optimality_report import (
@@ -46,6 +56,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.verification.replay import Replay
 from tominpmp.verification.stages import with_segments
 from tominpmp.verification.verification import Verification, verify
 
@@ -231,9 +242,9 @@ def _read(
     first = found.costates[:1]
     if not motion.sections:
         replay = None if verification is None else verification.replay
-        integrated = integrate_costates(motion, found, replay)
+        integrated = _integrated(motion, found, replay)
         if not limits.need_smooth:
-            error = disagreement(found, integrated)
+            error = _disagreement(found, integrated)
         first = integrated[:1]
     apart = np.abs(H - np.average(H, weights=h))
     promise = found.multipliers.promise
@@ -290,3 +301,69 @@ def _active(motion: Motion, found: DualSolution) -> Iterator[ActiveLimit]:
                 frozen_array(total[held]),
                 given.held_above[rows[first]],
             )
+
+
+# -- costates by the adjoint equation --------------------------------------------------
+
+
+def _integrated(
+    motion: Motion, found: DualSolution, replay: Replay | None = None
+) -> Array:
+    """Integrate the adjoint equation backwards over each interval.
+
+    Each interval begins with the costate of the program at its end. Where an arm is
+    unstable, errors of an integration from one end of the motion to the other grow by
+    powers of ten.
+
+    Args:
+        motion: The motion.
+        found: Its multipliers, and the costates just before the nodes.
+        replay: Replay of the torques, whose states the equation is integrated along;
+            None takes the states of the plan.
+
+    Returns:
+        Costates just after the start and just before the nodes 1 to N - 1, shape
+        (N, 2 n).
+    """
+    # A step ends wherever costates may jump.
+    n, changes = motion.changes.n, motion.changes
+    shares = (np.arange(PLACES) + 0.5) / PLACES
+    times, q, v, a, _ = motion.states(motion.instants(*shares.tolist()))
+    left = motion.system.dynamics.inverse(q, v, a)  # torques less dry friction
+    if replay is not None and replay.complete:
+        q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
+        v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
+    x = np.concatenate([q, v], axis=1)
+    slope = motion.system.dynamics.forward_jacobians(x, left).f_x
+    steps = _transitions(slope, np.repeat(changes.h / PLACES, PLACES))
+    steps = steps.reshape(changes.N, PLACES, 2 * n, 2 * n)
+    p = found.costates
+    for i in range(PLACES - 1, -1, -1):
+        p = np.einsum("ki,kij->kj", p, steps[:, i]) + found.falls[:, i]
+    p[1:] += found.falls[:-1, PLACES]
+    return np.asarray(p)
+
+
+def _transitions(slope: Array, h: Array) -> Array:
+    """State transition matrices of steps by Radau IIA of order 3, shape (m, k, k).
+
+    Args:
+        slope: f_x in the middle of each step, shape (m, k, k).
+        h: Lengths of the steps [s], shape (m,).
+    """
+    z = slope * h[:, None, None]
+    eye = np.eye(slope.shape[1])
+    return np.asarray(np.linalg.solve(eye - 2 / 3 * z + z @ z / 6, eye + z / 3))
+
+
+def _disagreement(found: DualSolution, integrated: Array) -> float:
+    """Largest difference between costates, relative to the largest costate.
+
+    Args:
+        found: Costates of the linear program.
+        integrated: Costates of the adjoint equation, shape (N, 2 n).
+    """
+    scale = found.state_scale
+    largest = float(np.max(np.abs(found.costates * scale), initial=0.0))
+    apart = (found.costates[:-1] - integrated[1:]) * scale
+    return float(np.max(np.abs(apart), initial=0.0)) / max(largest, 1e-300)
