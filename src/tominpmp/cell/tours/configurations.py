@@ -375,8 +375,8 @@ def distinct(rows: Array) -> Array:
     return rows[kept]
 
 
-# Rounds unless others are asked for; random trials of a station in each, and the radius
-# of the first ones [rad].
+# Rounds of looking for better configurations; random trials of a station in each, and
+# the radius of the first ones [rad].
 ROUNDS = 24
 TRIALS = 4
 RADIUS = 0.4
@@ -391,7 +391,6 @@ def refined(
     nodes: Sequence[int],
     way: Sequence[Array],
     rng: np.random.Generator,
-    rounds: int = ROUNDS,
 ) -> list[Array]:
     """Improve the configurations of a tour in a given order.
 
@@ -401,7 +400,6 @@ def refined(
         nodes: The nodes of the tour in their order.
         way: Their configurations, shape (n,) each.
         rng: Random numbers.
-        rounds: How often better ones are looked for.
 
     Returns:
         Configurations of all places.
@@ -414,7 +412,7 @@ def refined(
         if g is not None and goals[g].configuration is None
     ]
     way, radius, before = [np.array(q) for q in way], RADIUS, np.inf
-    for _ in range(rounds if open_ones else 0):
+    for _ in range(ROUNDS if open_ones else 0):
         starts = [_around(way, k, radius, rng) for k in open_ones]
         place = np.repeat(open_ones, [len(rows) for rows in starts])
         which = np.array([stations[k] for k in place.tolist()], dtype=np.int64)

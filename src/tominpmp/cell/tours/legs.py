@@ -13,13 +13,14 @@ fastest there is, and no planning is needed.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array
 from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.station import Station
 from tominpmp.dynamics import RobotDynamics
@@ -43,8 +44,6 @@ CHUNK = 2_000_000
 # the duration that count as zero.
 NO_WAY = 1e-9
 SAME = 1e-9
-# Instants of a direct motion at which obstacles are looked for first.
-CHECKS = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,12 +149,6 @@ class JointTimes:
         return np.where(way > 0.0, np.where(long, cruise + ramp, peaked), 0.0)
 
 
-# Configurations this near to those of a leg that is blocked make one that is likely to
-# be so, too [rad or m]; estimated time of blocked legs: shares of the direct time, and
-# an addition [s].
-NEAR = 0.25
-DETOUR_SHARE, DETOUR = 1.5, 0.25
-
 # A leg: node and configuration it begins at, node and configuration it ends at.
 Leg = tuple[int, int, int, int]
 # Nodes of a leg, or configurations there.
@@ -177,9 +170,6 @@ class LegTable:
         factor: What estimates are multiplied by.
         known: Times that were found, by the nodes of a leg and by the configurations
             there; infinite where there is no motion [s].
-        blocked: Ends of legs, by their nodes, on whose direct way is something.
-        detour_share: What these are taken to need: shares of the estimate, and
-        detour: [s].
     """
 
     nodes: list[Array]
@@ -188,9 +178,6 @@ class LegTable:
     ends: bool
     factor: float = 1.0
     known: dict[Pair, dict[Pair, float]] = field(default_factory=dict)
-    blocked: dict[Pair, list[tuple[Array, Array]]] = field(default_factory=dict)
-    detour_share: float = DETOUR_SHARE
-    detour: float = DETOUR
 
     @property
     def stations(self) -> int:
@@ -211,48 +198,22 @@ class LegTable:
         i, a, j, b = leg
         return self.nodes[i][a], self.nodes[j][b]
 
+    def resting(self, i: int, j: int) -> int:
+        """At how many of two nodes the arm is at rest."""
+        return int(self.rests[i]) + int(self.rests[j])
+
     def block(self, i: int, j: int) -> Array:
         """Times from each configuration of a node to each of another, shape (k, m)."""
-        times = self._guess(i, j, self.nodes[i], self.nodes[j])
+        nodes, resting = self.nodes, self.resting(i, j)
+        times = self.factor * self.times.matrix(nodes[i], nodes[j], resting)
         for pair, value in self.known.get((i, j), {}).items():
             times[pair] = value
         return times
-
-    def _guess(self, i: int, j: int, a: Array, b: Array) -> Array:
-        """Estimates between configurations of two nodes, shape (k, m)."""
-        resting = int(self.rests[i]) + int(self.rests[j])
-        guess = self.factor * self.times.matrix(a, b, resting)
-        blocked = self._blocked(i, j, a, b)
-        return np.where(blocked, self.detour + self.detour_share * guess, guess)
-
-    def _blocked(self, i: int, j: int, a: Array, b: Array) -> BoolArray:
-        """Between which configurations something is likely to be in the way, (k, m)."""
-        found = np.zeros((len(a), len(b)), dtype=bool)
-        for one, other in self.blocked.get((i, j), ()):
-            found |= _near(a, one)[:, None] & _near(b, other)[None]
-        return found
-
-    def is_blocked(self, leg: Leg) -> bool:
-        """Whether something is likely to be on the direct way of a leg."""
-        begin, end = self.rows(leg)
-        return bool(self._blocked(leg[0], leg[2], begin[None], end[None])[0, 0])
-
-    def block_way(self, leg: Leg) -> None:
-        """Take down that something is on the direct way of a leg, there and back."""
-        i, _, j, _ = leg
-        one, other = self.rows(leg)
-        self.blocked.setdefault((i, j), []).append((one, other))
-        self.blocked.setdefault((j, i), []).append((other, one))
 
     def learn(self, leg: Leg, seconds: float) -> None:
         """Take down the time of a leg."""
         i, a, j, b = leg
         self.known.setdefault((i, j), {})[a, b] = seconds
-
-    def forget(self, leg: Leg) -> None:
-        """Leave a leg to the estimates again."""
-        i, a, j, b = leg
-        self.known[i, j].pop((a, b), None)
 
     def found(self, leg: Leg) -> float | None:
         """Time of a leg that was found [s]; None where it is not known."""
@@ -261,22 +222,25 @@ class LegTable:
 
     def time(self, leg: Leg) -> float:
         """Time of a leg, known or estimated [s]."""
-        known, (begin, end) = self.found(leg), self.rows(leg)
+        known, resting = self.found(leg), self.resting(leg[0], leg[2])
         if known is not None:
             return known
-        return float(self._guess(leg[0], leg[2], begin[None], end[None])[0, 0])
+        return self.factor * float(self.times.between(*self.rows(leg), resting))
+
+    def calibrate(self) -> None:
+        """Take the factor of the estimates from the times that are known."""
+        ratios = []
+        for (i, j), known in self.known.items():
+            for (a, b), seconds in known.items():
+                guess = float(self.times.between(*self.rows((i, a, j, b))))
+                if guess > 0.0 and np.isfinite(seconds):
+                    ratios.append(seconds / guess)
+        self.factor = max(1.0, float(np.median(ratios))) if ratios else 1.0
 
     def along(self, order: Sequence[int], rows: list[Array]) -> LegTable:
         """A table of other configurations for the nodes of a tour, in their order."""
-        blocked = {
-            (k, k + 1): self.blocked[pair]
-            for k, pair in enumerate(pairwise(order))
-            if pair in self.blocked
-        }
         rests = [self.rests[node] for node in order]
-        return replace(
-            self, nodes=rows, rests=rests, ends=True, known={}, blocked=blocked
-        )
+        return replace(self, nodes=rows, rests=rests, ends=True, known={})
 
     def fixed(self, chosen: Sequence[int]) -> Array:
         """Times between the nodes with one configuration each, shape (nodes, nodes)."""
@@ -284,13 +248,11 @@ class LegTable:
         q = np.stack([rows_of[c] for rows_of, c in rows])
         out = np.empty((len(q), len(q)))
         rests = np.array(self.rests, dtype=int)
-        for resting in range(3):
-            which = rests[:, None] + rests[None] == resting
+        resting = rests[:, None] + rests
+        for count in range(3):
+            which = resting == count
             if np.any(which):
-                out[which] = self.times.matrix(q, q, resting)[which]
-        out *= self.factor
-        for i, j in self.blocked:
-            out[i, j] = self._guess(i, j, q[i : i + 1], q[j : j + 1])[0, 0]
+                out[which] = self.factor * self.times.matrix(q, q, count)[which]
         for (i, j), known in self.known.items():
             out[i, j] = known.get((chosen[i], chosen[j]), out[i, j])
         np.fill_diagonal(out, 0.0)
@@ -315,11 +277,6 @@ class LegTable:
         for back in reversed(came):
             chosen.append(int(back[chosen[-1]]))
         return float(np.min(cost)), chosen[::-1]
-
-
-def _near(rows: Array, q: Array) -> BoolArray:
-    """Which configurations, shape (..., n), are near to one, shape (n,)."""
-    return np.asarray(np.max(np.abs(rows - q), axis=-1) < NEAR)
 
 
 def direct_motion(problem: Problem) -> Trajectory | None:
@@ -394,11 +351,10 @@ class Legs:
         problem: Robot, obstacles and limits.
         stations: The stations.
         options: How legs are planned that are not direct.
-        table: Times of the legs, which are written down there.
+        table: The nodes of the tour.
         planned: How many legs were planned.
         errors: Sentences on legs that cannot be.
-        motions: Motions of the legs that were replayed or planned.
-        detours: What blocked legs have taken, as shares of their direct times.
+        motions: Motions of the legs that were looked at; None where there is none.
     """
 
     problem: Problem
@@ -407,10 +363,7 @@ class Legs:
     table: LegTable
     planned: int = 0
     errors: list[str] = field(default_factory=list)
-    motions: dict[Leg, Solution] = field(default_factory=dict)
-    detours: list[float] = field(default_factory=list)
-    _looked_at: set[Leg] = field(default_factory=set)
-    _unverified: dict[Leg, Trajectory] = field(default_factory=dict)
+    motions: dict[Leg, Solution | None] = field(default_factory=dict)
     _settings: dict[tuple[int | None, int | None], Problem] = field(
         default_factory=dict
     )
@@ -430,117 +383,59 @@ class Legs:
         payload = None if begin is None else self.stations[begin].payload
         return payload, [pair for station in ends for pair in station.may_touch]
 
-    def _problem(self, leg: Leg) -> Problem | None:
-        """The problem of a leg; None where there cannot be such a leg."""
+    def _problem(self, leg: Leg) -> Problem:
+        """The problem of a leg.
+
+        Raises:
+            ProblemError: If there cannot be such a leg.
+        """
         begin, end = self.table.station(leg[0]), self.table.station(leg[2])
         payload, touch = self._carried(begin, end)
         q_start, q_end = self.table.rows(leg)
-        try:
-            setting = self.problem
-            if payload is not None or touch:
-                key = begin, end if touch else None
-                if key not in self._settings:
-                    self._settings[key] = carrying(setting, payload, touch)
-                setting = self._settings[key]
-            return setting.with_ends(q_start, JointGoal(q_end))
-        except ProblemError as error:
-            self.errors.append(str(error))
-            return None
-
-    def resting(self, leg: Leg) -> bool:
-        """Whether the arm is at rest at both ends of a leg."""
-        return bool(self.table.rests[leg[0]] and self.table.rests[leg[2]])
+        setting = self.problem
+        if payload is not None or touch:
+            key = begin, end if touch else None
+            if key not in self._settings:
+                self._settings[key] = carrying(setting, payload, touch)
+            setting = self._settings[key]
+        return setting.with_ends(q_start, JointGoal(q_end))
 
     def stays(self, leg: Leg) -> bool:
         """Whether a leg leads nowhere."""
         begin, end = self.table.rows(leg)
         return float(np.max(np.abs(begin - end), initial=0.0)) < NO_WAY
 
-    # -- direct motions ----------------------------------------------------------------
-
-    def direct(self, leg: Leg) -> bool:
-        """Look for the direct motion of a leg; False where its way is found blocked."""
-        check()
-        known = self.table.found(leg) is not None
-        if known or leg in self._looked_at or not self.resting(leg):
-            return True
-        self._looked_at.add(leg)
-        if self.stays(leg):
-            self.table.learn(leg, 0.0)
-            return True
-        problem = self._problem(leg)
-        # The knots of a direct motion are on no clock.
-        clocked = self.options.control_period is not None
-        if problem is not None:
-            motion = None if clocked else direct_motion(problem)
-            if motion is None:
-                return True
-            if _looks_clear(problem, motion):
-                self._unverified[leg] = motion
-                self.table.learn(leg, motion.duration)
-                return True
-        self.table.block_way(leg)
-        return False
-
-    def verified(self, leg: Leg) -> bool:
-        """Replay the direct motion of a leg; False where that is not all right."""
-        motion = self._unverified.pop(leg, None)
-        if motion is None:
-            return True
-        started = time.perf_counter()
-        problem = self._problem(leg)
-        tolerances = self.options.tolerances
-        judged = None if problem is None else verify(problem, motion, tolerances)
-        if problem is None or judged is None or not judged.ok:
-            self.table.forget(leg)
-            self.table.block_way(leg)
-            return False
-        self.motions[leg] = Solution(
-            problem=problem,
-            options=self.options,
-            status=Status.CONVERGED,
-            message=f"{Status.CONVERGED.value} {DIRECT}",
-            feasible=True,
-            trajectory=motion,
-            planning_time=time.perf_counter() - started,
-            verification=judged,
-            lower_bound=LowerBound(motion.duration, "limits of speed and acceleration"),
-        )
-        return True
-
-    # -- planned motions ---------------------------------------------------------------
+    # -- motions -----------------------------------------------------------------------
 
     def seconds(self, leg: Leg) -> float:
-        """Time of a leg that is not known yet, infinite where there is no motion."""
-        self.direct(leg)
-        known = self.table.found(leg)
-        if known is not None and self.verified(leg):
-            return known
+        """Time of a leg, infinite where there is no motion."""
+        if self.stays(leg):
+            return 0.0
         found = self.motion(leg)
-        if found is None:
-            return np.inf
-        if self.table.is_blocked(leg):
-            least = float(self.table.times.between(*self.table.rows(leg)))
-            self.detours.append(found.T / least)
-        return found.T
+        return np.inf if found is None else found.T
 
     def motion(self, leg: Leg) -> Solution | None:
-        """The motion of a leg, planned unless it is known; None where there is none."""
+        """The motion of a leg from rest to rest; None where none is found."""
         if leg not in self.motions:
-            problem = self._problem(leg)
-            found = None if problem is None else self._plan(problem)
-            if found is None:
-                return None
-            self.motions[leg] = found
+            check()
+            self.motions[leg] = self._found(lambda: self._problem(leg))
         return self.motions[leg]
 
-    def _plan(self, problem: Problem) -> Solution | None:
-        """Plan a motion in the time that is left; None where none is found."""
-        left = seconds_left()
-        if np.isfinite(left):
-            self.options = replace(self.options, max_planning_time=left)
-        self.planned += 1
+    def _found(self, made: Callable[[], Problem]) -> Solution | None:
+        """The direct motion, or one that is planned in the time that is left.
+
+        Args:
+            made: Makes the problem.
+        """
         try:
+            problem = made()
+            found = self._direct(problem)
+            if found is not None:
+                return found
+            left = seconds_left()
+            if np.isfinite(left):
+                self.options = replace(self.options, max_planning_time=left)
+            self.planned += 1
             found = plan(problem, self.options)
         except ProblemError as error:
             self.errors.append(str(error))
@@ -551,6 +446,29 @@ class Legs:
             self.errors.append(found.message)
             return None
         return found
+
+    def _direct(self, problem: Problem) -> Solution | None:
+        """The direct motion; None where there is none, or its replay refuses it."""
+        started = time.perf_counter()
+        # The knots of a direct motion are on no clock.
+        clocked = self.options.control_period is not None
+        motion = None if clocked else direct_motion(problem)
+        if motion is None:
+            return None
+        judged = verify(problem, motion, self.options.tolerances)
+        if not judged.ok:
+            return None
+        return Solution(
+            problem=problem,
+            options=self.options,
+            status=Status.CONVERGED,
+            message=f"{Status.CONVERGED.value} {DIRECT}",
+            feasible=True,
+            trajectory=motion,
+            planning_time=time.perf_counter() - started,
+            verification=judged,
+            lower_bound=LowerBound(motion.duration, "limits of speed and acceleration"),
+        )
 
     def passing(self, nodes: Sequence[int], q: Sequence[Array]) -> Solution | None:
         """Plan legs without stops between them.
@@ -571,41 +489,19 @@ class Legs:
         ]
         free = any(goal.configuration is None for goal in freely)
         carried = [self._carried(begin, end) for begin, end in pairwise(way)]
-        found = []
-        for goals in (exactly, freely) if free else (exactly,):
-            parts = zip(goals, carried, strict=True)
-            try:
-                segments = [
-                    Segment(goal, payload=payload, may_touch=touch)
-                    for goal, (payload, touch) in parts
-                ]
-                last = goals[-1]
-                problem = replace(
-                    self.problem, q_start=q[0], goal=last, segments=segments
-                )
-                found.append(self._plan(problem))
-            except ProblemError as error:
-                self.errors.append(str(error))
+
+        def through(goals: Sequence[Goal]) -> Problem:
+            segments = [
+                Segment(goal, payload=payload, may_touch=touch)
+                for goal, (payload, touch) in zip(goals, carried, strict=True)
+            ]
+            return replace(
+                self.problem, q_start=q[0], goal=goals[-1], segments=segments
+            )
+
+        found = [
+            self._found(partial(through, goals))
+            for goals in ((exactly, freely) if free else (exactly,))
+        ]
         motions = [motion for motion in found if motion is not None]
         return min(motions, key=lambda motion: motion.T, default=None)
-
-    def factor(self) -> float:
-        """How much longer legs take than by the estimates of the joints."""
-        ratios = []
-        for (i, j), known in self.table.known.items():
-            for (a, b), seconds in known.items():
-                guess = float(self.table.times.between(*self.table.rows((i, a, j, b))))
-                if guess > 0.0 and np.isfinite(seconds):
-                    ratios.append(seconds / guess)
-        return max(1.0, float(np.median(ratios))) if ratios else 1.0
-
-
-def _looks_clear(problem: Problem, motion: Trajectory) -> bool:
-    """Whether a motion is clear at some instants, before all are looked at."""
-    checker = problem.checker
-    margins = problem.margins - 1e-6  # ends may be at the margin
-    instants = np.linspace(0.0, motion.duration, CHECKS)
-    return all(
-        checker.hulls_clear(q) or checker.is_free(q, margins)
-        for q in np.concatenate([motion.q, motion(instants).q])
-    )

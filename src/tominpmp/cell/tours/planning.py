@@ -72,13 +72,8 @@ TURNS = 3
 # Rounds of planning legs by effort; more are made while there is no tour at all.
 ROUNDS = {"quick": 3, "standard": 8, "thorough": 20}
 MOST_ROUNDS = 60
-# Share by which a leg may take less than estimated before other estimates of blocked
-# legs are taken for too long, too.
-SOONER = 0.02
-# Rounds of looking for better configurations, and while legs are blocked.
-REFINEMENTS, FEW_REFINEMENTS = 24, 6
-# Rounds of looking for orders whose direct legs are not blocked.
-SETTLING = 18
+# Times that are as estimated [s].
+AS_ESTIMATED = 1e-9
 
 # A way through a tour: order of the stations and the configurations of all nodes.
 Way = tuple[tuple[int, ...], tuple[int, ...]]
@@ -152,7 +147,6 @@ class TourSearch:
         status, number = Status.CONVERGED, 0
         try:
             while way is not None:
-                way = self._settled(way)
                 complete = self._plan_legs(way)
                 # Between places that are passed the times are as estimated.
                 length = sum(self.table.time(leg) for leg in self._legs(way))
@@ -178,34 +172,11 @@ class TourSearch:
         length, order, chosen = best_order(self.table, self.rules, self.rng, begin)
         return (order, chosen) if np.isfinite(length) and order else None
 
-    def _settled(self, way: Way) -> Way:
-        """Look for an order whose direct legs are not blocked.
-
-        A leg that has to be planned costs more than one that has not.
-        """
-        if self.exact:
-            return way
-        for _ in range(SETTLING if not self.legs.motions else SETTLING // 3):
-            legs, sure = self._legs(way), self.legs.verified
-            blocked = [leg for leg in legs if not self.legs.direct(leg)]
-            # Only legs that look clear are worth a replay.
-            blocked = blocked or [leg for leg in legs if not sure(leg)]
-            if not blocked:
-                break
-            logger.info("%d legs are blocked", len(blocked))
-            other = self._order(way)
-            if other is not None and self._refine(other, FEW_REFINEMENTS):
-                other = self._order(other)
-            if other is None:
-                break
-            way = other
-        return way
-
-    def _refine(self, way: Way, rounds: int = REFINEMENTS) -> bool:
+    def _refine(self, way: Way) -> bool:
         """Add better configurations for an order; whether there are any."""
         table, nodes, found = self.table, self.table.way(way[0]), False
         places = [table.nodes[node][c] for node, c in zip(nodes, way[1], strict=True)]
-        better = refined(self.configurations, table, nodes, places, self.rng, rounds)
+        better = refined(self.configurations, table, nodes, places, self.rng)
         for node, new in zip(nodes, better, strict=True):
             known = table.nodes[node]
             if np.min(np.max(np.abs(known - new), axis=1)) > APART:
@@ -221,27 +192,19 @@ class TourSearch:
         return [(*a, *b) for a, b in pairwise(places)]
 
     def _plan_legs(self, way: Way) -> bool:
-        """Plan the legs of a tour; whether all of them were planned before."""
+        """Plan the legs of a tour; whether all of them take what they were said to.
+
+        Then no other order can be better by these estimates.
+        """
+        table, off = self.table, 0.0
         for leg in self._legs(way):
-            self.legs.verified(leg)
-        new = {
-            leg: self.table.time(leg)
-            for leg in self._legs(way)
-            if self.table.found(leg) is None and self.legs.resting(leg)
-        }
-        missed = sooner = 0.0
-        for leg, before in new.items():
-            seconds = self.legs.seconds(leg)
-            missed = max(missed, seconds - before)
-            sooner = max(sooner, 1.0 - seconds / max(before, 1e-9))
-            self.table.learn(leg, seconds)
-        if new and self.legs.detours:
-            share = max(1.0, float(np.median(self.legs.detours)))
-            self.table.detour_share, self.table.detour = share, 0.0
-        if new and not self.exact:
-            self.table.factor = self.legs.factor()
-        # As estimated: no other order can be better by these estimates.
-        return missed <= 1e-9 and sooner <= SOONER
+            if table.found(leg) is None and table.resting(leg[0], leg[2]) == 2:
+                before, seconds = table.time(leg), self.legs.seconds(leg)
+                table.learn(leg, seconds)
+                off = max(off, abs(seconds - before))
+        if off > AS_ESTIMATED and not self.exact:
+            table.calibrate()
+        return off <= AS_ESTIMATED
 
     # -- the tour ----------------------------------------------------------------------
 
