@@ -1,21 +1,21 @@
 """A time that no tour beats, whatever its order, configurations and motions.
 
-Between two stations no leg is faster than the joints can carry what the goals ask for:
-of two configurations the time of the slowest joint; of goals on frames, the time in
-which joints bring the frame as far as the stations are apart. In any order each station
-is entered and left once, so that a shortest spanning tree with one more edge (a 1-tree,
-Held and Karp 1970) of these times bounds the tour; for few stations the best order
-itself is found. Stays are added.
+Between two stations no leg is faster than the slowest joint from the one range of its
+positions to the other; from a configuration it is no faster than any motion by itself
+(:func:`~tominpmp.bounds.lower_bound`). In any order each station is entered and left
+once, so that a shortest spanning tree with one more edge (a 1-tree, Held and Karp 1970)
+of these times bounds the tour; for few stations the best order itself is found. Stays
+are added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import permutations
 
 import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
-from scipy.spatial.distance import cdist
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.bounds import LowerBound, lower_bound
@@ -24,127 +24,13 @@ from tominpmp.cell.tours.orders import exact_order
 from tominpmp.cell.tours.station import Rules, Station, least_stays
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import Goal, JointGoal
-from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem import Problem
-from tominpmp.robot import Robot
-
-# Halvings of intervals of times, and the longest time [s].
-HALVINGS = 50
-LONGEST = 1e4
-
-
-def frame_times(
-    robot: Robot, times: JointTimes, goals: Sequence[Goal], rests: Sequence[bool]
-) -> Array:
-    """Least times between goals on frames, of any configurations that meet them.
-
-    While the joints go from one configuration to another, a frame comes no farther than
-    each joint turns times how far the frame is from its axis, at the most: along the
-    straight line between both, too, which no motion undercuts in any joint.
-
-    Args:
-        robot: The robot.
-        times: Limits of its joints.
-        goals: The goals.
-        rests: Whether the arm is at rest at each.
-
-    Returns:
-        Times [s], shape (m, m); zero where nothing is known.
-    """
-    m = len(goals)
-    out = np.zeros((m, m))
-    resting = np.add.outer(np.array(rests, dtype=int), np.array(rests, dtype=int))
-    names = {a.frame_name for goal in goals for a in goal.alternatives}
-    for name in sorted(name for name in names if name is not None):
-        apart = _distances(robot, goals, name)
-        levers = _levers(robot, name)
-        for count in range(3):
-            which = (resting == count) & (apart > 0.0)
-            if np.any(which):
-                found = _carrying_times(times, apart[which], levers, count)
-                out[which] = np.maximum(out[which], found)
-    np.fill_diagonal(out, 0.0)
-    return out
-
-
-def _distances(robot: Robot, goals: Sequence[Goal], frame: str) -> Array:
-    """How far a frame has to go between goals at least, shape (m, m) [m]."""
-    kinematics = RobotKinematics(robot)
-    owner, centre, radius = list[int](), list[Array](), list[float]()
-    for g, goal in enumerate(goals):
-        for one in goal.alternatives:
-            # It may be anywhere, unless the goal says where.
-            point, around = np.zeros(3), np.inf
-            if one.configuration is not None:
-                place = kinematics.placement(one.configuration, frame)
-                point, around = np.array(place.translation), 0.0
-            elif one.frame_name == frame and one.ball is not None:
-                point, around = np.array(one.ball.centre), one.ball.radius
-            owner.append(g)
-            centre.append(point)
-            radius.append(around)
-    way = cdist(centre, centre) - np.add.outer(radius, radius)
-    out = np.full((len(goals), len(goals)), np.inf)
-    np.minimum.at(out, np.ix_(owner, owner), way)
-    return np.asarray(np.maximum(out, 0.0))
-
-
-def _carrying_times(
-    times: JointTimes, way: Array, levers: Array, resting: int
-) -> Array:
-    """Least times by which joints, at their levers, cover ways, shape (k,) both."""
-    if not np.any(levers > 0.0):
-        return np.zeros_like(way)
-    low, high = np.zeros_like(way), np.full_like(way, LONGEST)
-    for _ in range(HALVINGS):
-        T = 0.5 * (low + high)
-        near = _covered(times, T, levers, resting) < way
-        low, high = np.where(near, T, low), np.where(near, high, T)
-    return low
-
-
-def _covered(times: JointTimes, T: Array, levers: Array, resting: int) -> Array:
-    """Farthest that a point gets in times, shape (k,) [m]."""
-    v, a, T = times.velocity, times.acceleration, T[:, None]
-    way = v * T
-    if resting:
-        finite = np.isfinite(a)
-        top = np.where(finite, a, 1.0)
-        # Up to the speed limit, or as long as there is time to slow down.
-        ramp = np.minimum(resting * v / top, T)
-        limited = top * ramp * (T - 0.5 * ramp) / resting
-        way = np.where(finite, limited, way)
-    used = levers > 0.0
-    return np.asarray(np.sum(way[:, used] * levers[used], axis=1))
-
-
-def _levers(robot: Robot, frame: str) -> Array:
-    """How far a frame is from the axis of each joint at the most, shape (n,).
-
-    Both are on one chain, and no farther apart than its links are long; where a joint
-    slides, the frame goes as far as the joint: 1.
-    """
-    model = robot.model
-    item = model.frames[robot.frame_id(frame)]
-    levers = np.zeros(model.nv)
-    ahead = float(np.linalg.norm(item.placement.translation))
-    for j in reversed([j for j in model.supports[item.parentJoint] if j]):
-        joint = model.joints[j]
-        slide = str(joint.shortname()).startswith("JointModelP")
-        levers[joint.idx_v] = 1.0 if slide else ahead
-        ahead += float(np.linalg.norm(model.jointPlacements[j].translation))
-        if slide:
-            range_of = model.lowerPositionLimit, model.upperPositionLimit
-            ahead += max(abs(float(limit[joint.idx_q])) for limit in range_of)
-    S = robot.expansion_matrix
-    return levers if S is None else np.asarray(levers @ np.abs(S))
-
 
 # Steps of the ascent on the multipliers of the 1-tree.
 ASCENT = 300
 # Stations for which the best order of the bounds is found.
 FEW = 11
-# Pairs of configurations whose bound takes torques into account, if it has to.
+# Pairs of a configuration and a goal whose bound is that of any motion.
 MOST_PAIRS = 400
 # Share by which the bound is lowered for rounding.
 ROUNDING = 1e-9
@@ -189,49 +75,30 @@ def _least_times(
     goals: list[Goal] = [JointGoal(problem.q_start), *(s.goal for s in stations), *end]
     rests = [True, *(station.stop for station in stations), *(True for _ in end)]
     loaded = {k for k, s in enumerate(stations, 1) if s.payload is not None}
-    times = JointTimes.of(problem)
-    out = frame_times(problem.robot, times, goals, rests)
+    given, times = [goal.configuration for goal in goals], JointTimes.of(problem)
     # Ranges of the joints of each alternative of a goal.
     ranges = [
         [g.joint_ranges(problem.robot) for g in goal.alternatives] for goal in goals
     ]
     low, high = ([np.stack([r[k] for r in some]) for some in ranges] for k in (0, 1))
     told = [bool(np.any(np.isfinite(rows))) for rows in low]
-    sharp = _torques_count(problem, goals)
+    few = sum(q is not None for q in given) * len(goals) <= MOST_PAIRS
+    # Of two configurations limits of acceleration say nearly all.
+    limited = bool(np.all(np.isfinite(times.acceleration)))
+    out = np.zeros((len(goals), len(goals)))
     for i, j in permutations(range(len(goals)), 2):
-        if not (told[i] and told[j]):
-            continue
-        resting = int(rests[i]) + int(rests[j])
-        way = np.maximum(low[j][None] - high[i][:, None], 0.0)
-        way = np.maximum(way, low[i][:, None] - high[j][None])
-        way = np.where(np.isfinite(way), way, 0.0)
-        each = np.max(times.of_joints(way, resting), axis=-1, initial=0.0)
-        out[i, j] = max(float(np.min(each)), float(out[i, j]))
+        begin, resting = given[i], int(rests[i]) + int(rests[j])
+        if told[i] and told[j]:
+            way = np.maximum(low[j][None] - high[i][:, None], 0.0)
+            way = np.maximum(way, low[i][:, None] - high[j][None])
+            out[i, j] = np.min(np.max(times.of_joints(way, resting), axis=-1))
         # Loads change the accelerations that torques allow.
-        if sharp and resting == 2 and i not in loaded:
-            out[i, j] = max(out[i, j], _by_torques(problem, goals[i], goals[j]))
+        alone = few and resting == 2 and i not in loaded
+        if alone and begin is not None and not (limited and given[j] is not None):
+            with suppress(ProblemError):
+                leg = problem.with_ends(begin, goals[j])
+                out[i, j] = max(out[i, j], lower_bound(leg).T)
     return out
-
-
-def _torques_count(problem: Problem, goals: Sequence[Goal]) -> bool:
-    """Whether torques are worth a look: limits of acceleration say nearly all."""
-    limits, given = problem.motion_limits, [g.configuration is not None for g in goals]
-    return (
-        not np.all(np.isfinite(JointTimes.of(problem).acceleration))
-        and sum(given) ** 2 <= MOST_PAIRS
-        and (limits is None or not limits.continuous)
-    )
-
-
-def _by_torques(problem: Problem, goal: Goal, other: Goal) -> float:
-    """Time that no motion between two configurations beats, torques included."""
-    begin, end = goal.configuration, other.configuration
-    if begin is None or end is None:
-        return 0.0
-    try:
-        return lower_bound(problem.with_ends(begin, JointGoal(end))).T
-    except ProblemError:
-        return 0.0
 
 
 def _one_tree(least: Array, ends: bool) -> float:
