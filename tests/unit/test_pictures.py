@@ -19,14 +19,12 @@ from tominpmp.scene import Box, ConstantVelocity, Cylinder, Sphere
 from tominpmp.viz.motion_plot import ARM_COLORS, plot_motion
 from tominpmp.viz.playback import play
 from tominpmp.viz.shares import shares_of_limits
-from tominpmp.viz.skeleton import camera_view, points_in_view, skeleton
-from tominpmp.viz.surfaces import robot_bodies
+from tominpmp.viz.skeleton import points_in_view, skeleton
 from tominpmp.viz.surroundings import (
     FURNITURE_COLOR,
     HAZARD_COLOR,
     obstacle_color,
     rgb,
-    things,
 )
 
 START, END = np.array([0.5, 1.7, -1.7]), np.array([0.9, -1.2, -0.9])
@@ -59,29 +57,6 @@ def test_furniture_is_grey_and_hazards_are_red() -> None:
     ):
         assert obstacle_color(hazard) == HAZARD_COLOR
     assert rgb("#ff0080") == (1.0, 0.0, 128 / 255)
-
-
-def view_past(obstacles: list[Box]) -> np.ndarray:
-    """Where a UR5-like reach along x is looked at from, unit vector."""
-    arm = load_robot("panda", group="panda_arm")
-    q = np.array([[0.2 * i - 0.4, 0.3, 0.0, -1.8, 0.0, 2.0, 0.8] for i in range(5)])
-    motion = skeleton(arm, q, "panda_hand")
-    problem = Problem(arm, q[0], JointGoal(q[-1]), scene=obstacles, margin=0.0)
-    zero = np.zeros_like(q)
-    times = np.linspace(0.0, 1.0, 5)
-    around = things(problem, Trajectory(arm.joint_names, times, q, zero, zero), times)
-    view = camera_view(arm, around, motion, robot_bodies(arm))
-    return view.normal
-
-
-def test_the_camera_stands_where_nothing_hides_the_hand() -> None:
-    free = view_past([])
-    side = np.sign(free[1])
-    wall = Box("wall", size=(9.0, 0.05, 9.0), position=(0.0, 0.9 * side, 1.0))
-    past = view_past([wall])
-    assert past @ free < 0.9
-    assert past[1] * side < 0.1
-    assert past[2] > 0.0
 
 
 def test_a_table_does_not_fill_the_picture() -> None:

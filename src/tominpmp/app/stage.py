@@ -14,7 +14,7 @@ from tominpmp.app.controller import Controller
 from tominpmp.app.request import UPRIGHT, Item, Request
 from tominpmp.arrays import Array
 from tominpmp.robot import Robot
-from tominpmp.viz.skeleton import best_view, skeleton
+from tominpmp.viz.skeleton import camera_view, skeleton
 from tominpmp.viz.surfaces import (
     STEEL,
     Body,
@@ -30,8 +30,6 @@ Color = tuple[float, float, float]
 GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
 # Where the camera stands: its field of view [rad], its distance in sizes of the robot.
 FIELD_OF_VIEW, DISTANCE = 0.75, 1.75
-# From where an arm is seen that is not flat; a flat one is no deeper than this share.
-SIDE, FLAT = np.array([0.6, -1.0, 0.75]), 0.05
 # More colours than this in one body are averaged.
 MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
@@ -163,17 +161,15 @@ def look_at(server: Any, robot: Robot, request: Request) -> float:
     links = found.points.reshape(-1, 3)
     spanned = np.ptp(np.concatenate([links, np.zeros((1, 3))]), axis=0)
     size = float(np.linalg.norm(spanned)) or 1.0
-    view = best_view(found.points)
-    flat = view.planar and np.ptp(links @ view.normal) < FLAT * size
-    normal = view.normal if flat else SIDE / np.linalg.norm(SIDE)
+    view = camera_view(found.points)
     places = [item.position for item in request.items]
     points = np.concatenate([links, np.reshape(places, (-1, 3))])
     middle = (points.min(0) + points.max(0)) / 2
     camera = server.initial_camera
-    place = middle + DISTANCE * size * normal
+    place = middle + DISTANCE * size * view.normal
     camera.look_at, camera.position = tuple(middle), tuple(place)
     camera.fov = FIELD_OF_VIEW
-    if flat:
+    if view.planar:
         camera.up = tuple(view.up)
     for client in server.get_clients().values():
         client.camera.position = place

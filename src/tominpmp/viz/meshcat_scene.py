@@ -114,16 +114,17 @@ def draw(
     motion = _poses(robot, trajectory, times, frame)
     bodies = robot_bodies(robot)
     shown = things(problem, trajectory, times)
-    around = [thing for thing in shown if thing.load is None]
     # Obstacles where they are first and last.
     obstacles = [
         moved(obstacle_surface(thing.shape), placement).vertices
-        for thing in around
+        for thing in shown
+        if thing.load is None
         for placement in thing.placements[[0, -1] if thing.moves else [0]]
     ]
     points = points_in_view(_robot_points(motion, bodies), obstacles)
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-    view = camera_view(robot, around, motion, bodies)
+    depths = [np.ptp(body.surface.extent, axis=0).min() for body in bodies]
+    view = camera_view(motion.points, max(depths, default=0.0))
     _surroundings(viewer, view, points, size)
     moving = _robot(viewer, robot, bodies, motion.placements, "/meshcat/robot")
     seen = {}
