@@ -19,7 +19,7 @@ from tominpmp.scene import Box, ConstantVelocity, Cylinder, Sphere
 from tominpmp.viz.motion_plot import ARM_COLORS, plot_motion
 from tominpmp.viz.playback import play
 from tominpmp.viz.shares import shares_of_limits
-from tominpmp.viz.skeleton import points_in_view, skeleton
+from tominpmp.viz.skeleton import camera_view, points_in_view, skeleton
 from tominpmp.viz.surroundings import (
     FURNITURE_COLOR,
     HAZARD_COLOR,
@@ -57,6 +57,19 @@ def test_furniture_is_grey_and_hazards_are_red() -> None:
     ):
         assert obstacle_color(hazard) == HAZARD_COLOR
     assert rgb("#ff0080") == (1.0, 0.0, 128 / 255)
+
+
+def test_the_camera_stands_where_nothing_hides_the_hand() -> None:
+    arm = load_robot("panda", group="panda_arm")
+    q = np.array([[0.2 * i - 0.4, 0.3, 0.0, -1.8, 0.0, 2.0, 0.8] for i in range(5)])
+    points = skeleton(arm, q, "panda_hand").points
+    free = camera_view(points).normal
+    side = np.sign(free[1])
+    wall = np.array([[-4.5, 0.85 * side, -3.5], [4.5, 0.9 * side, 5.5]])
+    past = camera_view(points, obstacles=[wall]).normal
+    assert past @ free < 0.9
+    assert past[1] * side < 0.1
+    assert past[2] > 0.0
 
 
 def test_a_table_does_not_fill_the_picture() -> None:

@@ -124,7 +124,7 @@ def draw(
     points = points_in_view(_robot_points(motion, bodies), obstacles)
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     depths = [np.ptp(body.surface.extent, axis=0).min() for body in bodies]
-    view = camera_view(motion.points, max(depths, default=0.0))
+    view = camera_view(motion.points, max(depths, default=0.0), obstacles)
     _surroundings(viewer, view, points, size)
     moving = _robot(viewer, robot, bodies, motion.placements, "/meshcat/robot")
     seen = {}

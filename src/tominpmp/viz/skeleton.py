@@ -1,12 +1,14 @@
 """The skeleton of a robot in motion, and the side from which it is best seen.
 
-Plots look squarely at a plane; a picture in space does so at a flat arm only.
+Plots look squarely at a plane. A picture in space does so at a flat arm; at others it
+looks from a side on which obstacles, taken as the boxes around them, hide little.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -24,9 +26,12 @@ from tominpmp.viz.surfaces import placed
 FLAT = 1e-6
 
 # An arm that is no deeper than this share of its extent is flat; from where others are
-# looked at.
+# looked at, the first side being that of habit: right, in front and above.
 FLAT_ARM = 0.2
-SIDE = np.array([0.62, -1.0, 0.5])
+SIDES = [
+    side / np.linalg.norm(side)
+    for side in np.array([*product((0.62, -0.62), (-1.0, 1.0), (0.5, 1.2))])
+]
 # Share of the room of the robot by which the picture goes beyond it; what stands
 # farther off, as the rest of a table, may be cut.
 BEYOND = 0.12
@@ -220,23 +225,40 @@ def _facing(normal: Array) -> View:
     return View(right, up, (across, label), True)
 
 
-def camera_view(points: Array, thickness: float = 0.0) -> View:
+def camera_view(
+    points: Array, thickness: float = 0.0, obstacles: Sequence[Array] = ()
+) -> View:
     """The side from which a robot in motion is shown in space.
 
-    A flat arm is looked at squarely, any other from the right, in front and above.
+    A flat arm is looked at squarely, any other from a side on which obstacles hide
+    least of it.
 
     Args:
         points: Positions of its joints and ends by instant, shape (m, k, 3) [m].
         thickness: How thick its bodies are [m].
+        obstacles: Points of each obstacle, shape (j, 3) [m].
     """
-    plane = best_view(points)
-    extent = np.ptp(points.reshape(-1, 3), axis=0) + thickness
+    plane, flat = best_view(points), points.reshape(-1, 3)
+    extent = np.ptp(flat, axis=0) + thickness
     if plane.planar and np.abs(plane.normal) @ extent < FLAT_ARM * extent.max():
         return plane
-    normal = SIDE / np.linalg.norm(SIDE)
+    boxes = [(some.min(axis=0), some.max(axis=0)) for some in obstacles]
+    normal = min(SIDES, key=lambda side: _hidden(flat, side, boxes))
     right = np.cross([0.0, 0.0, 1.0], normal)
     right /= np.linalg.norm(right)
     return View(right, np.cross(normal, right), ("", ""), False)
+
+
+def _hidden(points: Array, side: Array, boxes: Sequence[tuple[Array, Array]]) -> float:
+    """Share of points that boxes along the axes hide from a side."""
+    hidden = np.zeros(len(points), dtype=bool)
+    for corners in boxes:
+        one, other = ((corner - points) / side for corner in corners)
+        enter = np.max(np.minimum(one, other), axis=1)
+        leave = np.min(np.maximum(one, other), axis=1)
+        # A point in a box is seen all the same: it may be a hollow one.
+        hidden |= (enter < leave) & (enter > 0.0)
+    return float(np.mean(hidden))
 
 
 def points_in_view(robot: Array, obstacles: list[Array]) -> Array:
