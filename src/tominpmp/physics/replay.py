@@ -127,8 +127,8 @@ def replay(
     return PhysicsReplay(
         f"MuJoCo {arm.mujoco.__version__}",
         f"{integrator}, steps of {1e3 * step:.3g} ms",
-        simulate(arm, trajectory, step),
-        simulate(arm, trajectory, step, bandwidth),
+        _run(arm, trajectory, step, 0.0),
+        _run(arm, trajectory, step, bandwidth),
         torque_difference(arm, trajectory),
         tolerance,
     )
@@ -148,27 +148,12 @@ def check_one_load(problem: Problem) -> None:
         )
 
 
-def simulate(
-    arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float = 0.0
-) -> Run:
+def _run(arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float) -> Run:
     """Move an arm by the torques of a motion, and a feedback of some bandwidth."""
     times = _steps(trajectory, step)
-    middle = 0.5 * (times[:-1] + times[1:])
-    # A torque that is constant on a step is that of its middle.
-    plan, wanted = trajectory(times), trajectory(middle)
-    if bandwidth:
-        stiffness, damping = arm.gains(trajectory.q, bandwidth)
-    q, v, u = (np.empty((times.size, arm.robot.n)) for _ in range(3))
-    arm.set_state(plan.q[0], plan.v[0])
-    for k, seconds in enumerate(np.diff(times)):
-        q[k], v[k] = arm.q, arm.v
-        u[k] = wanted.u[k]
-        if bandwidth:
-            ahead = q[k] + 0.5 * seconds * v[k]
-            u[k] += stiffness * (wanted.q[k] - ahead) + damping * (plan.v[k] - v[k])
-        arm.step(u[k], float(seconds))
-    q[-1], v[-1], u[-1] = arm.q, arm.v, plan.u[-1]
-    limits = arm.robot.limits
+    gains = arm.gains(trajectory.q, bandwidth)
+    q, v, u = follow(arm, trajectory, times, gains)
+    limits, wanted = arm.robot.limits, trajectory(times).q
     span = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
     beyond = np.maximum(u - limits.effort_upper, limits.effort_lower - u)
     share = beyond / np.where(span > 0.0, span, 1.0)
@@ -178,10 +163,53 @@ def simulate(
         q,
         v,
         u,
-        goal_error=float(np.abs(q[-1] - plan.q[-1]).max()),
-        tracking_error=float(np.abs(q - plan.q).max()),
+        goal_error=float(np.abs(q[-1] - wanted[-1]).max()),
+        tracking_error=float(np.abs(q - wanted).max()),
         excess=max(float(share.max()), 0.0),
     )
+
+
+def follow(
+    arm: MujocoArm,
+    trajectory: Trajectory,
+    times: Array,
+    gains: tuple[Array, Array],
+    *,
+    most: tuple[Array, Array] | None = None,
+    late: int = 0,
+    noise: Array | None = None,
+) -> tuple[Array, Array, Array]:
+    """Move an arm by the torques of a motion, and a feedback.
+
+    Args:
+        arm: The arm.
+        trajectory: The motion.
+        times: Instants of the controller [s], shape (m,).
+        gains: Stiffnesses and dampings of the feedback, shape (n,) each.
+        most: Torques at which the motors cut off, shape (n,) each; None for none.
+        late: How many instants later what is measured acts.
+        noise: What is added to measured positions and velocities, shape (2, m, n).
+
+    Returns:
+        Positions, velocities and torques from each instant on, shape (m, n) each.
+    """
+    # A torque that is constant on a step is that of its middle.
+    plan, wanted = trajectory(times), trajectory(0.5 * (times[:-1] + times[1:])).u
+    stiffness, damping = gains
+    q, v, u = (np.empty(plan.q.shape) for _ in range(3))
+    seen_q, seen_v = np.zeros((2, *q.shape)) if noise is None else noise
+    corrections = [np.zeros(arm.robot.n)] * late
+    arm.set_state(plan.q[0], plan.v[0])
+    for k, seconds in enumerate(np.diff(times).tolist()):
+        q[k], v[k] = arm.q, arm.v
+        off, slow = plan.q[k] - q[k] - seen_q[k], plan.v[k] - v[k] - seen_v[k]
+        corrections.append(stiffness * off + damping * slow)
+        u[k] = wanted[k] + corrections[k]
+        if most is not None:
+            u[k] = np.clip(u[k], *most)
+        arm.step(u[k], seconds)
+    q[-1], v[-1], u[-1] = arm.q, arm.v, plan.u[-1]
+    return q, v, u
 
 
 def torque_difference(arm: MujocoArm, trajectory: Trajectory) -> float:

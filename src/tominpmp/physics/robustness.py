@@ -19,11 +19,11 @@ import pinocchio as pin
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.checks import instance, number, positive, whole, wrong
 from tominpmp.exceptions import told_of
-from tominpmp.motion.trajectory import State, Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.physics.mujoco_arm import MujocoArm
-from tominpmp.physics.replay import check_one_load
+from tominpmp.physics.replay import check_one_load, follow
 from tominpmp.problem import Problem
 
 RESERVES = (0.0, 0.05, 0.1, 0.2, 0.3)
@@ -183,16 +183,16 @@ def robustness(
     instance(world, Disturbances, "disturbances", "Disturbances or None")
     whole(samples, "samples", 1, MOST_SAMPLES)
     whole(seed, "seed")
-    MujocoArm(problem.robot)  # a missing package is reported before planning
+    arm = MujocoArm(problem.robot)  # a missing package is reported before planning
     carrier = _carrier(problem, frame)
     T, kept, errors = [], [], []
     for reserve in shares.tolist():
         solution = plan(_with_reserve(problem, reserve), options)
         found = np.full(samples, np.inf)
         if solution.success:
-            rng = np.random.default_rng(seed)
-            trial = _Trial(problem, solution.trajectory, carrier, bandwidth, period)
-            found = np.array([trial.error(world, rng) for _ in range(samples)])
+            rng, motion = np.random.default_rng(seed), solution.trajectory
+            how = carrier, arm.gains(motion.q, bandwidth), period, world, rng
+            found = np.array([_error(problem, motion, *how) for _ in range(samples)])
         T.append(solution.T)
         kept.append(float(np.mean(found <= tolerance)))
         errors.append(float(np.quantile(found, WANTED, method="higher")))
@@ -248,48 +248,28 @@ def _carrier(problem: Problem, frame: str | None) -> tuple[int, Array]:
     return joint, np.array(found.placement.translation)
 
 
-class _Trial:
-    """A motion that is followed by a controller in a world that is off."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        trajectory: Trajectory,
-        carrier: tuple[int, Array],
-        bandwidth: float,
-        period: float,
-    ) -> None:
-        self.robot, self.carrier, self.period = problem.robot, carrier, period
-        count = max(int(np.ceil(trajectory.duration / period)), 1)
-        self.times = np.linspace(0.0, trajectory.duration, count + 1)
-        self.plan: State = trajectory(self.times)
-        self.force = trajectory(0.5 * (self.times[:-1] + self.times[1:])).u
-        arm = MujocoArm(problem.robot)
-        self.gains = arm.gains(trajectory.q, bandwidth)
-
-    def error(self, world: Disturbances, rng: np.random.Generator) -> float:
-        """Largest distance of a joint from the motion in one trial."""
-        robot, n = self.robot, self.robot.n
-        arm = MujocoArm(robot)
-        arm.load(rng.uniform(0.0, world.payload), *self.carrier)
-        limits = robot.limits
-        lower, upper = limits.effort_lower, limits.effort_upper
-        extra = rng.uniform(0.0, world.friction, n) * np.maximum(-lower, upper)
-        arm.add_friction(extra)
-        late = round(rng.uniform(0.0, world.delay) / self.period)
-        seconds = float(self.times[1] - self.times[0])
-        arm.choose_integrator(seconds, self.plan.q[0])
-        noise = rng.normal(0.0, 1.0, (2, self.times.size, n)) * world.noise
-        arm.set_state(self.plan.q[0], self.plan.v[0])
-        stiffness, damping = self.gains
-        waiting = [np.zeros(n)] * late
-        worst = 0.0
-        for k, force in enumerate(self.force):
-            q, v = arm.q, arm.v
-            worst = max(worst, float(np.abs(q - self.plan.q[k]).max()))
-            off = self.plan.q[k] - q - noise[0, k]
-            slow = self.plan.v[k] - v - 10.0 * noise[1, k]
-            waiting.append(stiffness * off + damping * slow)
-            torque = np.clip(force + waiting.pop(0), lower, upper)
-            arm.step(torque, seconds)
-        return max(worst, float(np.abs(arm.q - self.plan.q[-1]).max()))
+def _error(
+    problem: Problem,
+    trajectory: Trajectory,
+    carrier: tuple[int, Array],
+    gains: tuple[Array, Array],
+    period: float,
+    world: Disturbances,
+    rng: np.random.Generator,
+) -> float:
+    """Largest distance of a joint from a motion that is followed in one trial."""
+    limits, n = problem.robot.limits, problem.robot.n
+    most = limits.effort_lower, limits.effort_upper
+    arm = MujocoArm(problem.robot)
+    arm.load(rng.uniform(0.0, world.payload), *carrier)
+    arm.add_friction(
+        rng.uniform(0.0, world.friction, n) * np.maximum(-most[0], most[1])
+    )
+    late = round(rng.uniform(0.0, world.delay) / period)
+    count = max(int(np.ceil(trajectory.duration / period)), 1)
+    times = np.linspace(0.0, trajectory.duration, count + 1)
+    arm.choose_integrator(float(times[1]), trajectory.q[0])
+    noise = rng.normal(0.0, 1.0, (2, times.size, n)) * world.noise
+    noise[1] *= 10.0
+    q = follow(arm, trajectory, times, gains, most=most, late=late, noise=noise)[0]
+    return float(np.abs(q - trajectory(times).q).max())
