@@ -30,8 +30,9 @@ from tominpmp.problem import Problem
 ASCENT = 300
 # Stations for which the best order of the bounds is found.
 FEW = 11
-# Pairs of a configuration and a goal whose bound is that of any motion.
-MOST_PAIRS = 400
+# Legs between configurations, and from there to frames, whose bounds are those of any
+# motion; of frames each takes a third of a second.
+MOST_LEGS, MOST_FRAMES = 400, 8
 # Share by which the bound is lowered for rounding.
 ROUNDING = 1e-9
 
@@ -82,22 +83,28 @@ def _least_times(
     ]
     low, high = ([np.stack([r[k] for r in some]) for some in ranges] for k in (0, 1))
     told = [bool(np.any(np.isfinite(rows))) for rows in low]
-    few = sum(q is not None for q in given) * len(goals) <= MOST_PAIRS
+    known = sum(q is not None for q in given)
     # Of two configurations limits of acceleration say nearly all.
     limited = bool(np.all(np.isfinite(times.acceleration)))
+    few_joints = not limited and known**2 <= MOST_LEGS
+    few_frames = known * (len(goals) - known) <= MOST_FRAMES * (1 + len(end))
     out = np.zeros((len(goals), len(goals)))
+    last = len(goals) - len(end)
     for i, j in permutations(range(len(goals)), 2):
+        if i == last or j == 0:
+            continue  # no tour leaves its end or enters its start
         begin, resting = given[i], int(rests[i]) + int(rests[j])
         if told[i] and told[j]:
             way = np.maximum(low[j][None] - high[i][:, None], 0.0)
             way = np.maximum(way, low[i][:, None] - high[j][None])
             out[i, j] = np.min(np.max(times.of_joints(way, resting), axis=-1))
         # Loads change the accelerations that torques allow.
-        alone = few and resting == 2 and i not in loaded
-        if alone and begin is not None and not (limited and given[j] is not None):
+        few = few_frames if given[j] is None else few_joints
+        if few and begin is not None and resting == 2 and i not in loaded:
             with suppress(ProblemError):
                 leg = problem.with_ends(begin, goals[j])
                 out[i, j] = max(out[i, j], lower_bound(leg).T)
+    out[:, 0], out[last:] = out[0], out[:, last:].T
     return out
 
 
