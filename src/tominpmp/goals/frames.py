@@ -41,7 +41,6 @@ from tominpmp.checks import (
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import across, deviations
-from tominpmp.goals.joints import JointGoal
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
@@ -445,39 +444,26 @@ class FrameTarget(NamedTuple):
 def frame_target(goal: Goal) -> FrameTarget | None:
     """Target of the frame of a goal; None for goals of other kinds."""
     counts, turn, place = np.zeros((6, 6)), np.zeros((3, 3)), np.zeros(3)
+    position = goal.target
     if isinstance(goal, PoseGoal):
-        counts[:] = np.eye(6)
-        place, turn = np.array(goal.pose.translation), np.array(goal.pose.rotation)
-        return FrameTarget(place, turn, counts, True)
-    if isinstance(goal, PositionGoal):
-        counts[3:, 3:] = np.eye(3)
-        return FrameTarget(np.array(goal.position), turn, counts, False)
-    if isinstance(goal, AxisGoal):
+        counts[:3, :3], turn = np.eye(3), np.array(goal.pose.rotation)
+        position = np.array(goal.pose.translation)
+    elif isinstance(goal, AxisGoal):
         counts[:2, :3] = across(np.array(goal.direction))
         turn[0], turn[1] = goal.axis, goal.direction
-        if goal.position is not None:
-            counts[3:, 3:] = np.eye(3)
-            place = np.array(goal.position)
-        return FrameTarget(place, turn, counts, False)
-    return None
+        position = goal.position
+    elif not isinstance(goal, PositionGoal):
+        return None
+    if position is not None:
+        counts[3:, 3:], place = np.eye(3), np.array(position)
+    return FrameTarget(place, turn, counts, isinstance(goal, PoseGoal))
 
 
 def place_of(goal: Goal) -> object:
     """Key that is equal for goals at one place, up to rounding."""
-
-    def rounded(*values: Array | None) -> tuple[object, ...]:
-        return tuple(
-            None if x is None else tuple(np.round(np.ravel(x) / SAME_PLACE).tolist())
-            for x in values
-        )
-
-    if isinstance(goal, JointGoal):
-        return (JointGoal, *rounded(goal.q))
-    if isinstance(goal, PoseGoal):
-        return (PoseGoal, goal.frame, *rounded(goal.pose.homogeneous))
-    if isinstance(goal, PositionGoal):
-        return (PositionGoal, goal.frame, *rounded(goal.position))
-    if isinstance(goal, AxisGoal):
-        numbers = rounded(goal.axis, goal.direction, goal.position)
-        return (AxisGoal, goal.frame, *numbers)
-    return goal
+    target, numbers = frame_target(goal), goal.configuration
+    if target is not None:
+        numbers = np.concatenate([np.ravel(part) for part in target])
+    if numbers is None:
+        return goal
+    return goal.frame_name, tuple(np.round(numbers / SAME_PLACE).tolist())

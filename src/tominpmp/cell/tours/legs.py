@@ -418,7 +418,7 @@ class Legs:
         """The motion of a leg from rest to rest; None where none is found."""
         if leg not in self.motions:
             check()
-            self.motions[leg] = self._found(lambda: self._problem(leg))
+            self.motions[leg] = self._found(partial(self._problem, leg))
         return self.motions[leg]
 
     def _found(self, made: Callable[[], Problem]) -> Solution | None:
@@ -471,37 +471,26 @@ class Legs:
         )
 
     def passing(self, nodes: Sequence[int], q: Sequence[Array]) -> Solution | None:
-        """Plan legs without stops between them.
+        """Plan legs without stops between them; None where no motion is found.
 
         Args:
             nodes: Nodes, the arm being at rest at the first and the last of them only.
-            q: Configurations there, shape (n,) each.
-
-        Returns:
-            The better one of two motions: through these configurations, and through any
-            that meet the goals on the way; None where none was found.
+            q: Configurations there, shape (n,) each; between them others will do that
+                meet the goals.
         """
         way = [self.table.station(node) for node in nodes]
-        exactly: list[Goal] = [JointGoal(there) for there in q[1:]]
-        freely = [
-            goal if k is None or self.stations[k].stop else self.stations[k].goal
-            for k, goal in zip(way[1:], exactly, strict=True)
-        ]
-        free = any(goal.configuration is None for goal in freely)
+        goals: list[Goal] = [JointGoal(there) for there in q[1:]]
+        for place, k in enumerate(way[1:-1]):
+            if k is not None:
+                goals[place] = self.stations[k].goal
         carried = [self._carried(begin, end) for begin, end in pairwise(way)]
 
-        def through(goals: Sequence[Goal]) -> Problem:
+        def made() -> Problem:
             segments = [
                 Segment(goal, payload=payload, may_touch=touch)
                 for goal, (payload, touch) in zip(goals, carried, strict=True)
             ]
-            return replace(
-                self.problem, q_start=q[0], goal=goals[-1], segments=segments
-            )
+            begin, end = q[0], goals[-1]
+            return replace(self.problem, q_start=begin, goal=end, segments=segments)
 
-        found = [
-            self._found(partial(through, goals))
-            for goals in ((exactly, freely) if free else (exactly,))
-        ]
-        motions = [motion for motion in found if motion is not None]
-        return min(motions, key=lambda motion: motion.T, default=None)
+        return self._found(made)
