@@ -9,8 +9,9 @@ other limit for a while.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -31,34 +32,15 @@ class Change:
     Attributes:
         gain: What it gains to first order per second of a new arc, or in whole [s].
         arc: The arc to be cut.
-        share: Where, in [0, 1].
-        joint: The joint whose torque changes.
-        level: The torque there, as a share of its limits.
-        held: 1 or -1 if the joint is to run at its speed limit there, else 0.
-        pieces: Shares of the whole arc and torques on them, where a torque between its
-            limits is to give way to such at its limits; empty else.
-        other: The joint whose torque is to hold this one while its own is at ``level``,
-            before the arc, or behind it for a share of 1; None for no such change.
+        made: Makes the changed structure.
+        urgent: Whether it goes before all else on its arc: another torque is to hold a
+            joint whose own has come to its limit.
     """
 
     gain: float
     arc: int
-    share: float
-    joint: int
-    level: float
-    held: int = 0
-    pieces: tuple[tuple[float, float], ...] = ()
-    other: int | None = None
-
-    def apply(self, arcs: Arcs) -> Arcs:
-        """The changed structure."""
-        if self.pieces:
-            shares, levels = zip(*self.pieces, strict=True)
-            return arcs.split(self.arc, self.joint, shares, levels)
-        if self.other is not None:
-            last = self.share == 1.0
-            return arcs.lean(self.arc, self.joint, self.level, self.other, last=last)
-        return arcs.insert(self.arc, self.share, self.joint, self.level, self.held)
+    made: Callable[[Arcs], Arcs]
+    urgent: bool = False
 
 
 def multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Array]:
@@ -135,15 +117,9 @@ def find_changes(
     arcs = program.unpack(y)
     found: dict[int, Change] = {}
 
-    def rank(change: Change) -> tuple[bool, float]:
-        # What the torque of a held joint asks for goes before all else on its arc.
-        return change.other is not None, change.gain
-
     def offer(change: Change) -> None:
-        known = found.get(change.arc)
-        if change.other is None and change.gain <= least:
-            return
-        if known is None or rank(change) > rank(known):
+        known = found.get(change.arc, Change(least, change.arc, Arcs.cleaned))
+        if (change.urgent, change.gain) > (known.urgent, known.gain):
             found[change.arc] = change
 
     first = np.cumsum(program.steps) - program.steps
@@ -160,7 +136,8 @@ def find_changes(
             for a, b in _runs(wrong > 0.0):
                 peak = a + int(np.argmax(wrong[a:b]))
                 share = (peak + 0.5) / wrong.size
-                offer(Change(float(wrong[a:b].sum()), k, share, j, -level))
+                new = partial(Arcs.insert, arc=k, share=share, joint=j, level=-level)
+                offer(Change(float(wrong[a:b].sum()), k, new))
     for change in _of_limits(program, of[1]):
         offer(change)
     return [found[k] for k in sorted(found)]
@@ -187,8 +164,8 @@ def _limits_instead(arc: int, joint: int, level: float, slopes: Array) -> Change
         first = (level - levels[1]) / (levels[0] - levels[1])
         shares = [first, 1.0 - first]
     gain = float(np.sum(np.abs(slopes) + slopes * level))
-    pieces = tuple(zip(shares, levels, strict=True))
-    return Change(gain, arc, 0.0, joint, levels[0], 0, pieces)
+    new = partial(Arcs.split, arc=arc, joint=joint, shares=shares, levels=levels)
+    return Change(gain, arc, new)
 
 
 def _of_limits(program: ArcProgram, limits: Array) -> Iterator[Change]:
@@ -208,14 +185,21 @@ def _of_limits(program: ArcProgram, limits: Array) -> Iterator[Change]:
         arc = int(program.arc_of_step[step])
         place, count = step - int(first[arc]), int(program.steps[arc])
         if watched.kind[row] == VELOCITY:
-            yield Change(gain, arc, (place + 1) / count, joint, 0.0, sign)
+            share = (place + 1) / count
+            new = partial(
+                Arcs.insert, arc=arc, share=share, joint=joint, level=0.0, held=sign
+            )
+            yield Change(gain, arc, new)
             continue
         last = place > 0.5 * (count - 1)
         beside = min(max(arc + (1 if last else -1), 0), arcs.count - 1)
         able = (arcs.held[arc] == 0) & ~arcs.follows[arc] & (arcs.levels[arc] != 0.0)
         changes = able & (arcs.levels[beside] != arcs.levels[arc])
         for other in np.flatnonzero(changes if changes.any() else able).tolist():
-            yield Change(gain, arc, float(last), joint, float(sign), 0, (), int(other))
+            new = partial(
+                Arcs.lean, arc=arc, joint=joint, level=sign, other=other, last=last
+            )
+            yield Change(gain, arc, new, urgent=True)
 
 
 def _runs(flags: BoolArray) -> list[tuple[int, int]]:

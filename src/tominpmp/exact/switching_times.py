@@ -331,7 +331,7 @@ def _changed(
     """Arcs with changes of the structure, solved again; None if that fails."""
     arcs = optimised.arcs
     for change in sorted(changes, key=lambda change: -change.arc):
-        arcs = change.apply(arcs)
+        arcs = change.made(arcs)
     found = solve_lengths(system, arcs, optimised.states, budget, total)
     if found is not None:
         found = polish(system, found, budget, total)

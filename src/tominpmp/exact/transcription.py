@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.interpolate import BarycentricInterpolator
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
@@ -143,7 +144,7 @@ class ArcTranscription:
         steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
         x, h = motion.x, motion.h
         rows_x, rows_u, rows_h = [x[:1]], [], []
-        known = np.concatenate([[0.0], NODES])
+        known, ticks = np.append(0.0, NODES), np.arange(1, 2 * CUTS + 1) / (2 * CUTS)
         for i in steps.tolist():
             if not modes[i].any():
                 rows_x.append(x[i + 1 : i + 2])
@@ -152,11 +153,7 @@ class ArcTranscription:
                 continue
             # Through the start and the stages of the step.
             points = np.vstack([x[i], motion.stages[i]])
-            ticks = np.arange(1, 2 * CUTS + 1) / (2 * CUTS)
-            weights = np.linalg.solve(
-                np.vander(known, increasing=True).T, np.vander(ticks, 4, True).T
-            ).T
-            inside = weights @ points
+            inside = BarycentricInterpolator(known, points)(ticks)
             middle, ends = inside[::2], inside[1::2]
             same_u, same = np.tile(u[i], (CUTS, 1)), np.tile(modes[i], (CUTS, 1))
             rates = differentiate_rates(system.dynamics, middle, same_u, same)

@@ -38,7 +38,7 @@ from tominpmp.viz.figures import (
     styled,
 )
 from tominpmp.viz.playback import play
-from tominpmp.viz.plots import curves
+from tominpmp.viz.shares import shares_of_limits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -428,13 +428,12 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
 
 
 def _draw_speeds(axes: Axes, problem: Problem, trajectory: Trajectory) -> None:
-    """Speeds as shares of their limits, or of the largest speed without a limit."""
-    t, (_, v, *_) = curves(trajectory)
-    top = problem.robot.limits.velocity
-    largest = np.maximum(np.max(np.abs(v), axis=0), 1e-9)
-    scale = np.where(np.isfinite(top), top, largest)
-    for joint, name in enumerate(problem.robot.joint_names):
-        axes.plot(t, v[:, joint] / scale[joint], color=color(joint), lw=0.8, label=name)
+    """Speeds as shares of their limits."""
+    shares = shares_of_limits(problem, trajectory)
+    for joint, (name, row) in enumerate(
+        zip(shares.joint_names, shares.speed.T, strict=True)
+    ):
+        axes.plot(shares.t, row, color=color(joint), lw=0.8, label=name)
     for limit in (-1.0, 1.0):
         axes.axhline(limit, color="0.6", lw=0.6, ls="--")
     axes.set_ylabel("speed / limit")
