@@ -32,17 +32,9 @@ class PassedGoal(Record, Goal):
 
     goal: Goal
 
-    def validate(self, robot: Robot) -> None:
-        """Check the goal."""
-        self.goal.validate(robot)
-
     def resolved(self, robot: Robot, before: Array | None = None) -> Goal:
         """The same of the goal in the order of the robot."""
         return PassedGoal(self.goal.resolved(robot, before))
-
-    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Conditions of the goal on a configuration."""
-        return self.goal.place(kinematics, q)
 
     @property
     def stopped(self) -> Goal:
@@ -73,6 +65,8 @@ class PassedGoal(Record, Goal):
 
     # -- the rest is that of the goal --------------------------------------------------
 
+    validate = _of_goal("validate")
+    place = _of_goal("place")
     configuration = _of_goal("configuration")
     positions = _of_goal("positions")
     joint_ranges = _of_goal("joint_ranges")
