@@ -44,9 +44,6 @@ SLACK = 1e-6
 ITERATIONS = 150
 # Equations whose gradients depend on each other but for this share are one too many.
 DEPENDENT = 1e-10
-# Steps that close a remaining gap to the goal, and the largest gap they close.
-CLOSING = 4
-NEARLY = 1e-3
 # How often arcs that have vanished are left out at most.
 CLEANINGS = 4
 # Rounds of looking at limits that a solution has come near to.
@@ -56,8 +53,6 @@ LOOKS = 4
 CHANGES = 25
 PROMISE = 1e-7
 PROGRESS = 1e-8
-# Changes that are tried one by one when all together fail.
-SINGLES = 3
 # Lengths are at most this much longer than the whole motion was.
 LONGEST = 3.0
 NOT_INTEGRATED = 1e3
@@ -238,7 +233,7 @@ def _minimize(
     except StopIteration:
         return np.asarray(np.clip(last, low, high))
     logger.debug("%s after %d iterations", found.message, found.nit)
-    return _closed(program, np.asarray(np.clip(found.x, low, high)), low, high)
+    return np.asarray(np.clip(found.x, low, high))
 
 
 def _independent(rows: Array) -> Array:
@@ -252,31 +247,6 @@ def _independent(rows: Array) -> Array:
     if rank == rows.shape[0]:
         return np.eye(rank)
     return np.asarray(left[:, :rank].T)
-
-
-def _closed(program: ArcProgram, y: Array, low: Array, high: Array) -> Array:
-    """Unknowns moved by as little as it takes to come to the goal, if they are near.
-
-    Where the duration hardly depends on them, as on singular arcs, SLSQP goes on for
-    long and ends a little way off.
-    """
-    best = y
-    for _ in range(CLOSING):
-        shot = program.shoot(best)
-        if shot is None or not 0.1 * EXACT < _miss(shot) < NEARLY:
-            break
-        short = shot.room < 0.0
-        rows = np.vstack([shot.by_equal, shot.by_room[short]])
-        gaps = np.concatenate([shot.equal, shot.room[short]])
-        moving = (best > low) & (best < high)
-        step = np.zeros(best.size)
-        step[moving] = -np.linalg.lstsq(rows[:, moving], gaps, rcond=1e-10)[0]
-        trial = np.clip(best + step, low, high)
-        after = program.shoot(trial)
-        if after is None or _miss(after) >= _miss(shot):
-            break
-        best = trial
-    return np.asarray(best)
 
 
 def polish(
@@ -308,16 +278,10 @@ def improve(
         changes = find_changes(
             optimised.program, optimised.y, optimised.shot, PROMISE * T
         )
-        if not changes:
+        better = _changed(system, optimised, changes, budget, total)
+        if better is None or better.duration >= T * (1.0 - PROGRESS):
             break
-        best = sorted(changes, key=lambda change: -change.gain)[:SINGLES]
-        for some in [changes] if len(changes) == 1 else [changes, *([c] for c in best)]:
-            better = _changed(system, optimised, some, budget, total)
-            if better is not None and better.duration < T * (1.0 - PROGRESS):
-                optimised = better
-                break
-        else:
-            break
+        optimised = better
     return optimised
 
 
@@ -329,6 +293,8 @@ def _changed(
     total: int,
 ) -> OptimisedArcs | None:
     """Arcs with changes of the structure, solved again; None if that fails."""
+    if not changes:
+        return None
     arcs = optimised.arcs
     for change in sorted(changes, key=lambda change: -change.arc):
         arcs = change.made(arcs)
