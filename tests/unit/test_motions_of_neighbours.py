@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +10,8 @@ import pytest
 import tests.sample_arms as arms
 import tominpmp as tm
 from tests.schedules import loop_with
-from tominpmp.arrays import Array
 from tominpmp.cell.batch.neighbours import Rounds
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.planner import candidate
 from tominpmp.planner.descent import PATIENCE, stop_if_hopeless
 from tominpmp.planner.starts import WARM_FAR
 from tominpmp.status import Status
@@ -57,27 +54,17 @@ def problem(robot: tm.Robot, goal: tm.Goal) -> tm.Problem:
     return tm.Problem(robot, HOME, goal, motion_limits=LIMITS)
 
 
-def test_a_motion_that_ends_elsewhere_is_not_replayed(
-    arm: tm.Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_motion_that_ends_elsewhere_is_not_kept(arm: tm.Robot) -> None:
     place = np.array([0.2, 1.4, 0.0])
     former = tm.plan(problem(arm, tm.PositionGoal("tip", place)), **QUICK)
-    ends: list[Array] = []
-    replay = candidate.verify
-
-    def seen(task: tm.Problem, motion: tm.Trajectory, *rest: Any, **more: Any) -> Any:
-        q = motion.q[-1]
-        ends.append(RobotKinematics(task.robot).placement(q, "tip").translation)
-        return replay(task, motion, *rest, **more)
-
-    monkeypatch.setattr(candidate, "verify", seen)
     # Farther on: slower than the former motion, which would be kept if it arrived.
     farther = place - np.array([0.3, 0.1, 0.0])
     found = tm.plan(
         problem(arm, tm.PositionGoal("tip", farther)), start=former, **QUICK
     )
-    assert found.success and found.T > former.T and ends
-    assert all(np.linalg.norm(end - farther) < 1e-3 for end in ends)
+    assert found.success and found.T > former.T
+    end = RobotKinematics(arm).placement(found.trajectory.q[-1], "tip").translation
+    assert np.linalg.norm(end - farther) < 1e-3
     # Asked for again, it is kept if nothing faster comes of it.
     again = tm.plan(former.problem, start=former, **QUICK)
     assert again.success and again.T <= former.T * (1.0 + 1e-9)

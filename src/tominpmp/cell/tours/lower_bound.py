@@ -10,6 +10,7 @@ are added.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import permutations
@@ -22,7 +23,7 @@ from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.cell.tours.legs import JointTimes
 from tominpmp.cell.tours.orders import exact_order
 from tominpmp.cell.tours.station import Rules, Station, least_stays
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, TominpmpWarning
 from tominpmp.goals import Goal, JointGoal
 from tominpmp.problem import Problem
 
@@ -101,7 +102,9 @@ def _least_times(
         # Loads change the accelerations that torques allow.
         few = few_frames if given[j] is None else few_joints
         if few and begin is not None and resting == 2 and i not in loaded:
-            with suppress(ProblemError):
+            with suppress(ProblemError), warnings.catch_warnings():
+                # The tour has warned of goals at limits already.
+                warnings.simplefilter("ignore", TominpmpWarning)
                 leg = problem.with_ends(begin, goals[j])
                 out[i, j] = max(out[i, j], lower_bound(leg).T)
     out[:, 0], out[last:] = out[0], out[:, last:].T
