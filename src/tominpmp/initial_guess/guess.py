@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -74,6 +74,11 @@ class Guess:
         keeps: Whether it keeps the constraints on positions, as far as they were
             checked.
         blocked: Whether all configurations found for the goal are in collision.
+        inner_ends: Times at which its segments before the last end [s], without the
+            dwells there, shape (k - 1,).
+        solved: Whether it is a motion of these segments that was found before.
+        stops: Whether to plan a motion that stops at all goals before a motion that
+            passes them.
     """
 
     name: str
@@ -83,6 +88,9 @@ class Guess:
     delay: float = 0.0
     keeps: bool = True
     blocked: bool = False
+    inner_ends: Array = field(default_factory=lambda: np.zeros(0))
+    solved: bool = False
+    stops: bool = False
 
     @classmethod
     def of_motion(cls, name: str, motion: Trajectory, count: int = 200) -> Guess:
@@ -94,6 +102,11 @@ class Guess:
     def duration(self) -> float:
         """T [s]."""
         return float(self.t[-1])
+
+    @property
+    def durations(self) -> Array:
+        """Durations of the segments [s], shape (k,)."""
+        return np.diff(np.concatenate([[0.0], self.inner_ends, self.t[-1:]]))
 
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n).

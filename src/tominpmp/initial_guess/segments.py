@@ -13,7 +13,7 @@ from __future__ import annotations
 import copy
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,27 +38,6 @@ SAMPLES = 800
 FORMER = "former motion"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SegmentedGuess(Guess):
-    """A path over time through the goals of all segments.
-
-    Attributes:
-        ends: Times at which the segments end [s], without the dwells there, shape (k,).
-        solved: Whether it is a motion that was found before.
-        stops: Whether to plan a motion that stops at all goals before a motion that
-            passes them.
-    """
-
-    ends: Array
-    solved: bool = False
-    stops: bool = False
-
-    @property
-    def durations(self) -> Array:
-        """Durations of the segments [s], shape (k,)."""
-        return np.diff(np.concatenate([[0.0], self.ends]))
-
-
 def segmented_guesses(
     system: ProblemFunctions,
     count: int,
@@ -67,7 +46,7 @@ def segmented_guesses(
     deadline: float = np.inf,
     *,
     smooth: bool = False,
-) -> Iterator[SegmentedGuess]:
+) -> Iterator[Guess]:
     """Guesses through the goals of all segments; see :func:`initial_guesses`.
 
     The first guess joins the first guesses of all segments, the second guess their
@@ -93,7 +72,7 @@ def _guess(
     rng: np.random.Generator,
     duration: float | None,
     deadline: float,
-) -> SegmentedGuess | None:
+) -> Guess | None:
     """One guess; None if a goal cannot be reached."""
     found: list[Guess] = []
     q = system.problem.q_start
@@ -119,12 +98,12 @@ def _guess(
         t.append(begin + guess.t[1:])
         positions.append(guess.q[1:])
         begin += guess.duration
-    return SegmentedGuess(
+    return Guess(
         found[0].name if len({guess.name for guess in found}) == 1 else "segments",
         np.concatenate(t),
         np.concatenate(positions),
         all(guess.timed for guess in found),
-        ends=np.cumsum([guess.duration for guess in found]),
+        inner_ends=np.cumsum([guess.duration for guess in found])[:-1],
     )
 
 
@@ -140,9 +119,7 @@ def following(system: ProblemFunctions, place: int) -> list[PathConstraint]:
     return held_positions(system.parts[place + 1].problem)
 
 
-def solved_guess(
-    name: str, motion: Trajectory, segments: Sequence[Segment]
-) -> SegmentedGuess:
+def solved_guess(name: str, motion: Trajectory, segments: Sequence[Segment]) -> Guess:
     """A motion of several segments as a guess, without its dwells."""
     t, q, ends = [np.zeros(1)], [motion.q[:1]], [0.0]
     for part in segments_of(motion, segments):
@@ -151,12 +128,13 @@ def solved_guess(
         q.append(replace(motion, inverse_dynamics=None)(part.begin + times).q)
         ends.append(ends[-1] + float(times[-1]))
     whole = np.concatenate(t), np.concatenate(q)
-    return SegmentedGuess(name, *whole, False, ends=np.array(ends[1:]), solved=True)
+    inner = np.array(ends[1:-1])
+    return Guess(name, *whole, False, inner_ends=inner, solved=True)
 
 
 def former_segments(
     problem: Problem, former: Trajectory | Samples
-) -> tuple[SegmentedGuess, Trajectory]:
+) -> tuple[Guess, Trajectory]:
     """A former motion as a guess.
 
     Args:
@@ -179,12 +157,12 @@ def former_segments(
     return _bent(problem, guess), motion
 
 
-def _bent(problem: Problem, guess: SegmentedGuess) -> SegmentedGuess:
+def _bent(problem: Problem, guess: Guess) -> Guess:
     """A guess that begins and ends where the problem does."""
     q = np.array(guess.q)
     limits = problem.robot.limits
     shift, first = problem.q_start - q[0], 0
-    for phase, end in zip(problem.phases, guess.ends.tolist(), strict=True):
+    for phase, end in zip(problem.phases, np.cumsum(guess.durations), strict=True):
         last = int(np.argmin(np.abs(guess.t - end)))
         goal = phase.goal.configuration
         after = np.zeros_like(shift) if goal is None else goal - guess.q[last]

@@ -10,11 +10,7 @@ import numpy as np
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.initial_guess.segments import (
-    SegmentedGuess,
-    at_rest_on_the_way,
-    solved_guess,
-)
+from tominpmp.initial_guess.segments import at_rest_on_the_way, solved_guess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
@@ -201,9 +197,8 @@ def descend(
     objective = _least_time(options, guess)
     program, z = first_program(system, options, guess)
     initial = program.trajectory(z)
-    if isinstance(guess, SegmentedGuess) and not guess.solved:
-        if options.control in DEGREES:
-            program, z = _smooth_start(system, options, guess, state)
+    if system.parts and not guess.solved and options.control in DEGREES:
+        program, z = _smooth_start(system, options, guess, state)
     step, usual = _method(system, options)
     exchange = RowExchange(
         # The last violations cost less than a finer grid brings.
@@ -235,7 +230,7 @@ def _method(system: ProblemFunctions, options: Options) -> tuple[Step, Rule]:
 
 
 def _smooth_start(
-    system: ProblemFunctions, options: Options, guess: SegmentedGuess, state: PlanState
+    system: ProblemFunctions, options: Options, guess: Guess, state: PlanState
 ) -> Begun:
     """Program with continuous accelerations for a guess, and where to begin.
 

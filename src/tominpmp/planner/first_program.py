@@ -8,7 +8,6 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.initial_guess.segments import SegmentedGuess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
@@ -16,7 +15,6 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.grid import (
     delayed_shares,
-    interval_shares,
     segment_intervals,
     segmented_shares,
 )
@@ -64,8 +62,7 @@ def first_program(system: ProblemFunctions, options: Options, guess: Guess) -> B
         of = InverseTranscription(system, shares, guess.duration, ends)
     else:
         of = BSplineTranscription(system, shares, degree, ends)
-        solved = isinstance(guess, SegmentedGuess) and guess.solved
-        timed = 1.0 if solved else SMOOTH_STRETCH
+        timed = 1.0 if guess.solved else SMOOTH_STRETCH
     eta = np.full(shares.shape[1], timed * guess.duration)
     z = of.start(guess.position, guess.duration, eta)
     return NonlinearProgram.of(of).at(z), z
@@ -83,7 +80,7 @@ def collocated(
 
     def halved(halvings: int) -> tuple[NonlinearProgram, Array, float]:
         finer = replace(options, intervals=2**halvings * options.intervals)
-        shares = np.sum(guess_shares(system, finer, guess), axis=1, keepdims=True)
+        shares = guess_grid(system, finer, guess)[0].sum(axis=1, keepdims=True)
         lifted = CollocationTranscription(system, shares, guess.duration)
         nodes = np.concatenate([[0.0], np.cumsum(shares)])
         path = guess.position(nodes * guess.duration)
@@ -110,22 +107,15 @@ def guess_grid(
 
     Returns:
         Lengths of the intervals by the durations, shape (N, m), and the number of
-        intervals up to the end of each segment; empty where there is one segment.
+        intervals up to the end of each segment; empty after a delay.
     """
-    smooth = options.control in DEGREES
-    if isinstance(guess, SegmentedGuess):
-        durations, sudden = guess.durations, system.sudden or not smooth
-        counts = segment_intervals(options.intervals, durations)
-        kind = options.grid
-        shares = segmented_shares(kind, counts, durations, smooth, sudden=sudden)
-        return shares, tuple(np.cumsum(counts).tolist())
-    shares = guess_shares(system, options, guess)
-    return np.sum(shares, axis=1, keepdims=True) if smooth else shares, ()
-
-
-def guess_shares(system: ProblemFunctions, options: Options, guess: Guess) -> Array:
-    """Grid for a guess: intervals of their own for the time before it sets out."""
+    smooth, sudden = options.control in DEGREES, system.sudden
     if guess.delay > 0.0:
+        # The time before it sets out has intervals of its own.
         delay = guess.delay / guess.duration
-        return delayed_shares(options.intervals, delay, sudden=system.sudden)
-    return interval_shares(options.grid, options.intervals, sudden=system.sudden)
+        shares = delayed_shares(options.intervals, delay, sudden=sudden)
+        return np.sum(shares, axis=1, keepdims=True) if smooth else shares, ()
+    durations = guess.durations
+    counts = segment_intervals(options.intervals, durations)
+    shares = segmented_shares(options.grid, counts, durations, smooth, sudden=sudden)
+    return shares, tuple(np.cumsum(counts).tolist())

@@ -24,7 +24,7 @@ from tominpmp.initial_guess.parallel import (
     run_parallel,
 )
 from tominpmp.initial_guess.path_velocity import guesses_of
-from tominpmp.initial_guess.segments import SegmentedGuess, segmented_guesses
+from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
@@ -84,8 +84,6 @@ WARM_FAR = 0.05
 # A search follows a warm start whose T exceeds this share of the first guess's T.
 OUTDONE = 0.95
 
-Former = WarmStart | SegmentedGuess
-
 
 class Count(NamedTuple):
     """How many guesses are tried.
@@ -126,7 +124,7 @@ class Count(NamedTuple):
 
 
 def starts(
-    system: ProblemFunctions, former: Former | None, state: PlanState
+    system: ProblemFunctions, former: Guess | None, state: PlanState
 ) -> Schedule[None]:
     """Begin with one guess after the other, a former motion being the first.
 
@@ -208,7 +206,7 @@ def _in_full(
                 continue
             # The last one may take as long as it likes.
             stop = None
-            if number + 1 < count.rescues and isinstance(guess, SegmentedGuess):
+            if number + 1 < count.rescues and system.parts:
                 stop = stop_if_hopeless(guess.duration)
             work = descent_work(system, options, guess, state, stop)
             if ahead is not None:
@@ -324,12 +322,10 @@ def solve_alone(
 # -- warm starts -----------------------------------------------------------------------
 
 
-def _warm_start_work(
-    system: ProblemFunctions, former: Former, state: PlanState
-) -> Work:
+def _warm_start_work(system: ProblemFunctions, former: Guess, state: PlanState) -> Work:
     """Work that improves a former motion."""
     near = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
-    if isinstance(former, SegmentedGuess):
+    if not isinstance(former, WarmStart):
         return descent_work(system, near, former, state)
     if near.method in ("adjoint", "penalty"):
         shares = interval_shares(near.grid, near.intervals)
@@ -339,10 +335,10 @@ def _warm_start_work(
 
 
 def _keep_former(
-    system: ProblemFunctions, former: Former, state: PlanState, candidate: Candidate
+    system: ProblemFunctions, former: Guess, state: PlanState, candidate: Candidate
 ) -> bool:
     """Keep a former motion that led to no faster one, if its replay holds."""
-    if isinstance(former, SegmentedGuess):
+    if not isinstance(former, WarmStart):
         return False
     kept = former.remainder(system)
     if kept is None:
