@@ -2,17 +2,13 @@
 
 Each segment begins where the one before it ends. The stops at the goals do not bind the
 optimiser: of a guess only the ends need be admissible.
-
-A former motion is a guess as well. Each of its segments is bent to its new start, and
-to its goal where that is a configuration: a difference in position is added evenly over
-its time.
 """
 
 from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -23,19 +19,8 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import held_positions
 from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
 from tominpmp.initial_guess.path_velocity import waiting_guesses
-from tominpmp.motion.joining import checked_motion
-from tominpmp.motion.samples import Samples
-from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.problem.segments import Segment, segments_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.verification.stages import with_segments
-
-# Samples of each segment of a motion that was found before.
-SAMPLES = 800
-# Name of a guess from a former motion.
-FORMER = "former motion"
 
 
 def segmented_guesses(
@@ -117,62 +102,6 @@ def following(system: ProblemFunctions, place: int) -> list[PathConstraint]:
     if place + 1 >= len(system.parts):
         return []
     return held_positions(system.parts[place + 1].problem)
-
-
-def solved_guess(name: str, motion: Trajectory, segments: Sequence[Segment]) -> Guess:
-    """A motion of several segments as a guess, without its dwells."""
-    t, q, ends = [np.zeros(1)], [motion.q[:1]], [0.0]
-    for part in segments_of(motion, segments):
-        times = np.linspace(0.0, part.arrival - part.begin, SAMPLES)[1:]
-        t.append(ends[-1] + times)
-        q.append(replace(motion, inverse_dynamics=None)(part.begin + times).q)
-        ends.append(ends[-1] + float(times[-1]))
-    whole = np.concatenate(t), np.concatenate(q)
-    inner = np.array(ends[1:-1])
-    return Guess(name, *whole, False, inner_ends=inner, solved=True)
-
-
-def former_segments(
-    problem: Problem, former: Trajectory | Samples
-) -> tuple[Guess, Trajectory]:
-    """A former motion as a guess.
-
-    Args:
-        problem: A problem of several segments.
-        former: The motion; without recorded ends its segments end where it meets the
-            goals of the problem, or comes nearest.
-
-    Returns:
-        The guess, and the motion with the ends of its segments.
-
-    Raises:
-        ProblemError: If the motion has other joints, or segments of no length.
-    """
-    try:
-        motion = checked_motion(former, problem.robot, problem.q_start, problem.v_start)
-    except ProblemError as error:
-        raise ProblemError(f"start: {error}", "start") from error
-    motion = with_segments(problem, motion, Tolerances())
-    guess = solved_guess(FORMER, motion, problem.segments)
-    return _bent(problem, guess), motion
-
-
-def _bent(problem: Problem, guess: Guess) -> Guess:
-    """A guess that begins and ends where the problem does."""
-    q = np.array(guess.q)
-    limits = problem.robot.limits
-    shift, first = problem.q_start - q[0], 0
-    for phase, end in zip(problem.phases, np.cumsum(guess.durations), strict=True):
-        last = int(np.argmin(np.abs(guess.t - end)))
-        goal = phase.goal.configuration
-        after = np.zeros_like(shift) if goal is None else goal - guess.q[last]
-        share = np.linspace(0.0, 1.0, last - first + 1)[:, None]
-        moved = guess.q[first : last + 1] + shift + share * (after - shift)
-        q[first : last + 1] = moved
-        shift, first = after, last
-    q = np.clip(q, limits.position_lower, limits.position_upper)
-    same = bool(np.all(np.abs(q - guess.q) <= 1e-9))
-    return replace(guess, q=q, solved=same)
 
 
 def unreached(

@@ -1,9 +1,9 @@
 """Warm starts: a former motion as the guess for a problem that is much like its own.
 
-The motion is entered where it passes closest to the new start, and bent to the new ends
-by the cubic polynomial that takes up the differences in position and velocity: its
-torques change as little as they can. A motion that fits the transcription is taken over
-to the last bit, interval by interval.
+The motion is entered where it passes closest to the new start, and each of its segments
+is bent to its new ends by the cubic polynomial that takes up the differences in
+position and velocity: its torques change as little as they can. A motion of one segment
+that fits the transcription is taken over to the last bit, interval by interval.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.motion.joining import recorded_motion
+from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.options import Tolerances
+from tominpmp.problem import Problem
+from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bends import to_be_split
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -31,6 +34,7 @@ from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import SHORTEST, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
+from tominpmp.verification.stages import with_segments
 
 # Samples where only the shape of the motion matters.
 SAMPLES = 400
@@ -58,8 +62,9 @@ class WarmStart(Guess):
         torque: Its torques [N m or N] at times of the guess, shape (k,) to (k, n).
         held: Whether its torques are held on the intervals.
         entry: Time of the motion at which the guess begins [s].
-        bend: Polynomial added to the positions: coefficients of the powers 0 to 3 of
-            the share of the duration, shape (4, n).
+        begins: Times of the motion at which the segments begin [s], shape (k,).
+        bends: Polynomials added to the positions of the segments: coefficients of the
+            powers 0 to 3 of the share of the duration, shape (4, k, n).
         box: Lower and upper position limits, shape (n,) each.
         halved: Whether intervals are halved at once where its controls bend, unless its
             grid is finer than the one asked for.
@@ -69,17 +74,19 @@ class WarmStart(Guess):
     torque: Callable[[Array], Array]
     held: bool
     entry: float
-    bend: Array
+    begins: Array
+    bends: Array
     box: tuple[Array, Array]
     halved: bool = False
 
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n)."""
-        share = times[:, None] / self.duration
-        added = self.bend[0] + share * (
-            self.bend[1] + share * (self.bend[2] + share * self.bend[3])
-        )
-        return self.within(self.trajectory(self._own(times)).q + added)
+        k = np.searchsorted(self.inner_ends, times)
+        since = times - np.concatenate([[0.0], self.inner_ends])[k]
+        share, bends = (since / self.durations[k])[:, None], self.bends[:, k]
+        added = bends[0] + share * (bends[1] + share * (bends[2] + share * bends[3]))
+        own = np.clip(self.begins[k] + since, 0.0, self.trajectory.duration)
+        return self.within(self.trajectory(own).q + added)
 
     def _own(self, times: Array) -> Array:
         """Times of the motion at times of the guess [s], at most the end of it."""
@@ -92,7 +99,7 @@ class WarmStart(Guess):
     @property
     def unchanged(self) -> bool:
         """Whether the guess equals the former motion, from the entry on."""
-        return not np.any(np.abs(self.bend) > 1e-9)
+        return not np.any(np.abs(self.bends) > 1e-9)
 
     @property
     def continuous(self) -> bool:
@@ -247,67 +254,72 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     Raises:
         ProblemError: If the motion has other joints, or the argument is no motion.
     """
-    trajectory = _checked(system, motion)
+    trajectory = former_motion(system.problem, motion)
     problem, limits = system.problem, system.problem.robot.limits
     plain = replace(trajectory, inverse_dynamics=None)
-    entry = _entry(plain, problem.q_start, system.v_start, system.step_scale)
-    T = trajectory.duration - entry
-    first, last = plain(entry), plain(trajectory.duration)
-    goal, v_goal = system.final_configuration, system.final_velocity
-    q_end = last.q if goal is None else goal
-    v_end = last.v if v_goal is None else v_goal
-    p0, p1 = problem.q_start - first.q, q_end - last.q
-    s0, s1 = T * (system.v_start - first.v), T * (v_end - last.v)
-    bend = np.stack(
+    begins, arrivals, _ = np.array(spans_of(trajectory, problem.segments)).T
+    entry = _entry(
+        plain, arrivals[0], problem.q_start, system.v_start, system.step_scale
+    )
+    begins[0] = entry
+    durations = arrivals - begins
+    first, last = plain(begins), plain(arrivals)
+    p, s = np.zeros((2, 2, begins.size, system.n))
+    p[0, 0], s[0, 0] = problem.q_start - first.q[0], system.v_start - first.v[0]
+    for k, part in enumerate(system.segments):
+        goal, v_goal = part.final_configuration, part.final_velocity
+        p[1, k] = 0.0 if goal is None else goal - last.q[k]
+        s[1, k] = 0.0 if v_goal is None else v_goal - last.v[k]
+    p[0, 1:], s[0, 1:] = p[1, :-1], s[1, :-1]
+    (p0, p1), (s0, s1) = p, durations[:, None] * s
+    bends = np.stack(
         [p0, s0, 3.0 * (p1 - p0) - 2.0 * s0 - s1, 2.0 * (p0 - p1) + s0 + s1]
     )
-    bend[np.abs(bend) < 1e-12] = 0.0
-    times = np.linspace(0.0, T, SAMPLES)
+    bends[np.abs(bends) < 1e-12] = 0.0
+    ends = np.cumsum(durations)
+    times = np.linspace(0.0, ends[-1], SAMPLES)
     guess = WarmStart(
         "former motion",
         times,
         np.tile(problem.q_start, (SAMPLES, 1)),
         False,
+        inner_ends=ends[:-1],
+        solved=bool(np.all(np.abs(p) <= 1e-9)),
         trajectory=plain,
         torque=lambda t: trajectory(np.minimum(entry + t, trajectory.duration)).u,
         held=trajectory.inverse_dynamics is None,
         entry=entry,
-        bend=bend,
+        begins=begins,
+        bends=bends,
         box=(limits.position_lower, limits.position_upper),
     )
     return replace(guess, q=guess.position(times))
 
 
-def _checked(system: ProblemFunctions, motion: Trajectory | Samples) -> Trajectory:
-    joints = system.problem.robot.joint_names
+def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
+    """A former motion, checked, with the ends of the segments of a problem.
+
+    Without recorded ends its segments end where it meets the goals of the problem, or
+    comes nearest.
+
+    Raises:
+        ProblemError: If the motion has other joints, or the argument is no motion.
+    """
     if not isinstance(motion, Trajectory | Samples):
         raise ProblemError(
             f"start is a {type(motion).__name__}, expected a Solution with a motion, "
             "a Trajectory or Samples",
             "start",
         )
-    if tuple(motion.joint_names) != joints:
-        raise ProblemError(
-            f"start: the motion is one of {', '.join(motion.joint_names)}, expected "
-            f"one of {', '.join(joints)}",
-            "start",
-        )
-    if isinstance(motion, Samples):
-        problem = system.problem
-        motion = recorded_motion(
-            motion,
-            problem.robot,
-            start=problem.q_start,
-            start_velocity=problem.v_start,
-        )
-    if not all(np.all(np.isfinite(part)) for part in (motion.q, motion.v, motion.u)):
-        raise ProblemError("start: the motion has values that are no numbers", "start")
-    return motion
+    try:
+        motion = checked_motion(motion, problem.robot, problem.q_start, problem.v_start)
+    except (ProblemError, ScenarioError) as error:
+        raise ProblemError(f"start: {error}", "start") from error
+    return with_segments(problem, motion, Tolerances())
 
 
-def _entry(motion: Trajectory, q: Array, v: Array, scale: Array) -> float:
-    """Time at which a motion is closest to a state [s]; 0 unless far closer there."""
-    T = motion.duration
+def _entry(motion: Trajectory, T: float, q: Array, v: Array, scale: Array) -> float:
+    """Time up to T of the state closest to a given one [s]; 0 unless far closer."""
 
     def distance(times: Array) -> Array:
         state = motion(times)

@@ -279,12 +279,12 @@ def checked_motion(
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     if motion.joint_names != robot.joint_names:
         raise ProblemError(
-            f"the motion is one of {', '.join(motion.joint_names)}, expected "
-            f"{', '.join(robot.joint_names)}",
+            f"the motion is one of {', '.join(motion.joint_names)}, expected one "
+            f"of {', '.join(robot.joint_names)}",
             "trajectory",
         )
-    if not all(np.all(np.isfinite(x)) for x in (motion.q, motion.u)):
-        raise ProblemError("the motion has positions or torques that are no numbers")
+    if not all(np.all(np.isfinite(x)) for x in (motion.q, motion.v, motion.u)):
+        raise ProblemError("the motion has values that are no numbers")
     return motion
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.segments import former_segments
-from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.initial_guess.warm_start import former_motion, warm_start
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
@@ -86,23 +85,14 @@ def _starts(
 ) -> Schedule[None]:
     """Starts for one goal, with a former motion as the first guess if there is one."""
     system = ProblemFunctions.of(part)
-    if former is None:
-        yield from starts(system, None, state)
-    elif system.parts:
-        yield from starts(system, former_segments(part, former)[0], state)
-    else:
-        yield from starts(system, warm_start(system, former), state)
+    guess = None if former is None else warm_start(system, former)
+    yield from starts(system, guess, state)
 
 
 def _entered(problem: Problem, former: Trajectory | Samples) -> int:
     """The alternative of a problem that a former motion is nearest to."""
     parts = problem.alternatives
-    if problem.segments:
-        nearest = problem.alternative_of(former_segments(problem, former)[1])
-    else:
-        # Its columns may be in any order, and its velocities be missing.
-        motion = warm_start(ProblemFunctions.of(parts[0]), former).trajectory
-        nearest = problem.alternative_at(motion.q[-1], motion.v[-1])
+    nearest = problem.alternative_of(former_motion(problem, former))
     goals = [[phase.goal for phase in part.phases] for part in (nearest, *parts)]
     same = [
         all(one is other for one, other in zip(goals[0], each, strict=True))

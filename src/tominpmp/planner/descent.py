@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.initial_guess.segments import at_rest_on_the_way, solved_guess
+from tominpmp.initial_guess.segments import at_rest_on_the_way
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
@@ -79,8 +79,9 @@ def with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Op
     if options.control != "auto":
         return options
     smooth = isinstance(guess, WarmStart) and guess.continuous
-    many = options.intervals >= MANY_INTERVALS and not system.parts
+    many = options.intervals >= MANY_INTERVALS
     smooth = smooth or (many and torques_rule(system, guess))
+    smooth = smooth and not system.parts
     return replace(options, control="linear" if smooth else "constant")
 
 
@@ -158,10 +159,8 @@ def total_variation_weight(
 
 def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
     """The motion of a candidate as a guess."""
-    motion = candidate.trajectory
-    if system.parts:
-        return solved_guess(candidate.name, motion, system.problem.segments)
-    return replace(warm_start(system, motion), name=candidate.name)
+    found = warm_start(system, candidate.trajectory)
+    return replace(found, name=candidate.name, solved=True)
 
 
 def descend(
@@ -256,6 +255,5 @@ def _smooth_start(
         return program.at(z), z
     if result.best is not None:
         motion = result.program.trajectory(result.best.z)
-        better = solved_guess(guess.name, motion, system.problem.segments)
-        guess = replace(better, solved=False)
+        guess = replace(warm_start(system, motion), name=guess.name, solved=False)
     return first_program(system, options, guess)

@@ -52,7 +52,7 @@ def first_program(system: ProblemFunctions, options: Options, guess: Guess) -> B
             return guess.lifted_program(system, *grid)
         return collocated(system, options, guess, timed * guess.duration)
     degree = DEGREES.get(options.control)
-    if isinstance(guess, WarmStart):
+    if isinstance(guess, WarmStart) and not system.parts:
         if degree is not None:
             return guess.spline_program(system, *grid, degree)
         return rested(*guess.inverse_program(system, *grid))

@@ -124,7 +124,7 @@ class Count(NamedTuple):
 
 
 def starts(
-    system: ProblemFunctions, former: Guess | None, state: PlanState
+    system: ProblemFunctions, former: WarmStart | None, state: PlanState
 ) -> Schedule[None]:
     """Begin with one guess after the other, a former motion being the first.
 
@@ -322,11 +322,11 @@ def solve_alone(
 # -- warm starts -----------------------------------------------------------------------
 
 
-def _warm_start_work(system: ProblemFunctions, former: Guess, state: PlanState) -> Work:
+def _warm_start_work(
+    system: ProblemFunctions, former: WarmStart, state: PlanState
+) -> Work:
     """Work that improves a former motion."""
     near = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
-    if not isinstance(former, WarmStart):
-        return descent_work(system, near, former, state)
     if near.method in ("adjoint", "penalty"):
         shares = interval_shares(near.grid, near.intervals)
         return shooting_work(system, near, state, former.torque_program(system, shares))
@@ -335,10 +335,10 @@ def _warm_start_work(system: ProblemFunctions, former: Guess, state: PlanState) 
 
 
 def _keep_former(
-    system: ProblemFunctions, former: Guess, state: PlanState, candidate: Candidate
+    system: ProblemFunctions, former: WarmStart, state: PlanState, candidate: Candidate
 ) -> bool:
     """Keep a former motion that led to no faster one, if its replay holds."""
-    if not isinstance(former, WarmStart):
+    if system.parts:
         return False
     kept = former.remainder(system)
     if kept is None:
