@@ -255,5 +255,7 @@ def _smooth_start(
         return program.at(z), z
     if result.best is not None:
         motion = result.program.trajectory(result.best.z)
-        guess = replace(warm_start(system, motion), name=guess.name, solved=False)
+        found = warm_start(system, motion)
+        inner = found.inner_ends
+        guess = Guess(guess.name, found.t, found.q, False, inner_ends=inner)
     return first_program(system, options, guess)
