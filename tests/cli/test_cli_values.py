@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cli_samples import Run
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -62,15 +63,18 @@ def test_joint_values() -> None:
 @pytest.mark.parametrize(
     ("typed", "joined"),
     [
-        ("plan r --start 1 -2 3 --goal 4", "plan r --start 1,-2,3 --goal 4"),
-        ("plan --start 1 -2 3 r", "plan --start 1,-2,3 r"),
+        ("plan r --start 1 -2 3 --goal 4", "plan r --start=1,-2,3 --goal=4"),
+        ("plan --start 1 -2 3 r", "plan --start=1,-2,3 r"),
         ("plan r --start=1 -2 -q", "plan r --start=1,-2 -q"),
-        ("plan r --goal a=1 b=-2 -o x", "plan r --goal a=1,b=-2 -o x"),
+        ("plan r --goal a=1 b=-2 -o x", "plan r --goal=a=1,b=-2 -o x"),
         (
             "plan r --gravity 0 0 -1 --margin 1 2",
-            "plan r --gravity 0,0,-1 --margin 1 2",
+            "plan r --gravity=0,0,-1 --margin 1 2",
         ),
         ("plan r --goal-position tip 1 2 3", "plan r --goal-position tip 1 2 3"),
+        ("plan r --start -1 -2", "plan r --start=-1,-2"),
+        ("plan r --start -1, -2,", "plan r --start=-1,-2,"),
+        ("plan r --start home --goal .5,1", "plan r --start home --goal=.5,1"),
         ("plan r --start", "plan r --start"),
         ("1 2 3", "1 2 3"),
     ],
@@ -88,7 +92,8 @@ def test_numbers_arrive_as_they_were_typed(numbers: list[float]) -> None:
         ["--start", *map(repr, numbers)],
         ["--start", ", ".join(map(repr, numbers))],
     ):
-        option, text = join_lists(words, LISTS)
+        (word,) = join_lists(words, LISTS)
+        option, _, text = word.partition("=")
         assert option == "--start"
         assert positions(text, option, robot).tolist() == numbers
 
@@ -132,3 +137,10 @@ def test_any_positions_are_read_or_refused(text: str) -> None:
         assert str(error)
     else:
         assert read.shape == (3,)
+
+
+def test_the_first_number_may_be_negative(run: Run) -> None:
+    """``--start -0.5 ...`` was taken for an option without a value."""
+    ends = "--start -0.5 -1.1 0.6 0 0 0 --goal -0.4 -1 0.8 0.1 0.2 0.3".split()
+    result = run("plan", "ur5", *ends, "--planning-effort", "quick")
+    assert result.exit_code == 0, result.stderr

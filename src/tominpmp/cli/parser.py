@@ -76,24 +76,23 @@ def new_app() -> App:
 
 
 def join_lists(args: Sequence[str], options: Collection[str]) -> list[str]:
-    """Join ``--start 1 2 -3`` to ``--start 1,2,-3``, so that -3 is no option."""
+    """Join ``--start -1 2 -3`` to ``--start=-1,2,-3``, so that -1 is no option."""
     joined: list[str] = []
     for arg in args:
         option, equals, _ = joined[-1].partition("=") if joined else ("", "", "")
-        begun = (equals and option in options) or (joined[-2:-1] or [""])[0] in options
-        if begun and _is_value(arg):
-            joined[-1] += f",{arg}"
+        if option in options and _is_value(arg):
+            joined[-1] = f"{joined[-1].rstrip(',')}{',' if equals else '='}{arg}"
         else:
             joined.append(arg)
     return joined
 
 
 def _is_value(word: str) -> bool:
-    """Tell whether a word is ``JOINT=VALUE`` or a number, perhaps with a comma."""
+    """Tell whether a word is ``JOINT=VALUE`` or begins with a number."""
     if "=" in word and not word.startswith("-"):
         return True
     try:
-        float(word.rstrip(","))
+        float(word.partition(",")[0])
     except ValueError:
         return False
     return True
