@@ -77,6 +77,7 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
         table_for=partial(_joined_table, robots),
         gravity=world,
         srdf=_joined_semantics(robots, description.path),
+        kinematic=_all_kinematic(robots),
     )
     limits = _joined_motion_limits(robots, robot.joint_names)
     robot = replace(robot, motion_limits=limits)
@@ -148,6 +149,18 @@ def _common_gravity(robots: Mapping[str, Robot]) -> Array:
                 "gravity",
             )
     return robot.gravity
+
+
+def _all_kinematic(robots: Mapping[str, Robot]) -> bool:
+    """Whether all robots are kinematic; some alone cannot be."""
+    kinematic = [name for name, robot in robots.items() if robot.kinematic]
+    if kinematic and len(kinematic) < len(robots):
+        raise ProblemError(
+            f"robots: {', '.join(kinematic)} of {', '.join(robots)} are kinematic, "
+            "expected all of them or none: load the others with kinematic=True, too",
+            "robots",
+        )
+    return bool(kinematic)
 
 
 def _joined_table(

@@ -12,7 +12,7 @@ matrix S of the robot: the torque of the free joints is S^T times the torque of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeVar
 
@@ -103,11 +103,17 @@ def _watched(rows: Iterable[_Row]) -> Iterator[_Row]:
 class RobotDynamics:
     """Dynamics of a robot, on rows of states.
 
+    Those of a kinematic robot are :class:`DoubleIntegrator`.
+
     Attributes:
         robot: The robot.
         friction: Dry friction of its joints, shape (n,) [N m or N]; None if there is
             none, or if torques are meant that are left when it is overcome.
     """
+
+    def __new__(cls, robot: Robot, *, dry: bool = True) -> RobotDynamics:
+        """The dynamics that suit the robot."""
+        return object.__new__(DoubleIntegrator if robot.kinematic else cls)
 
     def __init__(self, robot: Robot, *, dry: bool = True) -> None:
         self.robot = robot
@@ -324,6 +330,49 @@ class RobotDynamics:
         # The friction is a torque -D v: its derivative passes through the inverse mass.
         f_x[:, n:, n:] -= f_u[:, n:] * self.robot.damping
         return acceleration
+
+
+class DoubleIntegrator(RobotDynamics):
+    """Dynamics of a kinematic robot: joints of unit inertia, each by itself.
+
+    Its controls, in the place of torques, are the accelerations themselves.
+    """
+
+    def _smooth(self, q: Array, v: Array, a: Array) -> Array:
+        return np.array(a)
+
+    def inertial(self, q: Array, a: Array) -> Array:
+        """The accelerations."""
+        return np.array(a)
+
+    def mass(self, q: Array) -> Array:
+        """Unit matrices, shape (m, n, n)."""
+        return np.tile(np.eye(self.n), (len(q), 1, 1))
+
+    def inverse_jacobians(self, q: Array, v: Array, a: Array) -> InverseJacobians:
+        """The accelerations, and their derivatives by themselves."""
+        none = np.zeros((len(q), self.n, self.n))
+        return InverseJacobians(np.array(a), none, none, self.mass(q))
+
+    def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
+        return np.array(u)
+
+    def forward_jacobians(self, x: Array, u: Array) -> ForwardJacobians:
+        """State derivative (v, u), with its partial derivatives."""
+        n, m = self.n, len(x)
+        f_x, f_u = np.zeros((m, 2 * n, 2 * n)), np.zeros((m, 2 * n, n))
+        f_x[:, :n, n:] = f_u[:, n:] = np.eye(n)
+        return ForwardJacobians(np.concatenate([x[:, n:], u], axis=1), f_x, f_u)
+
+
+def no_torques(q: Array, v: Array, a: Array) -> Array:
+    """Inverse dynamics of which nothing is known: NaN, shape (m, n)."""
+    return np.full(np.shape(a), np.nan)
+
+
+def torques_of(robot: Robot) -> Callable[[Array, Array, Array], Array]:
+    """Inverse dynamics that a motion of a robot tells its torques by."""
+    return no_torques if robot.kinematic else RobotDynamics(robot).inverse
 
 
 def directions(v: Array, a: Array) -> Array:

@@ -128,6 +128,11 @@ class LimitKind:
         return self.of in ("j", "du")
 
     @property
+    def of_torques(self) -> bool:
+        """Whether it bounds torques, or what depends on them."""
+        return self.of in ("u", "du", "uv")
+
+    @property
     def of_states(self) -> bool:
         """Whether position, velocity and torque at an instant tell if it is kept."""
         return self.of in ("q", "v", "u", "uv")
@@ -223,6 +228,8 @@ EFFORT = LimitKind("effort", ("N m", "N"), "u", 2)
 FEEDBACK = replace(EFFORT, name="feedback")
 # Those of motion limits.
 ACCELERATION = LimitKind("acceleration", ("rad/s^2", "m/s^2"), "a", 2)
+# That of kinematic robots, whose controls are accelerations.
+CONTROL_ACCELERATION = replace(ACCELERATION, of="u")
 JERK = LimitKind("jerk", ("rad/s^3", "m/s^3"), "j", 3)
 EFFORT_RATE = LimitKind("effort rate", ("N m/s", "N/s"), "du", 3)
 OVER_SPEED = EffortOverSpeed("effort over speed", EFFORT.units, "uv", 2, EFFORT.name)

@@ -127,10 +127,11 @@ def motion_card(
     title: str, names: Sequence[str], t: Array, q: Array, v: Array, u: Array
 ) -> str:
     """Curves of a motion, shape (m, n) each, and a line for each joint."""
-    panels = [curves(name, t, x) for name, x in (("q", q), ("v", v), ("u", u))]
-    fastest, strongest = (np.abs(x).max(axis=0).tolist() for x in (v, u))
-    columns = names, q[0].tolist(), q[-1].tolist(), fastest, strongest
-    head = ("joint", "start", "end", "max |v|", "max |u|")
+    rates = {"v": v} if np.all(np.isnan(u)) else {"v": v, "u": u}
+    panels = [curves(name, t, x) for name, x in {"q": q, **rates}.items()]
+    largest = (np.abs(x).max(axis=0).tolist() for x in rates.values())
+    columns = names, q[0].tolist(), q[-1].tolist(), *largest
+    head = ("joint", "start", "end", *(f"max |{name}|" for name in rates))
     return card(
         title, *panels, table(head, list(zip(*columns, strict=True)), joints=True)
     )
@@ -161,8 +162,10 @@ def outcome_card(
     state = motion(t)
     effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
     speeds = _share_curves("speed", t, state.v, limits.velocity)
-    torques = _share_curves("torque", t, state.u, effort)
-    return card(title, speeds, torques, table((), rows))
+    panels = [speeds]
+    if not np.all(np.isnan(state.u)):
+        panels.append(_share_curves("torque", t, state.u, effort))
+    return card(title, *panels, table((), rows))
 
 
 def _line(points: Array, color: str, width: float = 1.4, name: str = "") -> str:

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tominpmp.arrays import MaybeNone
-from tominpmp.checks import flag
+from tominpmp.checks import flag, instance
+from tominpmp.dynamics import no_torques
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
 from tominpmp.motion.measures import (
     PeakAcceleration,
@@ -71,6 +72,14 @@ class Solution:
     verification: Verification | MaybeNone = None
     lower_bound: LowerBound | MaybeNone = None
 
+    def __post_init__(self) -> None:
+        """Take accelerations, which drive a kinematic robot, out of the torques."""
+        robot = instance(self.problem, Problem, "problem").robot
+        for name in ("trajectory", "initial"):
+            motion = getattr(self, name)
+            if robot.kinematic and isinstance(motion, Trajectory):
+                object.__setattr__(self, name, motion.with_torques(no_torques))
+
     @property
     def success(self) -> bool:
         """Whether there is a motion that reaches the goal and keeps all constraints."""
@@ -119,12 +128,14 @@ class Solution:
 
     @cached_property
     def energy(self) -> float | None:
-        """The energy that ``options.energy`` names; None if there is no motion.
+        """The energy that ``options.energy`` names.
+
+        None if there is no motion, or the robot is kinematic.
 
         The integral of the squared torques of all motors over time [N^2 m^2 s], forces
         of joints that slide [N] among them, or the mechanical work that they do [J].
         """
-        if self.trajectory is None:
+        if self.trajectory is None or self.problem.robot.kinematic:
             return None
         if self.options.energy == "work":
             return work_of(self.trajectory)
@@ -162,7 +173,7 @@ class Solution:
 
     @property
     def roughness(self) -> float:
-        """How unquiet the torques are; infinite if planning failed.
+        """How unquiet the torques are; infinite if planning failed, NaN without any.
 
         The sum over the joints of the squared differences of the torques at
         neighbouring ones of 100 instants, in full ranges of the torque.

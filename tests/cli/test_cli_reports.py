@@ -55,7 +55,6 @@ TABLE = {
     "kinematic_no_effort_no_inertia": Report(
         f"robot.urdf {MOVE} --joint-limits joint_limits.yaml --kinematic",
         0.70711,
-        later="there is no kinematic mode",
     ),
     "link_and_joint_of_one_name_lock": Report(
         "robot.urdf --lock j1=0.2 --start 0.1 --goal 0.6", 0.25

@@ -78,8 +78,11 @@ def _tightest_limits(problem: Problem) -> dict[str, Array]:
     """
     found = {of: np.full(problem.robot.n, math.inf) for of in BOUNDED}
     for item in joint_limits(problem):
-        if item.kind.of in found:
-            found[item.kind.of] = np.minimum(found[item.kind.of], item.upper)
+        of = item.kind.of
+        if of == "u" and problem.robot.kinematic:
+            of = "a"
+        if of in found:
+            found[of] = np.minimum(found[of], item.upper)
     return found
 
 
@@ -156,7 +159,7 @@ def _torque_drive(problem: Problem, smooth_ends: bool) -> Drive | None:
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
     robot = problem.robot
-    if robot.n != 1 or robot.expansion_matrix is not None:
+    if robot.n != 1 or robot.expansion_matrix is not None or robot.kinematic:
         return None
     effort = np.concatenate(effort_bounds(problem))
     if not np.all(np.isfinite(effort)):

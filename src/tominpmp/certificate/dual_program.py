@@ -21,7 +21,7 @@ from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.stays import still_nodes
 from tominpmp.linear_programs import Nearly, PiqpSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.motion_limits import EFFORT
+from tominpmp.problem.controls import control_kind
 from tominpmp.transcription.instants import Instants
 
 # The trust region: positions in rad or shares of the reach, velocities in these units
@@ -210,7 +210,8 @@ class _Program:
         given = LimitRows.joined([rows, columns])
         bounded = np.where(given.held_above, given.above, given.below)
         given = given.kept(np.isfinite(bounded))
-        torques = rows.kept(rows.of(EFFORT.name, PASSIVE))
+        driving = control_kind(self.motion.system.problem.robot).name
+        torques = rows.kept(rows.of(driving, PASSIVE))
         return DualSolution(
             costates=-gaps.reshape(N, -1) * self.T - self._arriving(torques),
             falls=falls,

@@ -55,6 +55,7 @@ from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
+from tominpmp.problem.controls import need_smooth
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import Replay
 from tominpmp.verification.stages import with_segments
@@ -243,7 +244,7 @@ def _read(
     if not motion.sections:
         replay = None if verification is None else verification.replay
         integrated = _integrated(motion, found, replay)
-        if not limits.need_smooth:
+        if not need_smooth(motion.system.problem.robot, limits):
             error = _disagreement(found, integrated)
         first = integrated[:1]
     apart = np.abs(H - np.average(H, weights=h))
@@ -277,6 +278,9 @@ def _read(
     failures = failed_conditions(motion, found, out, verification, fastest=not rounding)
     message = " ".join(failures)
     kept = message or conditions_kept(motion, out, rounding)
+    if motion.system.problem.robot.kinematic:
+        kept = kept.replace("torques", "accelerations")
+        kept = kept.replace("Torques", "Accelerations")
     return replace(out, ok=not message, message=kept)
 
 

@@ -71,6 +71,9 @@ class RobotOptions:
         friction (VALUES): Dry friction (N m or N), likewise.
         joint_limits (FILE): MoveIt's joint_limits.yaml: limits of velocity, effort and
             position instead of the URDF's, and of acceleration and jerk.
+        kinematic: Leave out torques, of which the URDF need say nothing then: motions
+            keep limits of positions, speeds, accelerations (--joint-limits or
+            --acceleration) and jerks.
     """
 
     package_dir: list[Path] | None = None
@@ -87,6 +90,7 @@ class RobotOptions:
     armature: str | None = None
     friction: str | None = None
     joint_limits: Path | None = None
+    kinematic: bool = False
 
 
 @options("Scene")

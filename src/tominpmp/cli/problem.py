@@ -357,6 +357,7 @@ def load_changed_robot(
         "limits": args.limits,
         "locked_joints": {**(resting or {}), **joint_pairs(args.lock or (), "--lock")},
     }
+    table["kinematic"] = args.kinematic
     for name in ("srdf", "joint_limits", "gravity", *OVERRIDES):
         given = getattr(args, name)
         if isinstance(given, Path):

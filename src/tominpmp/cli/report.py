@@ -71,6 +71,8 @@ def report_data(
         "programs": sum(record.programs for record in solution.history),
         **_named(solution, "planning_time", "violations"),
     }
+    if problem.robot.kinematic:
+        data["kinematic"] = True
     trajectory, found = solution.trajectory, solution.verification
     if trajectory is not None:
         torque, either = limit_shares(problem, trajectory)
@@ -165,11 +167,13 @@ def report_text(data: Mapping[str, Any]) -> str:
     rows.append(("iterations", f"{data['iterations']} ({programs})"))
     rows.append(("planning time", f"{data['planning_time']:.2f} s"))
     method = f"{data['method']}, {data['intervals']} intervals, {data['lp_solver']}"
+    method += ", kinematic" if data.get("kinematic") else ""
     rows.append(("method", method))
     if "limited_share" in data and data["success"]:
         torque, either = data["torque_limited_share"], data["limited_share"]
-        share = f"{100 * torque:.0f} % of the time a torque, "
-        rows.append(("at limits", f"{share}{100 * either:.0f} % a torque or a speed"))
+        of = "an acceleration" if data.get("kinematic") else "a torque"
+        share = f"{100 * torque:.0f} % of the time {of}, "
+        rows.append(("at limits", f"{share}{100 * either:.0f} % {of} or a speed"))
     if "verified" in data:
         missed = data["goal_error"]
         replay = "did not come to an end"
@@ -245,6 +249,10 @@ def robot_data(robot: Robot) -> dict[str, Any]:
         item.name: getattr(limits, item.name) for item in dataclasses.fields(limits)
     }
     columns |= {key: getattr(robot, key) for key in ("damping", "armature", "friction")}
+    if robot.kinematic:
+        columns = {
+            k: columns[k] for k in ("position_lower", "position_upper", "velocity")
+        }
     for quantity in kinds_of(MotionLimits, numbers=True):
         if beyond is not None and getattr(beyond, quantity) is not None:
             columns[quantity] = beyond.by_joint(quantity, robot.joint_names)
@@ -252,6 +260,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
         "name": robot.name,
         "urdf": robot.urdf_path,
         "srdf": None if semantics is None else semantics.path,
+        "kinematic": robot.kinematic,
         "gravity": robot.gravity,
         "joints": [
             {"name": name, "kind": kinds[name]}
@@ -291,7 +300,8 @@ def robot_text(data: dict[str, Any]) -> str:
         "URDF": [data["urdf"]],
         "SRDF": [data["srdf"] or "none"],
     }
-    lines = [f"{data['name']}: {count} joint{'' if count == 1 else 's'}", ""]
+    kind = ", kinematic: without torques" if data["kinematic"] else ""
+    lines = [f"{data['name']}: {count} joint{'' if count == 1 else 's'}{kind}", ""]
     lines += _table(data["joints"])
     lines += ["", "Units: rad, rad/s, N m; for prismatic joints m, m/s, N.", ""]
     lines += [_row(name, row, width) for name, row in rows.items() if row]
@@ -315,12 +325,13 @@ def _row(label: str, items: list[str], width: int | None) -> str:
 def _table(joints: list[dict[str, Any]]) -> list[str]:
     """Write the table of joints; nothing is left out to fit a screen."""
     heads = {key: key.replace("position_", "").replace("_", " ") for key in joints[0]}
-    del heads["effort_lower"]
-    heads |= {"name": "joint", "effort_upper": "effort"}
+    heads["name"] = "joint"
+    if heads.pop("effort_lower", None):
+        heads["effort_upper"] = "effort"
     rows = [list(heads.values())]
     for joint in joints:
         cells = {key: _cell(key, value) for key, value in joint.items()}
-        low, high = joint["effort_lower"], joint["effort_upper"]
+        low, high = joint.get("effort_lower", 0.0), joint.get("effort_upper", 0.0)
         if high is None or low != -high:
             cells["effort_upper"] = (
                 f"{cells['effort_lower']} to {cells['effort_upper']}"

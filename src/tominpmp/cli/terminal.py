@@ -28,12 +28,13 @@ CLOSED_PIPE = 141
 
 # Arguments that take values by joint name, and are flags that do.
 _BY_JOINT = re.compile(
-    r"\b(effort|velocity|position_lower|position_upper|damping|armature|friction)"
-    r"=\{([^{}]*)\}"
+    r"\b(effort|velocity|position_lower|position_upper|damping|armature|friction"
+    r"|acceleration)=\{([^{}]*)\}"
 )
 _WORDS = {
     "self_collision=False": "--no-self-collision",
     "limits='datasheet'": "--limits datasheet",
+    "kinematic=True": "--kinematic",
     "package_dirs": "--package-dir",
 }
 

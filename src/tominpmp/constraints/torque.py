@@ -159,10 +159,20 @@ class MotorLimit(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class TorqueLimit(MotorLimit):
-    """Torques within their limits, as shares of them: u_l <= u <= u_u (3)."""
+    """Torques within their limits, as shares of them: u_l <= u <= u_u (3).
 
-    kind_name = EFFORT.name
+    Attributes:
+        kind: The kind of limit: of torques, or of a kinematic robot's accelerations.
+    """
+
+    kind: LimitKind = EFFORT
+
     field = "u"
+
+    @property
+    def kind_name(self) -> str:
+        """Name of the kind of limit."""
+        return self.kind.name
 
     @property
     def of_joints(self) -> IntArray:

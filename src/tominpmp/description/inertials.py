@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from tominpmp.arrays import Array
-from tominpmp.description.joint_table import JointTable, example_values
+from tominpmp.description.joint_table import KINEMATIC, JointTable, example_values
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import RobotLoadError, warn_caller
 
@@ -166,7 +166,8 @@ def check_inertia(
         rotors = example_values([names[leader] for leader in leaders.tolist()])
         raise RobotLoadError(
             f"{path}: {listed(list(found.values()))}: mend the <inertial> elements, or "
-            f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless",
+            f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless, or "
+            f"{KINEMATIC}",
             path,
         )
     rng = np.random.default_rng(0)
@@ -195,8 +196,8 @@ def check_inertia(
                 f"{path}: {' and '.join(joints)} can move without any inertia "
                 f"({', '.join(lacking) or why}), so that "
                 "any torque would accelerate them without bound: give "
-                f"armature={example_values(joints)} [kg m^2 or kg], or mend the "
-                "<inertial> elements",
+                f"armature={example_values(joints)} [kg m^2 or kg], mend the "
+                f"<inertial> elements, or give {KINEMATIC}",
                 path,
             )
 

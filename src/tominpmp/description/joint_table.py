@@ -239,6 +239,26 @@ def check_gravity(gravity: ArrayLike) -> Array:
     return vector
 
 
+def check_kinematic(kinematic: object, **values: object) -> bool:
+    """Check whether a robot is kinematic, and then is given nothing of its dynamics.
+
+    Raises:
+        OptionsError: If that is no truth value, or a value is not None.
+    """
+    if not isinstance(kinematic, bool):
+        raise OptionsError(
+            f"kinematic is {brief(kinematic)}, expected True or False", "kinematic"
+        )
+    for option, value in values.items():
+        if kinematic and value is not None:
+            raise OptionsError(
+                f"{option} is {brief(value)}, expected None for a kinematic robot, "
+                "which has no torques",
+                option,
+            )
+    return kinematic
+
+
 def stack_parts(
     joints: Sequence[str], names: Sequence[str], values: Mapping[str, object]
 ) -> Array:
@@ -321,6 +341,12 @@ ROW = np.dtype(
     ]
 )
 
+
+# The other way out where the dynamics of a robot are not known.
+KINEMATIC = (
+    "kinematic=True to plan with limits of speed and acceleration alone, without "
+    "torques"
+)
 
 #: Its columns: values that callers may give instead of those of a description.
 OVERRIDES: tuple[str, ...] = ROW.names or ()
@@ -417,6 +443,14 @@ class JointTable:
                     raise OptionsError(f"{option}: joint {name} {fault}", option)
         return JointTable(names, rows)
 
+    def without_dynamics(self) -> JointTable:
+        """The table of a kinematic robot: no limits of torques, friction or rotors."""
+        rows = self.rows.copy()
+        rows["effort"] = -np.inf, np.inf
+        for column in ("damping", "armature", "friction"):
+            rows[column] = 0.0
+        return JointTable(self.joint_names, rows)
+
     @property
     def ends(self) -> tuple[Array, Array]:
         """Lower and upper position limits, shape (n,) each [rad or m]."""
@@ -445,6 +479,7 @@ class JointTable:
                 complaints.append(
                     f"no {quantity} limit for {', '.join(joints)}: give "
                     f"{quantity}={example_values(joints)}"
+                    + (f", or {KINEMATIC}" if quantity == "effort" else "")
                 )
         # True also where a limit is NaN.
         ends = zip(self.joint_names, *self.ends, strict=True)

@@ -34,11 +34,12 @@ from tominpmp.files.ros import (
     controller_needs,
     controller_refusals,
 )
-from tominpmp.motion.joining import Joined, join
+from tominpmp.motion.joining import Joined, controlled, join
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
+from tominpmp.problem.controls import control_bounds
 from tominpmp.solution import Solution
 from tominpmp.verification import Verification, verify
 from tominpmp.verification.limit_violations import LimitViolation, state_violations
@@ -294,6 +295,7 @@ def _others(dt: float | None) -> list[float | None]:
 def _judged(solution: Solution, planned: Trajectory, motion: Trajectory) -> Found:
     """Judge what a reader makes of a plan; by its replay if nothing simpler tells."""
     problem, known = solution.problem, solution.verification
+    planned, motion = (controlled(one, problem.robot) for one in (planned, motion))
     tolerances = solution.options.tolerances
     if known is not None and known.ok and _is_planned(problem, planned, motion):
         return (), known
@@ -315,8 +317,8 @@ def _is_planned(problem: Problem, planned: Trajectory, motion: Trajectory) -> bo
         return False
     times = _inner_instants(np.union1d(planned.t, motion.t))
     ours, theirs = planned(times), motion(times)
-    limits = problem.robot.limits
-    span = limits.effort_upper - limits.effort_lower
+    lower, upper = control_bounds(problem.robot, problem.motion_limits)
+    span = upper - lower
     span = np.where(span > 0.0, span, max(float(np.max(span)), 1e-12))
     apart = (
         (ours.q - theirs.q) / SAME_Q,

@@ -555,6 +555,7 @@ def load_moveit(
     *,
     margin: float = 0.0,
     self_collision: bool | None = None,
+    kinematic: bool = False,
 ) -> Problem:
     """Load a problem from a MoveIt planning scene and a motion plan request.
 
@@ -575,6 +576,8 @@ def load_moveit(
         margin: Distance to keep from obstacles [m].
         self_collision: Whether the links keep clear of each other; None as for
             :class:`~tominpmp.problem.Problem`.
+        kinematic: Whether the robot is loaded without its dynamics, as by
+            :func:`~tominpmp.robot.load_robot`; one that is loaded has to be so already.
 
     Returns:
         The problem. Joints of the start state that the robot lacks, and locked ones
@@ -588,7 +591,7 @@ def load_moveit(
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
     state, start = request.get("start_state"), _start_values(request, "position")
-    arm = _grouped_robot(robot, request, start)
+    arm = _grouped_robot(robot, request, start, kinematic)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
     _warn_of_unread(request, _unread(request, REQUEST))
@@ -650,12 +653,22 @@ def _locks(
 
 
 def _grouped_robot(
-    robot: Robot | str | os.PathLike[str], request: Field, start: Mapping[str, float]
+    robot: Robot | str | os.PathLike[str],
+    request: Field,
+    start: Mapping[str, float],
+    kinematic: bool,
 ) -> Robot:
     """The robot with the joints locked that the request does not move."""
     if not isinstance(robot, Robot):
         source = read_source(robot)
-        return load_robot(source, locked_joints=_locks(request, start, source))
+        locks = _locks(request, start, source)
+        return load_robot(source, locked_joints=locks, kinematic=kinematic)
+    if kinematic and not robot.kinematic:
+        raise ProblemError(
+            "kinematic is True, expected False or a robot that is kinematic: "
+            "load_robot(..., kinematic=True)",
+            "kinematic",
+        )
     locks = _outside_group(request, start, robot.description, robot.srdf)
     further = {k: v for k, v in locks.items() if k in robot.joint_names}
     return robot.with_locked(further) if further else robot

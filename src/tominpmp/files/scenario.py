@@ -527,7 +527,7 @@ def _values(robot: Robot) -> Mapping[str, object]:
 
 ROBOT_KEYS = (
     *("name", "path", "srdf", "package_dirs", "group", "limits", "joint_limits"),
-    *("motion_limits", "gravity", "locked_joints", "payloads", *OVERRIDES),
+    *("motion_limits", "gravity", "locked_joints", "kinematic", "payloads", *OVERRIDES),
 )
 
 
@@ -536,8 +536,8 @@ def read_robot(table: Field) -> Robot:
 
     Args:
         table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``,
-            ``limits``, ``locked_joints``, ``gravity`` and the overrides as for
-            :func:`load_robot`;
+            ``limits``, ``locked_joints``, ``gravity``, ``kinematic`` and the overrides
+            as for :func:`load_robot`;
             ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
             (see :func:`read_motion_limits`); ``payloads``, a list of tables with the
             fields of :class:`~tominpmp.robot.payload.Payload`. Paths are relative to
@@ -567,6 +567,7 @@ def read_robot(table: Field) -> Robot:
             group=table.get("group").value,
             limits=table.get("limits").value,
             locked_joints=table.get("locked_joints").value or {},
+            kinematic=table.get("kinematic").given and table.get("kinematic").flag(),
         )
         limits = read_motion_limits(table.get("motion_limits"), robot)
         if limits is not None:
@@ -650,6 +651,8 @@ def robot_table(
     locked = {k: v for k, v in robot.locked_joints.items() if k not in followers}
     if locked:
         table["locked_joints"] = locked
+    if robot.kinematic:
+        table["kinematic"] = True
     if robot.payloads:
         table["payloads"] = to_table(robot.payloads, folder)
     if robot.motion_limits is not None:
@@ -703,6 +706,7 @@ def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
     plain = JointTable.from_description(
         robot.joint_names, joints, Linkage.resolve(joints, locked)
     )
+    plain = plain.without_dynamics() if robot.kinematic else plain
     table: dict[str, Any] = {}
     for key in OVERRIDES:
         present, described = robot._table()[key], plain[key]

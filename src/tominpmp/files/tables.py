@@ -43,12 +43,20 @@ def _columns(joint_names: tuple[str, ...], quantities: tuple[str, ...]) -> list[
     return ["time", *(f"{key}_{name}" for key in quantities for name in joint_names)]
 
 
+def _known(samples: Samples) -> tuple[str, ...]:
+    """Quantities of which samples say something."""
+    each = ((key, getattr(samples, key)) for key in QUANTITIES)
+    return tuple(k for k, x in each if k == "q" or not np.all(np.isnan(x)))
+
+
 def write_csv(samples: Samples, file: BinaryIO) -> None:
     """Write samples as CSV."""
-    rows = np.column_stack([samples.t, samples.q, samples.v, samples.a, samples.u])
+    known = _known(samples)
+    parts = [getattr(samples, key) for key in known]
+    rows = np.column_stack([samples.t, *parts])
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
-    header = _columns(samples.joint_names, QUANTITIES)
+    header = _columns(samples.joint_names, known)
     numbers: list[list[int]] = [[] for _ in rows]
     if samples.segment_ends is not None:
         header.append(SEGMENT)
@@ -65,7 +73,7 @@ def write_csv(samples: Samples, file: BinaryIO) -> None:
 def write_npz(samples: Samples, file: BinaryIO) -> None:
     """Write samples as NPZ."""
     arrays: dict[str, Any] = {"joint_names": np.array(samples.joint_names)}
-    arrays |= {key: getattr(samples, key) for key in ("t", *QUANTITIES)}
+    arrays |= {key: getattr(samples, key) for key in ("t", *_known(samples))}
     if samples.segment_ends is not None:
         arrays["segment_ends"] = samples.segment_ends
     np.savez(file, **arrays)

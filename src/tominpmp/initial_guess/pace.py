@@ -13,6 +13,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
+from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -102,12 +103,14 @@ def _unlimited(
     robot = system.problem.robot
     unit = "m" if prismatic_joints(robot)[joint] else "rad"
     limits = robot.limits
-    effort = max(abs(limits.effort_lower[joint]), abs(limits.effort_upper[joint]))
+    bounds = control_bounds(robot, system.problem.motion_limits)
+    effort = max(abs(bound[joint]) for bound in bounds)
     return ProblemError(
         f"robot: joint {robot.joint_names[joint]!r} would go {way:.3g} {unit} in "
         f"{duration:.1e} s, as its limits of velocity ({limits.velocity[joint]:.3g} "
-        f"{unit}/s) and effort ({effort:.3g}) hardly limit it: a time-optimal motion "
-        "needs limits. Expected those of the arm as velocity= and effort= of "
-        "load_robot, limits='datasheet', or an acceleration= of MotionLimits",
+        f"{unit}/s) and {control_kind(robot).name} ({effort:.3g}) hardly limit it: a "
+        "time-optimal motion needs limits. Expected those of the arm as velocity= and "
+        "effort= of load_robot, limits='datasheet', or an acceleration= of "
+        "MotionLimits",
         "robot",
     )

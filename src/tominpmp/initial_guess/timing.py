@@ -16,7 +16,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.constrained import path_speeds
 from tominpmp.initial_guess.path import RoundedPath
-from tominpmp.robot import JointLimits
+from tominpmp.problem.controls import control_bounds
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 POINTS = 120  # grid points of s
@@ -73,6 +73,7 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
         path.
     """
     limits = system.problem.robot.limits
+    bounds = control_bounds(system.problem.robot, system.problem.motion_limits)
     straight = path.s.size == 2
     points, speeds = (LINE_POINTS, LINE_SPEEDS) if straight else (POINTS, SPEEDS)
     s = path.grid(points, CORNER_POINTS)
@@ -91,22 +92,27 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
         top = np.min(limits.velocity / np.abs(first), axis=1)
     top = np.minimum(top, path_speeds(system, q, first))
     # From rest on a path of length 1, x is at most twice the largest s''.
-    _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), limits)
+    _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), bounds)
     top = np.minimum(top, 2.0 * np.sqrt(max(float(push.max()), 0.0)))
     if not (np.all(top > 0.0) and np.all(np.isfinite(top))):
         return None
     # Quadratic spacing: resolution where the motion begins and ends.
     table = top[:, None] ** 2 * np.linspace(0.0, 1.0, speeds) ** 2
-    lower, upper = _acceleration_range(m, b, d, g, table, limits)
+    lower, upper = _acceleration_range(m, b, d, g, table, bounds)
     return _integrate(path, s, table, lower, upper)
 
 
 def _acceleration_range(
-    m: Array, b: Array, d: Array, g: Array, table: Array, limits: JointLimits
+    m: Array,
+    b: Array,
+    d: Array,
+    g: Array,
+    table: Array,
+    bounds: tuple[Array, Array],
 ) -> tuple[Array, Array]:
     """Smallest and largest s'' on the table, shapes (points, speeds)."""
-    middle = 0.5 * (limits.effort_upper + limits.effort_lower)
-    half = 0.5 * (limits.effort_upper - limits.effort_lower)
+    weakest, strongest = bounds
+    middle, half = 0.5 * (strongest + weakest), 0.5 * (strongest - weakest)
     idle = np.abs(m) < 1e-12
     inverse = 1.0 / np.where(idle, 1.0, m)
     # Each joint bounds s'' to an interval about the s'' of its middle torque.

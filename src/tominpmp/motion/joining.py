@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import instance
-from tominpmp.dynamics import STANDSTILL, RobotDynamics
+from tominpmp.dynamics import STANDSTILL, RobotDynamics, torques_of
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
@@ -184,7 +184,7 @@ class _Rows(NamedTuple):
     def motion(self, v: Array, a: Array | None) -> Trajectory:
         """The motion with given velocities and accelerations, and its torques."""
         draft = self._replace(v=v).curve(a)
-        return draft.with_torques(RobotDynamics(self.robot).inverse)
+        return draft.with_torques(torques_of(self.robot))
 
 
 def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
@@ -249,7 +249,7 @@ def _as_recorded(rows: _Rows) -> Joined:
         manner, steps = "quintic", rows.a
     if not rows.known("u"):
         return Joined(rows.motion(rows.v, steps), manner)
-    inverse = RobotDynamics(rows.robot).inverse
+    inverse = torques_of(rows.robot)
     motion = replace(rows.curve(steps), u=rows.u, inverse_dynamics=inverse)
     return Joined(motion, manner)
 
@@ -283,9 +283,17 @@ def checked_motion(
             f"of {', '.join(robot.joint_names)}",
             "trajectory",
         )
+    motion = controlled(motion, robot)
     if not all(np.all(np.isfinite(x)) for x in (motion.q, motion.v, motion.u)):
         raise ProblemError("the motion has values that are no numbers")
     return motion
+
+
+def controlled(motion: Trajectory, robot: Robot) -> Trajectory:
+    """A motion with what drives it: accelerations as torques of a kinematic robot."""
+    if not robot.kinematic:
+        return motion
+    return motion.with_torques(RobotDynamics(robot).inverse)
 
 
 def _named(path: str | Path | None) -> str:
@@ -325,7 +333,7 @@ def _holds_torques(rows: _Rows) -> bool:
     Where a joint stands, dry friction may have any value up to its limit.
     """
     robot, t, q, v, a, u = rows
-    if not all(map(rows.known, "vau")):
+    if robot.kinematic or not all(map(rows.known, "vau")):
         return False
     if np.any(np.abs(rows.curve()(t).a - a) > SAME * np.abs(a).max()):
         return False

@@ -87,7 +87,7 @@ class Trajectory(TimedRows):
         v: Velocities at the nodes [rad/s or m/s], shape (N + 1, n).
         u: Torques at the nodes [N m or N], shape (N + 1, n). Where the torque jumps at
             a node, the row holds the value just after it; the last row holds the value
-            at the end.
+            at the end. NaN throughout for motions of kinematic robots.
         a: Acceleration of each interval, shape (N, n), for motions with constant
             acceleration on each interval; at the nodes, shape (N + 1, n), for motions
             of degree 5 between them; None for motions of degree 3.
@@ -331,7 +331,10 @@ class Trajectory(TimedRows):
         if not callable(inverse_dynamics):
             raise wrong(inverse_dynamics, "inverse_dynamics", DYNAMICS)
         found = replace(
-            self, inverse_dynamics=inverse_dynamics, segment_dynamics=segment_dynamics
+            self,
+            inverse_dynamics=inverse_dynamics,
+            holding=None,
+            segment_dynamics=segment_dynamics,
         )
         a = states(*self._nodes, self.t)[2]
         return replace(found, u=found._torques(self.t, self.q, self.v, a))

@@ -9,6 +9,7 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.linear_programs import make_solver
 from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
+from tominpmp.problem.controls import need_smooth
 
 # Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
 LP_SOLVERS = {
@@ -30,6 +31,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     _check_clock(problem, options)
     _check_segments(problem, options)
     _check_energy(options)
+    _check_kinematic(problem, options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
     if method == "inverse" and robot.passive_joints:
@@ -89,6 +91,22 @@ def _check_energy(options: Options) -> None:
     _check_known(options, known, f"energy_weight is {options.energy_weight:g}")
 
 
+def _check_kinematic(problem: Problem, options: Options) -> None:
+    """Refuse options that are about torques for a kinematic robot.
+
+    Raises:
+        OptionsError: If there is one.
+    """
+    if problem.robot.kinematic:
+        known = {
+            "method": ("auto", "inverse"),
+            "refine": ("auto", "grid", None),
+            "energy_weight": (0.0,),
+            "slack": (None,),
+        }
+        _check_known(options, known, "a kinematic robot has no torques")
+
+
 def _check_known(
     options: Options, known: Mapping[str, tuple[object, ...]], reason: str
 ) -> None:
@@ -113,8 +131,8 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
     Raises:
         OptionsError: If there is none.
     """
-    limits, control = problem.motion_limits, options.control
-    smooth = limits is not None and limits.need_smooth
+    control = options.control
+    smooth = need_smooth(problem.robot, problem.motion_limits)
     smooth = smooth or any(
         phase.motion_limits is not None and phase.motion_limits.continuous
         for phase in problem.phases
@@ -136,8 +154,10 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
     if smooth:
         return "linear"
     # Torques that switch are read off accelerations that jump. Else "auto" is left to
-    # the descents: linear ones where torques rule a motion.
+    # the descents: linear ones where torques rule a motion. Those of a kinematic robot
+    # are constant between jumps.
     jumps = method != "inverse" or options.refine == "switching"
+    jumps = jumps or problem.robot.kinematic
     return "constant" if jumps else "auto"
 
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.motion_limits import (
-    EFFORT,
     POSITION,
     VELOCITY,
     LimitKind,
     MotionLimits,
     kinds_of,
 )
+from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.problem import Problem, effort_range
 
 
@@ -60,20 +60,24 @@ class JointBounds:
 
 
 def joint_limits(problem: Problem) -> list[JointBounds]:
-    """Limits of the joints of a problem; positions, speeds and efforts come first."""
+    """Limits of the joints of a problem; positions, speeds and controls come first."""
     limits, more = problem.robot.limits, problem.motion_limits or MotionLimits()
     low, high, top = limits.position_lower, limits.position_upper, limits.velocity
     middle, half = effort_range(problem)
-    span = 0.5 * (limits.effort_upper - limits.effort_lower)
+    driving = control_kind(problem.robot)
+    weakest, strongest = control_bounds(problem.robot, problem.motion_limits)
+    span = 0.5 * (strongest - weakest)
     # A joint without a motor is scaled by the strongest motor.
     span = np.where(span > 0.0, span, np.max(span, initial=1e-12))
     found = [
         JointBounds(POSITION, low, high, high - low),
         JointBounds(VELOCITY, -top, top, top),
-        JointBounds(EFFORT, middle - half, middle + half, span),
+        JointBounds(driving, middle - half, middle + half, span),
     ]
     names, none = problem.robot.joint_names, np.full(top.size, np.inf)
     for name, kind in kinds_of(more).items():
+        if kind.name == driving.name:
+            continue
         if kind.of == "uv":
             bounds = sorted(more._bounds_of(name, names).items())
             by_speed = {names.index(k): bound for k, bound in bounds if bound != np.inf}

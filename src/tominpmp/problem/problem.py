@@ -22,6 +22,7 @@ from tominpmp.goals import Goal, passed
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.notebook import card, skeletons, table
+from tominpmp.problem.controls import check_controls, control_bounds
 from tominpmp.problem.segments import (
     SOME_GOAL,
     Constraints,
@@ -112,6 +113,8 @@ class Problem(Record):
             self.motion_limits.check(names)
             limits = self.motion_limits.over(limits, names)
         self._keep(motion_limits=limits)
+        if not self.segments:
+            check_controls(self.robot, limits)
         check_names(self.may_touch, self.robot, self.scene)
         if not self.segments:
             self.goal.validate(self.robot)
@@ -208,6 +211,7 @@ class Problem(Record):
         if own is not None:
             own.check(robot.joint_names)
             limits = own if limits is None else own.over(limits, robot.joint_names)
+        check_controls(robot, limits)
         scene = self.scene if segment.scene is None else segment.scene
         constraints = checked(segment.constraints, robot, several=True)
         same = robot is self.robot and scene is self.scene and not segment.may_touch
@@ -374,10 +378,11 @@ def effort_range(problem: Problem) -> tuple[Array, Array]:
         problem: The problem, whose ``effort_scale`` leaves a share of the limits.
 
     Returns:
-        Shape (n,) each [N m or N].
+        Shape (n,) each [N m or N]; of a kinematic robot they are accelerations.
     """
-    limits, declared = problem.robot.limits, problem.motion_limits
-    half = 0.5 * (limits.effort_upper - limits.effort_lower)
+    declared = problem.motion_limits
+    lower, upper = control_bounds(problem.robot, declared)
+    half = 0.5 * (upper - lower)
     if declared is not None:
         half = declared.effort_scale * half
-    return 0.5 * (limits.effort_lower + limits.effort_upper), half
+    return 0.5 * (lower + upper), half

@@ -186,6 +186,8 @@ class StateChecks:
         Raises:
             ProblemError: Naming the joints that move while the mass matrix is singular.
         """
+        if self.robot.kinematic:
+            return
         mass = RobotDynamics(self.robot).mass(np.asarray(q)[None])[0]
         light = np.flatnonzero(singular_directions(mass)).tolist()
         if light:
@@ -199,7 +201,7 @@ class StateChecks:
 
     def _hold(self, q: Array, v: Array) -> None:
         """Check that the motors can hold an arm that is to come to rest."""
-        if np.any(v):
+        if np.any(v) or self.robot.kinematic:
             return
         tau = RobotDynamics(self.robot).inverse(q[None], v[None], v[None])[0]
         limits = self.robot.limits

@@ -20,7 +20,7 @@ from tominpmp.arrays import Array, Converted, Record, default, record
 from tominpmp.checks import VectorLike, instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
-from tominpmp.dynamics import RobotDynamics
+from tominpmp.dynamics import torques_of
 from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import (
     AllGoals,
@@ -271,7 +271,7 @@ class Workcell(Record):
             inverse = trajectory.inverse_dynamics
             if inverse is not None:
                 # The motion of a robot needs no torque of another robot.
-                inverse = RobotDynamics(self.alone(name)).inverse
+                inverse = torques_of(self.alone(name))
             motions[name] = Trajectory(
                 robot.joint_names,
                 trajectory.t,

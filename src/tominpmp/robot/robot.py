@@ -41,6 +41,7 @@ from tominpmp.description.joint_table import (
     JointValues,
     Linkage,
     check_gravity,
+    check_kinematic,
     stack_parts,
 )
 from tominpmp.description.model import (
@@ -104,6 +105,9 @@ class Robot(Record):
         description: The URDF file, as read.
         motion_limits: Limits beyond those of a URDF file, which problems with this
             robot have unless they say otherwise; None for none.
+        kinematic: Whether nothing is known of its dynamics: its motions keep limits of
+            positions, speeds, accelerations and jerks, and have no torques. Its limits
+            of torques are infinite, its friction and rotor inertia zero.
     """
 
     name: str
@@ -120,6 +124,7 @@ class Robot(Record):
     srdf: SemanticDescription | None = field(repr=False)
     description: UrdfDescription = field(repr=False)
     motion_limits: MotionLimits | None = field(default=None, repr=False)
+    kinematic: bool = False
 
     def __post_init__(self) -> None:
         """Check the values, and make the arrays and the mapping read-only."""
@@ -159,15 +164,17 @@ class Robot(Record):
     def __repr__(self) -> str:
         """Name and joints, on one line."""
         joints = brief(", ".join(self.joint_names))[1:-1]
-        return f"<Robot {brief(self.name)} with {self.n} joints: {joints}>"
+        kind = "Kinematic robot" if self.kinematic else "Robot"
+        return f"<{kind} {brief(self.name)} with {self.n} joints: {joints}>"
 
     def _repr_html_(self) -> str:
         """A stick figure and the limits, for notebooks."""
         low, high = self.limits.position_lower, self.limits.position_upper
         arm = sticks(self.model, self.expand(np.clip(np.zeros(self.n), low, high)))
-        columns = (low, high, self.limits.velocity, self.limits.effort_upper)
+        columns = [low, high, self.limits.velocity, self.limits.effort_upper]
+        columns = columns[: 3 if self.kinematic else 4]
         rows = zip(self.joint_names, *(x.tolist() for x in columns), strict=True)
-        head = ("joint", "lower", "upper", "velocity", "effort")
+        head = ("joint", "lower", "upper", "velocity", "effort")[: 1 + len(columns)]
         picture = skeletons("at zero", {"robot": arm})
         return card(f"Robot {self.name}", picture, table(head, list(rows)))
 
@@ -325,6 +332,8 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If the inertia becomes singular.
         """
+        losses = {"damping": damping, "armature": armature, "friction": friction}
+        check_kinematic(self.kinematic, effort=effort, **losses)
         table = self._table().overridden(
             self._linkage().reasons(),
             damping=damping,
@@ -337,8 +346,9 @@ class Robot(Record):
         )
         changed = check_gravity(self.gravity if gravity is None else gravity)
         robot = self._rebuilt(table=table, gravity=changed)
-        ties = robot.expansion_matrix, robot.expansion_offset
-        check_inertia(robot.model, table, *ties, self.description)
+        if not self.kinematic:
+            ties = robot.expansion_matrix, robot.expansion_offset
+            check_inertia(robot.model, table, *ties, self.description)
         # Geometry does not depend on any of this; it need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
@@ -401,7 +411,7 @@ class Robot(Record):
         **changes: Any,
     ) -> Robot:
         """The robot with fields changed, and the model that follows from them."""
-        kept = ("name", "description", "gravity", "srdf", "motion_limits")
+        kept = ("name", "description", "gravity", "srdf", "motion_limits", "kinematic")
         values = {name: getattr(self, name) for name in kept} | changes
         linkage = linkage or self._linkage()
         table = table or self._table()
@@ -733,6 +743,7 @@ def load_robot(
     velocity: JointValues | None = None,
     position_lower: JointValues | None = None,
     position_upper: JointValues | None = None,
+    kinematic: bool = False,
 ) -> Robot:
     """Load a robot from its URDF file, or from what another library made of it.
 
@@ -773,6 +784,9 @@ def load_robot(
         velocity: Velocity limits [rad/s or m/s], possibly infinite.
         position_lower: Lower position limits [rad or m], possibly infinite.
         position_upper: Upper position limits [rad or m], possibly infinite.
+        kinematic: Whether to leave out the dynamics, of which the description need say
+            nothing then: motions have no torques and keep limits of accelerations
+            instead, which ``MotionLimits`` have where the robot has none.
 
     Returns:
         The robot.
@@ -783,6 +797,8 @@ def load_robot(
         OptionsError: If the value of an argument is wrong.
         JointNotFound: If a joint is unknown.
     """
+    losses = {"damping": damping, "armature": armature, "friction": friction}
+    check_kinematic(kinematic, effort=effort, **losses)
     given = read_source(source, package_dirs, srdf, geometry)
     linkage = given.linkage(group, locked_joints)
     linkage.warn_of_limits(given.description.joints)
@@ -808,6 +824,7 @@ def load_robot(
             position_lower=position_lower,
             position_upper=position_upper,
         )
+        table = table.without_dynamics() if kinematic else table
         table.check_complete(given.files.urdf)
         return table
 
@@ -819,12 +836,19 @@ def load_robot(
         table_for=table_for,
         gravity=check_gravity(own if gravity is None else gravity),
         srdf=given.semantics,
+        kinematic=kinematic,
     )
+    if kinematic:
+        kinds = kinds_of(MotionLimits)
+        known = {
+            k: v for k, v in known.items() if k in kinds and not kinds[k].of_torques
+        }
     further = limits_by_joint(known, robot.joint_names)
     robot = replace(robot, motion_limits=further)
-    table, ties = robot._table(), (robot.expansion_matrix, robot.expansion_offset)
-    check_inertia(robot.model, table, *ties, given.description)
-    warn_of_inertia(robot.model, given.description)
+    if not kinematic:
+        table, ties = robot._table(), (robot.expansion_matrix, robot.expansion_offset)
+        check_inertia(robot.model, table, *ties, given.description)
+        warn_of_inertia(robot.model, given.description)
     if given.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
         warn_of_passive(given.semantics.groups.passive, motors)

@@ -39,6 +39,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT, POSITION, LimitKind
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
+from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.robot import Robot
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
@@ -218,9 +219,11 @@ class SegmentRows:
         """
         rows = self.rows
         # Torques may exceed limits between nodes: their used share is not clipped.
-        used = np.where(rows.of(EFFORT.name), rows.used, 1.0 - rows.room)
+        driving = control_kind(self._robot).name
+        used = np.where(rows.of(driving), rows.used, 1.0 - rows.room)
         driven = np.isin(np.arange(self._robot.n), self.motion.driven)
-        efforts = np.where(driven, self._robot.limits.effort_upper, np.inf)
+        _, strongest = control_bounds(self._robot, self._problem.motion_limits)
+        efforts = np.where(driven, strongest, np.inf)
         worth, held = rows.value, rows.held_above
         for item in joint_limits(self._problem):
             kind, most = item.kind, efforts if item.kind.of == "u" else item.upper
@@ -284,6 +287,8 @@ class SegmentRows:
 
     @cached_property
     def _torques(self) -> TorqueWeights:
+        if self._robot.kinematic:  # loads and gravity do not change accelerations
+            return TorqueWeights(*np.zeros((5, 0, self._robot.n)))
         return TorqueWeights.of(self.motion, self.rows)
 
     @cached_property

@@ -45,7 +45,7 @@ from tominpmp.transcription.base import Program
 # Weights of the merit before any multiplier is known, in shares of the objective: what
 # the duration can gain at most from a violation of 100 % of a torque (T/2), or of a
 # limit of joints' velocities or of the speed of a tool (T).
-FIRST_WEIGHTS = {"torque": 0.7, "velocity": 2.0, "speed": 2.0}
+FIRST_WEIGHTS = {"torque": 0.7, "acceleration": 0.7, "velocity": 2.0, "speed": 2.0}
 OTHER_WEIGHT = 10.0
 # Raising of the weights when the iteration settles on a violated constraint.
 WEIGHT_GROWTH = 10.0

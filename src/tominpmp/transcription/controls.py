@@ -17,6 +17,7 @@ from tominpmp.constraints import Partials, States
 from tominpmp.constraints.friction import EFFORT_TOLERANCE, NEAR, Ways, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.motion.trajectory import Trajectory, reversals
+from tominpmp.problem.controls import control_bounds
 from tominpmp.transcription.base import Transcription, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import SteppedMotion
@@ -185,11 +186,11 @@ def driven_joints(system: ProblemFunctions) -> IntArray:
 
 def torque_shares(system: ProblemFunctions, u: Array) -> Array:
     """Torques as shares of their limits, brought within them, shape (N, n)."""
-    limits, friction = system.problem.robot.limits, system.problem.robot.friction
-    low, high = limits.effort_lower - friction, limits.effort_upper + friction
+    robot = system.problem.robot
+    weakest, strongest = control_bounds(robot, system.problem.motion_limits)
+    low, high = weakest - robot.friction, strongest + robot.friction
     if system.ways is not None:
-        low = limits.effort_lower - system.resistance
-        high = limits.effort_upper - system.resistance
+        low, high = weakest - system.resistance, strongest - system.resistance
     u = np.clip(u, low, high)
     return np.asarray((u - system.effort_middle) / system.effort_half)
 

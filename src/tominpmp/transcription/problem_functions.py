@@ -242,7 +242,7 @@ class ProblemFunctions:
         for item in joint_limits(self.problem):
             joints, kind, most = item.joints, item.kind, item.upper
             if kind.of == "u":
-                motors.append(TorqueLimit(self.motors))
+                motors.append(TorqueLimit(self.motors, kind))
             elif kind.of == "du":
                 motors.append(TorqueRate(self.motors, joints, most[joints]))
             elif kind.of == "uv":

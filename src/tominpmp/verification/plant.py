@@ -79,6 +79,8 @@ class Plant:
     def free(self, t: float, x: Array) -> Array:
         """Derivative of positions and velocities for free joints, shape (2n,)."""
         robot, n = self.robot, self._n
+        if robot.kinematic:
+            return np.concatenate([x[n:], self.torque(t)])
         if robot.expansion_matrix is not None:
             return np.asarray(self.dynamics.forward(x[None], self.torque(t)[None])[0])
         out, v = np.empty(2 * n), x[n:]
@@ -90,7 +92,7 @@ class Plant:
     def free_jacobian(self, t: float, x: Array) -> Array:
         """Derivative of :meth:`free` with respect to x, shape (2n, 2n)."""
         robot, n, data = self.robot, self._n, self._data
-        if robot.expansion_matrix is not None:
+        if robot.kinematic or robot.expansion_matrix is not None:
             u = self.torque(t)[None]
             return np.asarray(self.dynamics.forward_jacobians(x[None], u).f_x[0])
         v = x[n:]

@@ -193,6 +193,7 @@ def build_page(
         "AT_LIMIT": json.dumps(AT_LIMIT),
         "SPEED_COLOR": SPEED_COLOR,
         "TORQUE_COLOR": TORQUE_COLOR,
+        "CONTROL": shares.control,
         # No name in it ends the script.
         "SHARES": json.dumps(told).replace("</", "<\\/"),
         "SLOPE": json.dumps(math.tan(math.radians(meshcat_scene.FIELD_OF_VIEW / 2))),

@@ -14,8 +14,8 @@ from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
-from tominpmp.motion_limits import EFFORT
 from tominpmp.problem import Problem
+from tominpmp.problem.controls import control_kind, controls_in
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.problem.problem import effort_range
 from tominpmp.sensitivities.records import LEAST, Sensitivities
@@ -56,8 +56,11 @@ MOST_PAIRS = 8
 
 
 def _quantities(problem: Problem, state: State) -> list[tuple[str, JointBounds, Array]]:
-    """Positions, velocities and torques with their names and limits."""
-    names, values = ("position", "velocity", "torque"), (state.q, state.v, state.u)
+    """Positions, velocities and controls with their names and limits."""
+    controls = controls_in(problem.robot, state)
+    names, values = ("position", "velocity", "torque"), (state.q, state.v, controls)
+    if problem.robot.kinematic:
+        names = (*names[:2], "acceleration")
     return list(zip(names, joint_limits(problem)[: len(names)], values, strict=True))
 
 
@@ -147,10 +150,10 @@ def plot_on_axes(
     quantities = _quantities(problem, state)
     drawn = [(f"{name} [{item.kind.unit}]", part) for name, item, part in quantities]
     if len(given) == 1:
-        _, torque, values = quantities[-1]
+        name, torque, values = quantities[-1]
         largest = np.maximum(np.abs(torque.lower), torque.upper)
         share = values / np.where(largest > 0.0, largest, np.inf)
-        drawn = [("torque over its limit", share)]
+        drawn = [(f"{name} over its limit", share)]
         for at in (-1.0, 1.0):
             _show_limit(given[0], at)
     for panel, (title, values) in zip(given, drawn, strict=True):
@@ -193,19 +196,21 @@ def plot_controls(
         handles, drawn = [], []
         for k, (label, trajectory) in enumerate(trajectories.items()):
             times, state = curves(trajectory)
-            drawn.append(state.u)
+            controls = controls_in(robot, state)
+            drawn.append(controls)
             # Later ones are thinner, so that none hides another on a limit.
             width = 1.4 if len(trajectories) == 1 else max(2.2 - 0.7 * k, 0.8)
             look: dict[str, Any] = {"color": figures.color(k), "linewidth": width}
             for i in range(robot.n):
-                panels[i].plot(times, state.u[:, i], **look)
+                panels[i].plot(times, controls[:, i], **look)
             name = f"{label} (T = {trajectory.duration:.4g} s)"
             handles.append(figures.line_key(name, **look))
         middle, half = effort_range(problem)
         for i, joint in enumerate(robot.joint_names):
             panel, values = panels[i], np.concatenate(drawn)[:, i]
             _show_limits(panel, values, middle[i] - half[i], middle[i] + half[i])
-            symbol = f"$u_{{{i + 1}}}$ [{EFFORT.units[slides[i]]}]"
+            unit = control_kind(robot).units[slides[i]]
+            symbol = f"$u_{{{i + 1}}}$ [{unit}]"
             panel.set(title=joint, ylabel=symbol)
         for extra in panels[robot.n :]:
             extra.set_axis_off()
@@ -306,6 +311,7 @@ def plot_certificate(
     # Heights in inches: of a joint each, of the bars, of the Hamiltonian.
     heights = [*[0.95] * n, 0.2 * max(len(limits), 1) + 0.15, 1.0]
     kept = "kept" if certificate.ok else "NOT kept"
+    control = "acceleration" if robot.kinematic else "torque"
     with figures.styled():
         figure = figures.new_figure(9.0, sum(heights) + 1.3)
         axes = figure.subplots(n + 2, 1, squeeze=False, height_ratios=heights)[:, 0]
@@ -329,7 +335,7 @@ def plot_certificate(
             f"{100 * certificate.sign_share:.1f} % of the time"
         )
         handles = [
-            figures.line_key("torque / limit (left)", color=figures.color(0)),
+            figures.line_key(f"{control} / limit (left)", color=figures.color(0)),
             figures.line_key("switching function (right, reversed)", **SWITCHING_LOOK),
             figures.area_key(
                 "sign not obeyed", facecolor=figures.LIMIT_COLOR, alpha=0.18
@@ -477,9 +483,8 @@ def _plot_joint(
     """Torque and switching function of a joint."""
     middle, half = (float(part[joint]) for part in effort_range(problem))
     times, state = curves(trajectory)
-    panel.plot(
-        times, (state.u[:, joint] - middle) / (half or 1.0), color=figures.color(joint)
-    )
+    control = controls_in(problem.robot, state)[:, joint]
+    panel.plot(times, (control - middle) / (half or 1.0), color=figures.color(joint))
     for sign in (-1.0, 1.0):
         _show_limit(panel, sign, 2.0 * sign)
     panel.set_ylim(-BEYOND, BEYOND)

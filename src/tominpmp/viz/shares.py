@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
+from tominpmp.problem.controls import controls_in
 from tominpmp.problem.problem import effort_range
 
 # Instants of a motion, jumps at its nodes not counted.
@@ -26,15 +27,17 @@ class Shares:
     Attributes:
         joint_names: Names of the joints, in column order.
         t: Times [s], shape (m,).
-        torque: Torques from -1 at the lower limit to 1 at the upper one, shape (m, n);
-            0 for joints without a motor.
+        torque: Torques, or accelerations of a kinematic robot, from -1 at the lower
+            limit to 1 at the upper one, shape (m, n); 0 for joints without a motor.
         speed: Velocities over their limits, shape (m, n); 0 where there is none.
+        control: What the torques are in words.
     """
 
     joint_names: tuple[str, ...]
     t: Array
     torque: Array
     speed: Array
+    control: str = field(default="torque", kw_only=True)
 
 
 def shares_of_limits(
@@ -63,5 +66,7 @@ def shares_of_limits(
     middle, half = effort_range(problem)
     driven = np.isfinite(half) & (half > 0.0)
     middle, half = np.where(driven, middle, 0.0), np.where(driven, half, 1.0)
-    torque = np.where(driven, (state.u - middle) / half, 0.0)
-    return Shares(trajectory.joint_names, times, torque, speed)
+    controls = controls_in(problem.robot, state)
+    torque = np.where(driven, (controls - middle) / half, 0.0)
+    control = "acceleration" if problem.robot.kinematic else "torque"
+    return Shares(trajectory.joint_names, times, torque, speed, control=control)

@@ -23,7 +23,7 @@ from tominpmp.arrays import Array, Converted, Record, record
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import whole
 from tominpmp.description.paths import checked_path
-from tominpmp.dynamics import RobotDynamics
+from tominpmp.dynamics import torques_of
 from tominpmp.exceptions import BRIEF, ScenarioError, brief, optional, shortened
 from tominpmp.files.scenario import Scenario, load_scenario
 from tominpmp.files.writing import write_file
@@ -287,9 +287,9 @@ class Entry(Record):
         if not bool(self.arrays["torques_follow"]):
             return motion
         problem = self.load().problem if problem is None else problem
-        by_segment = tuple(RobotDynamics(p.robot).inverse for p in problem.phases)
+        by_segment = tuple(torques_of(p.robot) for p in problem.phases)
         return motion.with_torques(
-            RobotDynamics(problem.robot).inverse,
+            torques_of(problem.robot),
             by_segment if len(by_segment) > 1 else (),
         )
 
