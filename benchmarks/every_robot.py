@@ -35,6 +35,7 @@ COLUMNS = (
     "joints",
     "pairs",
     "status",
+    "success",
     "verified",
     "T",
     "bound",
@@ -72,9 +73,9 @@ def ends(robot: Any, place: float | None) -> tuple[np.ndarray, np.ndarray]:
     return start, start + np.where(start > middle, -step, step)
 
 
-def load(name: str) -> Any:
+def load(name: str | Path, **given: Any) -> Any:
     """A robot, joints locked that its motors cannot move."""
-    robot = tm.load_robot(name)
+    robot = tm.load_robot(name, **given)
     most = np.minimum(robot.limits.effort_upper, -robot.limits.effort_lower)
     stuck = [
         joint
@@ -85,7 +86,7 @@ def load(name: str) -> Any:
     ]
     if not stuck:
         return robot
-    return tm.load_robot(name, locked_joints=dict.fromkeys(stuck, 0.0))
+    return tm.load_robot(name, locked_joints=dict.fromkeys(stuck, 0.0), **given)
 
 
 def pose(robot: Any) -> tm.Problem:
@@ -107,10 +108,28 @@ def pose(robot: Any) -> tm.Problem:
 def measure(name: str, limit: float) -> dict[str, object]:
     """Load a robot and move it a little: a row of the sheet."""
     row: dict[str, object] = dict.fromkeys(COLUMNS, "") | {"robot": name}
-    begin = time.perf_counter()
     try:
-        robot = load(name)
-        row["joints"] = robot.n
+        return row | plan_little(name, limit)
+    except TominpmpError as error:
+        return row | {"status": type(error).__name__, "message": str(error)[:300]}
+
+
+def plan_little(name: str | Path, limit: float, **given: Any) -> dict[str, object]:
+    """Load a robot and move it a little: what became of it.
+
+    Args:
+        name: What ``load_robot`` takes.
+        limit: Longest time of planning [s].
+        **given: Further arguments of ``load_robot``.
+
+    Raises:
+        TominpmpError: If it does not load. Where there is no problem, the row says so.
+    """
+    row: dict[str, object] = dict.fromkeys(COLUMNS[1:], "")
+    begin = time.perf_counter()
+    robot = load(name, **given)
+    row["joints"] = robot.n
+    try:
         problem = pose(robot)
     except TominpmpError as error:
         return row | {"status": type(error).__name__, "message": str(error)[:300]}
@@ -123,6 +142,7 @@ def measure(name: str, limit: float) -> dict[str, object]:
     judged = solution.verification
     return row | {
         "status": solution.status.name,
+        "success": solution.success,
         "verified": bool(solution.success and judged is not None and judged.ok),
         "T": solution.T,
         "bound": "" if bound is None else bound.T,

@@ -27,6 +27,7 @@ NOT_AT_IMPORT = {
 
 # Distributions that are named unlike the package in them.
 DISTRIBUTIONS = {
+    "xacro": "xacrodoc",  # which requires it
     "lazy_loader": "lazy-loader",
     "pinocchio": "pin",
     "tomli_w": "tomli-w",

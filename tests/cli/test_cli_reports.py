@@ -77,7 +77,6 @@ TABLE = {
     "xacro_without_ros": Report(
         f"my_arm_description/urdf/arm.urdf.xacro --package-dir . {MOVE}",
         0.2525,
-        later="xacro files are to be expanded first",
     ),
     "zero_box_on_root": Report(
         f"robot.urdf {MOVE}", 0.2525, later="shapes of zero size are refused"

@@ -266,8 +266,8 @@ def test_texts_are_as_good_as_files(tmp_path: Path) -> None:
         assert arm.joint_names == plain.joint_names
         assert arm.limits == plain.limits
         assert tm.load_robot(given, srdf=semantic, group="a").joint_names == ("j1",)
-    with pytest.raises(tm.RobotLoadError, match="<mujoco>, expected <robot>"):
-        tm.load_robot("<mujoco/>")
+    with pytest.raises(tm.RobotLoadError, match="<sdf>, expected <robot>"):
+        tm.load_robot("<sdf/>")
     with pytest.raises(tm.RobotLoadError, match="is no XML"):
         tm.load_robot("<robot")
 
@@ -297,7 +297,7 @@ def test_modules_of_robot_descriptions(
     module = ModuleType("robot_descriptions.sample_description")
     module.URDF_PATH, module.PACKAGE_PATH = str(path), str(tmp_path / "arm")
     other = ModuleType("robot_descriptions.other_mj_description")
-    other.MJCF_PATH = "x.xml"
+    other.SDF_PATH = "x.sdf"
     for item in (package, listed, module, other):
         monkeypatch.setitem(sys.modules, item.__name__, item)
     for source in (module, "sample_description"):
@@ -306,7 +306,9 @@ def test_modules_of_robot_descriptions(
         assert arm.name == "sample_description"
     with pytest.raises(tm.RobotLoadError, match="mean sample_description"):
         tm.load_robot("sampl_description")
-    with pytest.raises(tm.RobotLoadError, match="has MJCF only, expected"):
+    with pytest.raises(
+        tm.RobotLoadError, match="none of the files URDF_PATH, XACRO_PATH"
+    ):
         tm.load_robot(other)
 
 

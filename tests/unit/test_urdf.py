@@ -41,7 +41,6 @@ from tominpmp.exceptions import JointNotFound, OptionsError, RobotLoadError
         ("<?xml version='1.0' encoding='nonsense'?><robot/>", "is no XML"),
         ("<mujoco/>", "root is <mujoco>, expected <robot>"),
         ("<robot/>", "it has no <link>"),
-        ("<robot><xacro:include filename='a'/></robot>", "is a xacro file"),
         (robot(link("a"), link("a")), "two links named 'a'"),
         (robot("<link/>"), "<link> lacks the attribute 'name'"),
         (robot(link("a"), link("b")), "2 links without a parent joint.*a, b"),

@@ -54,6 +54,7 @@ class RobotOptions:
 
     Attributes:
         package_dir (FOLDER): Folder in which to look for package://, repeatable.
+        xacro_arg (NAME:=VALUE): Argument of a xacro file, repeatable.
         srdf (FILE): Semantic description, with the group states. Default: the one
             beside the URDF file.
         group (NAME): Group of the SRDF file whose joints move; the others are held.
@@ -77,6 +78,7 @@ class RobotOptions:
     """
 
     package_dir: list[Path] | None = None
+    xacro_arg: list[str] | None = None
     srdf: Path | None = None
     group: str | None = None
     limits: str | None = None

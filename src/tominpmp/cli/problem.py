@@ -295,7 +295,8 @@ def load_problem(
             raise ProblemError("--request needs a --scene that it belongs to", "scene")
         own = (f.name for f in fields(RobotOptions) if f.name != "group")
         _refuse("--request", args, ("scene", "request", *KEPT, *own))
-        source = read_source(problem_args.robot, args.package_dir or (), args.srdf)
+        files = args.package_dir or (), args.srdf, None, _xacro_args(args)
+        source = read_source(problem_args.robot, *files)
         arm = load_changed_robot(
             problem_args.robot, args, request_locks(source, args.request)
         )
@@ -358,6 +359,7 @@ def load_changed_robot(
         "locked_joints": {**(resting or {}), **joint_pairs(args.lock or (), "--lock")},
     }
     table["kinematic"] = args.kinematic
+    table["xacro_args"] = _xacro_args(args)
     for name in ("srdf", "joint_limits", "gravity", *OVERRIDES):
         given = getattr(args, name)
         if isinstance(given, Path):
@@ -366,6 +368,20 @@ def load_changed_robot(
             read = vector if name == "gravity" else joint_values
             table[name] = read(given, _flag(name))
     return scenario.read_robot(Typed(table))
+
+
+def _xacro_args(args: RobotOptions) -> dict[str, str]:
+    """Arguments of a xacro file, written as for ROS.
+
+    Raises:
+        OptionsError: If one is not NAME:=VALUE.
+    """
+    words = [text.partition(":=") for text in args.xacro_arg or ()]
+    for name, sign, _ in words:
+        if not (name and sign):
+            message = f"--xacro-arg: got {name!r}, expected NAME:=VALUE"
+            raise OptionsError(message, "--xacro-arg")
+    return {name: value for name, _, value in words}
 
 
 def load_scene(args: PlayOptions) -> tuple[Robot, Scene]:

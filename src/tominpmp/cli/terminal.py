@@ -36,6 +36,7 @@ _WORDS = {
     "limits='datasheet'": "--limits datasheet",
     "kinematic=True": "--kinematic",
     "package_dirs": "--package-dir",
+    "in xacro_args": "with --xacro-arg NAME:=VALUE",
 }
 
 

@@ -251,6 +251,33 @@ def resolve_resource(
     return None, tuple(tried)
 
 
+def find_package(name: str, path: Path, package_dirs: Sequence[Path]) -> Path:
+    """Find the folder of a package where :func:`resolve_resource` looks for its files.
+
+    Args:
+        name: Name of the package.
+        path: The description that names it.
+        package_dirs: Folders that hold packages, or are the package.
+
+    Raises:
+        RobotLoadError: If there is none.
+    """
+    own = f"<name>{name}</name>"
+    for folder in _candidates(f"package://{name}/.", path, package_dirs):
+        manifest = folder / "package.xml"
+        named = folder.name == name or (
+            manifest.is_file()
+            and own in "".join(manifest.read_text("utf-8", "replace").split())
+        )
+        if named and folder.is_dir():
+            return folder
+    raise RobotLoadError(
+        f"{path}: there is no folder of the package {brief(name)}; give the folder "
+        "that holds it in package_dirs",
+        path,
+    )
+
+
 def _candidates(
     filename: str, urdf: Path, package_dirs: Sequence[Path]
 ) -> Iterable[Path]:

@@ -46,6 +46,7 @@ def describe_model(
     collision: pin.GeometryModel | None = None,
     visual: pin.GeometryModel | None = None,
     package_dirs: Sequence[Path] = (),
+    path: Path | None = None,
 ) -> tuple[UrdfDescription, SemanticDescription | None, Mapping[str, Any]]:
     """Describe a model of Pinocchio, with its geometry if it has any.
 
@@ -54,6 +55,7 @@ def describe_model(
         collision: Shapes to collide with.
         visual: Shapes to look at.
         package_dirs: Folders given for packages, which are kept.
+        path: The file that the model is of, if there is one.
 
     Returns:
         The description; pairs of links that the collision geometry leaves out and
@@ -64,14 +66,14 @@ def describe_model(
         RobotLoadError: If a joint has several degrees of freedom or turns and slides,
             or a shape is none that a link can have.
     """
-    path = Path(f"<pinocchio.Model {model.name}>")
+    path = Path(f"<pinocchio.Model {model.name}>") if path is None else path
     reader = _ModelReader(model, path)
     links = reader.links()
     for geometry, kind in ((collision, "collisions"), (visual, "visuals")):
         for item in () if geometry is None else geometry.geometryObjects:
             name, placement = reader.placed(item)
             shape = _shape(item, placement, path)
-            if kind == "visuals" and not (item.meshPath and not item.overrideMaterial):
+            if kind == "visuals" and not (shape.file and not item.overrideMaterial):
                 colour = np.clip(item.meshColor, 0.0, 1.0).tolist()
                 shape = replace(shape, colour=tuple(colour))
             more: Any = {kind: (*getattr(links[name], kind), shape)}
@@ -124,7 +126,8 @@ class _ModelReader:
             raise RobotLoadError(
                 f"{self.path}: joint {brief(name)} is a {joint.shortname()}; only "
                 "joints that turn about one axis or slide along one can be planned for"
-                "; give a model with it locked (pinocchio.buildReducedModel)",
+                "; give a model with it locked (pinocchio.buildReducedModel), or a "
+                "file without it",
                 self.path,
             )
         # What moves a joint that follows is scaled by the ratio.

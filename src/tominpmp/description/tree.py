@@ -147,6 +147,7 @@ class UrdfDescription(Record):
         order: Names of the joints in the order that arrays have; empty for that of
             Pinocchio's model of the description.
         mount: Name of the joint between ground and robot, if it was moved.
+        xacro_args: Arguments with which a xacro file was expanded.
     """
 
     name: str
@@ -159,6 +160,7 @@ class UrdfDescription(Record):
     attached: tuple[Any, ...] = ()
     order: tuple[str, ...] = ()
     mount: str = ""
+    xacro_args: tuple[tuple[str, object], ...] = ()
 
     @property
     def links(self) -> tuple[str, ...]:

@@ -45,7 +45,6 @@ from tominpmp.description.xml_reader import (
     MAX_NUMBER,
     XmlContext,
     add,
-    parse_xml,
     read_xml,
     to_number,
     xml_text,
@@ -183,12 +182,6 @@ class UrdfChecker:
             self.context.fail(
                 f"is no URDF file: its root is <{self.root.tag}>, expected <robot>"
             )
-        for element in self.root.iter():
-            if element.tag.startswith("xacro:"):
-                self.context.fail(
-                    f"is a xacro file (it has <{element.tag}>); expand it first: "
-                    "xacro FILE > robot.urdf"
-                )
         if self.root.find("link") is None:
             self.context.fail("is no URDF file: it has no <link>")
 
@@ -309,15 +302,15 @@ def _nearly(name: str, known: Sequence[str]) -> str | None:
 
 
 def read_urdf(
-    path: Path, package_dirs: Sequence[Path] = (), text: bytes | None = None
+    path: Path, package_dirs: Sequence[Path] = (), root: Element | None = None
 ) -> UrdfDescription:
-    """Read a URDF file, or a text with its name; folders are for ``package://``.
+    """Read a URDF file, or its root with its name; folders are for ``package://``.
 
     Raises:
         RobotLoadError: If the file is no URDF file, contradicts itself, has a joint of
             several degrees of freedom, or refers to a mesh that is not there.
     """
-    root = read_xml(path) if text is None else parse_xml(text, path)
+    root = read_xml(path) if root is None else root
     return _UrdfReader(root, XmlContext(path), package_dirs).read()
 
 

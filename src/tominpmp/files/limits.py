@@ -176,7 +176,8 @@ def load_limited_robot(
     """
     if moveit is None:
         return load_robot(name_or_path, **arguments, **changes)
-    files = {k: arguments[k] for k in ("package_dirs", "srdf") if k in arguments}
+    of_files = {"package_dirs", "srdf", "xacro_args"}
+    files = {k: arguments[k] for k in of_files & arguments.keys()}
     source = read_source(name_or_path, **files)
     linkage = source.linkage(arguments.get("group"), arguments.get("locked_joints"))
     joints = [joint.name for joint in source.description.joints]

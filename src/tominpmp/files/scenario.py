@@ -527,7 +527,15 @@ def _values(robot: Robot) -> Mapping[str, object]:
 
 ROBOT_KEYS = (
     *("name", "path", "srdf", "package_dirs", "group", "limits", "joint_limits"),
-    *("motion_limits", "gravity", "locked_joints", "kinematic", "payloads", *OVERRIDES),
+    *(
+        "motion_limits",
+        "gravity",
+        "locked_joints",
+        "kinematic",
+        "xacro_args",
+        "payloads",
+        *OVERRIDES,
+    ),
 )
 
 
@@ -536,9 +544,8 @@ def read_robot(table: Field) -> Robot:
 
     Args:
         table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``,
-            ``limits``, ``locked_joints``, ``gravity``, ``kinematic`` and the overrides
-            as for :func:`load_robot`;
-            ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
+            ``limits``, ``locked_joints``, ``gravity``, ``kinematic``, ``xacro_args``
+            and the overrides as for :func:`load_robot`; ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
             (see :func:`read_motion_limits`); ``payloads``, a list of tables with the
             fields of :class:`~tominpmp.robot.payload.Payload`. Paths are relative to
             the scenario.
@@ -568,6 +575,7 @@ def read_robot(table: Field) -> Robot:
             limits=table.get("limits").value,
             locked_joints=table.get("locked_joints").value or {},
             kinematic=table.get("kinematic").given and table.get("kinematic").flag(),
+            xacro_args=table.get("xacro_args").value or {},
         )
         limits = read_motion_limits(table.get("motion_limits"), robot)
         if limits is not None:
@@ -640,8 +648,12 @@ def robot_table(
         table["name"], default = robot.name, known.srdf
     else:
         table["path"] = file("urdf", path, "it was loaded from")
-    if robot.srdf is not None and robot.srdf.path != default:
+    # What an MJCF file says comes with it.
+    own = path if path.is_file() else None
+    if robot.srdf is not None and robot.srdf.path not in (default, own):
         table["srdf"] = file("srdf", robot.srdf.path, "its SRDF file is")
+    if robot.description.xacro_args:
+        table["xacro_args"] = dict(robot.description.xacro_args)
     if robot.package_dirs:
         table["package_dirs"] = [file_name(d, folder) for d in robot.package_dirs]
     gravity = robot.description.gravity or DEFAULT_GRAVITY

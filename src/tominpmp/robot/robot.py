@@ -33,6 +33,7 @@ from tominpmp.description.files import (
     find_srdf,
     robot_names,
 )
+from tominpmp.description.formats import read_description
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
@@ -59,7 +60,7 @@ from tominpmp.description.srdf import (
     warn_of_passive,
 )
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.description.urdf import read_parsed, read_urdf
+from tominpmp.description.urdf import read_parsed
 from tominpmp.exceptions import (
     FrameNotFound,
     OptionsError,
@@ -566,6 +567,7 @@ def read_source(
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     srdf: str | os.PathLike[str] | None = None,
     geometry: object = None,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> RobotSource:
     """Read what was given for a robot; what was read already is taken as it is.
 
@@ -574,9 +576,11 @@ def read_source(
         package_dirs: Folders in which to look for ``package://``.
         srdf: Path or text of an SRDF file.
         geometry: Geometry of a ``pinocchio.Model``, see ``load_robot``.
+        xacro_args: Values of the arguments of a xacro file.
 
     Raises:
         RobotLoadError: If it is nothing that a robot can be read from.
+        OptionsError: If it has no such arguments.
     """
     if isinstance(source, RobotSource):
         return source
@@ -592,18 +596,22 @@ def read_source(
         raise RobotLoadError(
             f"geometry is given beside {brief(source)}; it belongs to a pinocchio.Model"
         )
-    text = _text(source)
-    if text is not None:
-        files = RobotFiles(Path(f"<text of {len(text)} bytes>"), None)
-        description = read_urdf(files.urdf, folders, text)
-    elif _is_yourdfpy(source):
+    own, effort = None, {}
+    if _is_yourdfpy(source):
         files = RobotFiles(Path(f"<yourdfpy.URDF {source.robot.name}>"), None)  # type: ignore[attr-defined]
         description = read_parsed(source, files.urdf, folders)
     else:
-        files, more = _find(source)
-        description = read_urdf(files.urdf, (*folders, *more))
-    semantics = read_semantics(files.srdf if srdf is None else srdf, description)
-    return RobotSource(files, description, semantics)
+        text = _text(source)
+        if text is not None:
+            files = RobotFiles(Path(f"<text of {len(text)} bytes>"), None)
+        else:
+            files, more = _find(source)
+            folders = (*folders, *more)
+        description, own, effort = read_description(
+            files.urdf, folders, text, xacro_args
+        )
+    said = read_semantics(files.srdf if srdf is None else srdf, description)
+    return RobotSource(files, description, said or own, {"effort": effort})
 
 
 def _pinocchio_parts(
@@ -634,6 +642,10 @@ def _pinocchio_parts(
     return source, collision, visual
 
 
+# What a module of robot_descriptions may have; the first there is is read.
+_PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
+
+
 def _text(source: object) -> bytes | None:
     """A text that is given instead of the name of a file; None if it is none."""
     if isinstance(source, str):
@@ -658,9 +670,8 @@ def _find(source: object) -> tuple[RobotFiles, tuple[Path, ...]]:
             return _of_module(_imported(name), name)
         return find_robot(source), ()
     name = str(getattr(source, "__name__", ""))
-    urdf = getattr(source, "URDF_PATH", None)
-    if not name.startswith("robot_descriptions") and not isinstance(
-        urdf, str | os.PathLike
+    if not name.startswith("robot_descriptions") and not any(
+        isinstance(getattr(source, key, None), str | os.PathLike) for key in _PATHS
     ):
         raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
     return _of_module(source, name)
@@ -698,12 +709,11 @@ def _module_names() -> list[str]:
 
 
 def _of_module(module: Any, name: str) -> tuple[RobotFiles, tuple[Path, ...]]:
-    urdf = getattr(module, "URDF_PATH", None)
-    if not isinstance(urdf, str | os.PathLike):
-        other = [kind for kind in ("MJCF", "XACRO") if hasattr(module, f"{kind}_PATH")]
-        has = f"has {' and '.join(other)} only" if other else "has none"
+    paths = [getattr(module, key, None) for key in _PATHS]
+    urdf = next((path for path in paths if isinstance(path, str | os.PathLike)), None)
+    if urdf is None:
         raise RobotLoadError(
-            f"the module {brief(name)} {has}, expected one with a URDF file (URDF_PATH)"
+            f"the module {brief(name)} has none of the files {', '.join(_PATHS)}"
         )
     path = Path(urdf).absolute()
     folders = {
@@ -744,15 +754,18 @@ def load_robot(
     position_lower: JointValues | None = None,
     position_upper: JointValues | None = None,
     kinematic: bool = False,
+    xacro_args: Mapping[str, object] | None = None,
 ) -> Robot:
-    """Load a robot from its URDF file, or from what another library made of it.
+    """Load a robot from its file, or from what another library made of it.
 
     Values per joint are one number for all, an array in joint order, or a mapping of
     joint names for some; they replace what the file says.
 
     Args:
         source: A bundled robot (``"planar3r"``), one of the package example-robot-data
-            (``"panda"``, ``"ur5"``), the path or the text of a URDF file; a
+            (``"panda"``, ``"ur5"``), the path or the text of a URDF, xacro or MJCF
+            file, told apart by what is in it (of an MJCF file the joints, actuators,
+            shapes and keyframes, which are group states; it has no limits of speed); a
             ``pinocchio.Model``, alone, as the tuple that ``buildModelsFromUrdf``
             returns or as a ``RobotWrapper``; a ``yourdfpy.URDF``; a module of the
             package robot_descriptions or its name (``"panda_description"``).
@@ -787,6 +800,9 @@ def load_robot(
         kinematic: Whether to leave out the dynamics, of which the description need say
             nothing then: motions have no torques and keep limits of accelerations
             instead, which ``MotionLimits`` have where the robot has none.
+        xacro_args: Values of the arguments (``<xacro:arg>``) of a xacro file by name,
+            which the extra ``xacro`` expands. ``$(find NAME)`` is looked for where
+            ``package://`` is.
 
     Returns:
         The robot.
@@ -796,10 +812,11 @@ def load_robot(
             there, or a joint lacks a limit or inertia that no argument gives.
         OptionsError: If the value of an argument is wrong.
         JointNotFound: If a joint is unknown.
+        MissingDependency: If it is a xacro file and the extra is not installed.
     """
     losses = {"damping": damping, "armature": armature, "friction": friction}
     check_kinematic(kinematic, effort=effort, **losses)
-    given = read_source(source, package_dirs, srdf, geometry)
+    given = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = given.linkage(group, locked_joints)
     linkage.warn_of_limits(given.description.joints)
     known, reasons = given.known_values(limits), linkage.reasons()

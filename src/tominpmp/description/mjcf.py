@@ -1,0 +1,289 @@
+"""MJCF, the files of MuJoCo: Pinocchio reads the tree, once it is made plain for it.
+
+Included files and defaults are put where they belong, all bodies stand on one world,
+and meshes are paths of files that exist. What that parser leaves out is read here:
+limits of actuators and of joints that slide, excluded pairs and gravity.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+import pinocchio as pin
+
+from tominpmp.arrays import frozen_array
+from tominpmp.description.files import resolve_resource
+from tominpmp.description.from_pinocchio import describe_model
+from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.tree import (
+    WORLD,
+    JointDescription,
+    UrdfDescription,
+    fresh_name,
+)
+from tominpmp.description.xml_reader import XmlContext, read_xml, to_number, xml_text
+from tominpmp.exceptions import brief, warn_caller
+
+# Elements that make bodies in ways that Pinocchio does not know, and those that count
+# and are not read; attributes of the latter kind.
+MAKERS = {"attach", "composite", "flexcomp", "frame", "replicate"}
+UNREAD = {"tendon", "equality", "stiffness", "gravcomp"}
+# Actuators, which share their defaults; forces of the first two follow from controls.
+DIRECT = ("motor", "general")
+ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".split())
+# What Pinocchio is told of the compiler; shapes that it can make, with the sizes of
+# each; numbers of attributes, which it does not count.
+COMPILER = {"angle", "eulerseq", "boundmass", "boundinertia", "inertiafromgeom"}
+ROUND, SOLID = {"sphere": 1, "capsule": 2, "cylinder": 2}, {"box": 3, "ellipsoid": 3}
+SHAPES = {"mesh": 0, **ROUND, **SOLID}
+PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
+COUNTS = {"mass": 1, "axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6}
+
+Range = tuple[float, float]
+
+
+def describe_mjcf(
+    root: Element, path: Path, package_dirs: Sequence[Path] = ()
+) -> tuple[UrdfDescription, SemanticDescription, Mapping[str, Range]]:
+    """Describe the robot of an MJCF file, whose joints have no limits of speed.
+
+    Args:
+        root: Root of the file, ``<mujoco>``; it is changed.
+        path: The file; names of other files are relative to it.
+        package_dirs: Folders in which to look for them, too.
+
+    Returns:
+        As :func:`~tominpmp.description.from_pinocchio.describe_model`.
+
+    Raises:
+        RobotLoadError: If it is none that Pinocchio can read, a joint has several
+            degrees of freedom, or a mesh or an included file is not there.
+    """
+    reader = _MjcfReader(root, XmlContext(path), package_dirs)
+    described, semantics, _ = describe_model(*reader.built(), package_dirs, path)
+    efforts = reader.efforts()
+    gravity = described.gravity or ()
+    for option in root.findall("option"):
+        gravity = reader.context.numbers(option, "gravity", "option", gravity)
+    tree = tuple(reader.finished(joint, efforts) for joint in described.tree)
+    found = [(e.get("body1", ""), e.get("body2", "")) for e in root.iter("exclude")]
+    pairs = sorted({(min(pair), max(pair)) for pair in found})
+    states = {} if semantics is None else dict(semantics.group_states)
+    states.pop("qpos0", None)  # which Pinocchio adds
+    return (
+        replace(described, tree=tree, gravity=gravity),
+        SemanticDescription(tuple(pairs), states, path),
+        {name: ends for name, ends in efforts.items() if ends[0] != -ends[1]},
+    )
+
+
+class _MjcfReader:
+    """Makes a file plain, and keeps what Pinocchio does not read."""
+
+    def __init__(
+        self, root: Element, context: XmlContext, folders: Sequence[Path]
+    ) -> None:
+        self.root, self.context, self.folders = root, context, folders
+        self._include(root, {context.path})
+        self.compiler = {"angle": "degree"}
+        for element in root.findall("compiler"):
+            self.compiler |= element.attrib
+        #: Attributes by tag, by the name of the class of defaults.
+        self.classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
+        for element in root.findall("default"):
+            self._add_class(element, self.classes["main"], "main")
+        self._fill_in(root, "main")
+        self.joints: dict[str, Element] = {}
+
+    def _include(self, element: Element, seen: set[Path]) -> None:
+        """Put the content of included files where they are included."""
+        for place, child in reversed([*enumerate(element)]):
+            if child.tag == "include":
+                name = self.context.text(child, "file", "include")
+                file = self.context.path.parent / name
+                if file in seen:
+                    self.context.fail(f"the file {brief(name)} is included twice")
+                seen.add(file)
+                child = read_xml(file)
+                element[place : place + 1] = child
+            self._include(child, seen)
+
+    def _add_class(
+        self, element: Element, above: Mapping[str, Mapping[str, str]], name: str
+    ) -> None:
+        """Keep the defaults of a class, which has those of the one above it."""
+        own = {tag: dict(values) for tag, values in above.items()}
+        self.classes[element.get("class", name)] = own
+        for child in element:
+            own.setdefault(_kind(child), {}).update(child.attrib)
+        for child in element.findall("default"):
+            self._add_class(child, own, "")
+
+    def _fill_in(self, element: Element, childclass: str) -> None:
+        """Give all elements within one their defaults."""
+        childclass = element.attrib.pop("childclass", childclass)
+        for child in element:
+            if child.tag == "default":
+                continue
+            name = child.attrib.pop("class", childclass)
+            if name not in self.classes:
+                self.context.fail(f"<{child.tag}>: there is no class {brief(name)}")
+            values = self.classes[name].get(_kind(child), {})
+            placed = PLACEMENT if "fromto" in child.attrib else {}
+            values = {k: v for k, v in values.items() if k not in placed}
+            child.attrib = {**values, **child.attrib}
+            self._fill_in(child, childclass)
+
+    def built(self) -> tuple[pin.Model, pin.GeometryModel, pin.GeometryModel]:
+        """Model, shapes to collide with and to look at.
+
+        Raises:
+            RobotLoadError: If Pinocchio cannot read the file.
+        """
+        content, kinds = xml_text(self._plain()), pin.GeometryType
+        with tempfile.TemporaryDirectory() as name:
+            file = str(Path(name, "robot.xml"))
+            Path(file).write_bytes(content)
+            try:
+                model = pin.buildModelFromMJCF(file)
+                solid = pin.buildGeomFromMJCF(model, file, kinds.COLLISION)
+                return model, solid, pin.buildGeomFromMJCF(model, file, kinds.VISUAL)
+            except Exception as error:
+                self.context.fail(f"cannot be read: {brief(str(error), 300)}")
+
+    def _plain(self) -> Element:
+        """A file that says the same, and that Pinocchio can read."""
+        root, path = self.root, self.context.path
+        plain = Element("mujoco", model=root.get("model", path.stem))
+        kept = {k: v for k, v in self.compiler.items() if k in COMPILER}
+        SubElement(plain, "compiler", kept)
+        asset = SubElement(plain, "asset")
+        folder = self.compiler.get("meshdir", self.compiler.get("assetdir", ""))
+        for item in root.findall("asset/mesh[@file]"):
+            strip = self.compiler.get("strippath") == "true"
+            name = Path(item.get("file", ""))
+            item.set("name", item.get("name", name.stem))
+            name = Path(folder, name.name if strip else name)
+            file, tried = resolve_resource(str(name), path, self.folders)
+            if file is None:
+                self.context.fail(f"the mesh {brief(str(tried[0]))} is not there")
+            item.set("file", str(file.absolute()))
+        for item in (*root.findall("asset/mesh"), *root.findall("asset/material")):
+            item.attrib.pop("texture", None)
+            asset.append(item)
+        # Pinocchio reads the first body only, and forgets where it stands.
+        world = SubElement(SubElement(plain, "worldbody"), "body", name=WORLD)
+        for body in root.findall("worldbody"):
+            world.extend(body)
+        self._make_plain(world, {element.get("name", "") for element in root.iter()})
+        words = (w for e in root.iter() for w in (e.tag, *e.attrib) if e.get(w) != "0")
+        found = UNREAD.intersection(words)
+        keys = SubElement(plain, "keyframe")
+        for key in root.findall("keyframe/key[@qpos]"):
+            if len(key.get("qpos", "").split()) == len(self.joints):
+                keys.append(key)
+        if found:
+            warn_caller(f"{path}: not read: {', '.join(sorted(found))}")
+        return plain
+
+    def _make_plain(self, body: Element, names: set[str]) -> None:
+        """Name what is in a body, leave out what Pinocchio cannot make, keep joints."""
+        where, counts = f"body {body.get('name')}", PLACEMENT | COUNTS
+        for child in list(body):
+            tag, kind = child.tag, child.get("type", "sphere")
+            if tag == "geom" and kind in SHAPES:
+                count = 1 if "fromto" in child.attrib else SHAPES[kind]
+                # There may be more, of defaults that serve several shapes.
+                child.set("size", " ".join(child.get("size", "").split()[:count]))
+                counts = counts | {"size": count}
+            for key in counts.keys() & child.attrib.keys():
+                self.context.numbers(child, key, where, (0.0,) * counts[key])
+            if tag in MAKERS:
+                self.context.fail(
+                    f"{where} has <{tag}>, which is not read; write "
+                    "out the bodies that it makes (mujoco.mj_saveLastXML does)"
+                )
+            if tag in ("body", "joint", "site") and "name" not in child.attrib:
+                child.set("name", fresh_name(f"{body.get('name')}_{tag}", names))
+            if tag == "body":
+                self._make_plain(child, names)
+            elif tag == "joint":
+                self.joints[child.get("name", "")] = Element(tag, child.attrib)
+                for key in ("range", "ref", "actuatorfrcrange"):
+                    child.attrib.pop(key, None)
+            elif tag == "geom" and kind not in SHAPES:
+                body.remove(child)
+            elif tag == "geom" and "fromto" not in child.attrib:
+                # Pinocchio turns no shape that has no position.
+                child.set("pos", child.get("pos", "0 0 0"))
+
+    def finished(
+        self, joint: JointDescription, efforts: Mapping[str, Range]
+    ) -> JointDescription:
+        """A joint with its range and effort, at zero where MuJoCo has it at zero."""
+        own = self.joints.get(joint.name)
+        if own is None:
+            return joint
+        turns = joint.kind != "prismatic"
+        degrees = turns and self.compiler["angle"] == "degree"
+        scale = math.pi / 180.0 if degrees else 1.0
+        lower, upper = (scale * end for end in self._range(own, "range", "limited"))
+        ref = scale * self.context.number(own, "ref", f"joint {joint.name}")
+        back = -ref * np.hstack([joint.axis * (not turns), joint.axis * turns])
+        return replace(
+            joint,
+            kind="continuous" if turns and upper == math.inf else joint.kind,
+            placement=frozen_array(joint.placement @ pin.exp6(back).homogeneous),
+            lower=lower,
+            upper=upper,
+            effort=min(map(abs, efforts.get(joint.name, (math.nan,)))),
+        )
+
+    def _range(self, element: Element, name: str, limited: str) -> Range:
+        """A range, without end where it does not hold."""
+        said = element.get(limited, "auto")
+        automatic = (
+            self.compiler.get("autolimits") != "false" and name in element.attrib
+        )
+        if said == "false" or (said == "auto" and not automatic):
+            return -math.inf, math.inf
+        where = f"{element.tag} {element.get('name', '')}"
+        low, high = self.context.numbers(element, name, where, (0.0, 0.0))
+        return low, high
+
+    def efforts(self) -> dict[str, Range]:
+        """What actuators can do at most, at each joint where that is limited."""
+        sums: dict[str, Any] = {}
+        for actuator in self.root.findall("actuator/*"):
+            ends = np.array(self._range(actuator, "forcerange", "forcelimited"))
+            gain, gear = (_first(actuator, name) for name in ("gainprm", "gear"))
+            direct = actuator.get("biastype", "none") == "none"
+            if direct and actuator.tag in DIRECT:
+                control = np.array(self._range(actuator, "ctrlrange", "ctrllimited"))
+                ends = np.clip(ends, *np.sort(gain * control))
+            name = actuator.get("joint", actuator.get("jointinparent", ""))
+            sums[name] = sums.get(name, 0.0) + np.sort(gear * ends)
+        found = {}
+        for name, own in self.joints.items():
+            most = self._range(own, "actuatorfrcrange", "actuatorfrclimited")
+            low, high = np.clip(sums.get(name, most), *most).tolist()
+            if math.isfinite(high - low):
+                found[name] = low, high
+        return found
+
+
+def _first(actuator: Element, name: str) -> float:
+    """The first number of an attribute, by default one."""
+    return to_number((actuator.get(name, "").split() or ["1"])[0])
+
+
+def _kind(element: Element) -> str:
+    """Under which tag the defaults of an element are."""
+    return "general" if element.tag in ACTUATORS else element.tag

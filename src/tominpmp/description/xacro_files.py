@@ -1,0 +1,163 @@
+"""xacro files: macros, properties and includes become the text of a URDF file.
+
+The packages xacrodoc and xacro do it, without ROS. Packages (``$(find NAME)``) are
+looked for where those of meshes are. Expressions of such a file are Python, which those
+packages evaluate; each is looked at before, so that it reaches xacro's own functions
+and no others. Included files are read with the limits of others
+(:mod:`~tominpmp.description.xml_reader`).
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr
+from io import StringIO
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+from tominpmp.description.files import find_package
+from tominpmp.description.paths import read_bytes
+from tominpmp.description.xml_reader import MAX_BYTES, parse_xml
+from tominpmp.exceptions import (
+    OptionsError,
+    RobotLoadError,
+    brief,
+    closest,
+    optional,
+    warn_caller,
+)
+
+# Attributes that lead from a generator, or an error, to the code that runs it.
+FRAMES = ("gi_frame", "cr_frame", "ag_frame", "f_back", "tb_frame", "tb_next")
+# Of what xacro tells, a warning has as many characters.
+LONGEST_WARNING = 1000
+# xacro keeps its state in its modules.
+_LOCK = threading.Lock()
+
+
+def is_xacro(root: Element) -> bool:
+    """Whether there is anything of xacro in a file."""
+    return any(element.tag.startswith("xacro:") for element in root.iter())
+
+
+class _Arguments(dict[str, str]):
+    """Values of arguments; notes which of them the file declares."""
+
+    def __contains__(self, name: object) -> bool:
+        self.declared = {*getattr(self, "declared", ()), str(name)}
+        return super().__contains__(name)
+
+
+def expanded(
+    text: bytes, path: Path, package_dirs: Sequence[Path], args: Mapping[str, object]
+) -> bytes:
+    """Expand the text of a xacro file to that of a URDF file.
+
+    Args:
+        text: Content of the file, which :func:`parse_xml` has read.
+        path: The file; files that it includes are relative to it.
+        package_dirs: Folders in which to look for packages.
+        args: Values of its ``<xacro:arg>``.
+
+    Raises:
+        RobotLoadError: If it cannot be expanded, or a package is not there.
+        OptionsError: If it has no such argument.
+        MissingDependency: If xacrodoc is not installed.
+    """
+    with optional("xacrodoc", "xacro", f"{path} is a xacro file; expanding it"):
+        import xacro
+        import xacrodoc
+    # Truth is written in small letters.
+    words = {
+        k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in args.items()
+    }
+    given, told = _Arguments(words), StringIO()
+    try:
+        with _LOCK, _guarded(path, package_dirs), redirect_stderr(told):
+            xacro.init_stacks(str(path.absolute()))
+            document = xacrodoc.XacroDoc.from_string(
+                text.decode("utf-8-sig"), subargs=given, resolve_packages=False
+            )
+            content: bytes = document.dom.toxml(encoding="utf-8")
+    except Exception as error:  # its expressions raise whatever they like
+        raise _told(error, path) from error
+    declared = sorted(getattr(given, "declared", ()))
+    for name in words.keys() - declared:
+        raise OptionsError(
+            f"{path} has no xacro argument {brief(name)}{closest(name, declared)}; it "
+            f"has: {brief(', '.join(declared) or 'none', 400)}",
+            "xacro_args",
+        )
+    if told.getvalue():
+        warn_caller(f"{path}: {brief(told.getvalue(), LONGEST_WARNING)}")
+    return content
+
+
+def _told(error: Any, path: Path) -> RobotLoadError:
+    """The error of a file that cannot be expanded; xacro wraps others in its own."""
+    reason = str(error) or type(error).__name__
+    while getattr(error, "exc", None) is not None:
+        error = error.exc
+    if isinstance(error, RobotLoadError):
+        return error
+    if type(error).__name__ == "ArgException":
+        reason = f"the argument {error} has no value; give it one in xacro_args"
+    return RobotLoadError(f"{path}: xacro: {brief(reason, 300)}", path)
+
+
+@contextmanager
+def _guarded(path: Path, package_dirs: Sequence[Path]) -> Iterator[None]:
+    """Let xacro find packages as we do, and evaluate and read no more than it must."""
+    import xacro
+    import yaml
+    from xacro import substitution_args
+
+    parse, symbols = xacro.parse, xacro.create_global_symbols()
+
+    def find(name: str) -> str:
+        return str(find_package(name, path, package_dirs))
+
+    def evaluate(source: str, names: dict[str, Any], more: Any = None) -> Any:
+        tree = ast.parse(source.strip(), mode="eval")
+        for node in ast.walk(tree):
+            name = getattr(node, "attr", getattr(node, "id", ""))
+            if name.startswith("__") or name in FRAMES:
+                raise RobotLoadError(
+                    f"{path}: refused: {brief(name)} in {brief(source)}", path
+                )
+        dict.update(names, __builtins__={})
+        return eval(compile(tree, "<expression>", "eval"), names, more)
+
+    def read(source: Any, filename: str | None = None) -> Any:
+        if filename is not None and os.path.exists(filename):
+            parse_xml(read_bytes(Path(filename), MAX_BYTES, RobotLoadError), path)
+        return parse(source, filename)
+
+    for name in ("type", "vars"):
+        symbols["python"].pop(name)
+    changes: tuple[tuple[Any, str, Any], ...] = (
+        (substitution_args, "_eval_find", find),
+        (
+            substitution_args,
+            "_eval_dict",
+            substitution_args._eval_dict | {"find": find},
+        ),
+        (substitution_args, "eval", evaluate),
+        (xacro, "safe_eval", evaluate),
+        (xacro, "parse", read),
+        (xacro, "_global_symbols", symbols),
+        # xacro adds units to all readers of YAML in the process.
+        (yaml.SafeLoader, "yaml_constructors", {**yaml.SafeLoader.yaml_constructors}),
+    )
+    before = [getattr(owner, name, eval) for owner, name, _ in changes]
+    try:
+        for owner, name, value in changes:
+            setattr(owner, name, value)
+        yield
+    finally:
+        for (owner, name, _), value in zip(changes, before, strict=True):
+            setattr(owner, name, value)

@@ -1,0 +1,265 @@
+"""Robots of MJCF files: the same as those of URDF files that say the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+import tominpmp as tm
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+URDF = """<robot name="arm">
+  <tominpmp gravity="0 0 -9.5"/>
+  <link name="world"/><link name="base"/>
+  <joint name="base_fixed" type="fixed">
+    <parent link="world"/><child link="base"/><origin xyz="0 0 0.2"/>
+  </joint>
+  <joint name="turn" type="revolute">
+    <parent link="base"/><child link="upper"/><origin xyz="0 0 0.1"/>
+    <axis xyz="0 1 0"/><dynamics damping="1.5" friction="0.3"/>
+    <limit lower="-1.5707963267948966" upper="1.5707963267948966"
+           effort="60" velocity="2"/>
+  </joint>
+  <link name="upper"><inertial><origin xyz="0 0 0.15"/><mass value="2"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 0.15"/>
+      <geometry><capsule radius="0.04" length="0.2"/></geometry></collision></link>
+  <joint name="slide" type="prismatic">
+    <parent link="upper"/><child link="tool"/><origin xyz="0 0 0.3"/>
+    <axis xyz="0 0 1"/><dynamics damping="4" friction="0.3"/>
+    <limit lower="0" upper="0.4" effort="80" velocity="2"/>
+  </joint>
+  <link name="tool"><inertial><origin xyz="0 0 0.05"/><mass value="1.5"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 0.1"/>
+      <geometry><box size="0.06 0.06 0.1"/></geometry></collision></link>
+</robot>"""
+# Degrees, classes, actuators with gears, and a base that stands on something.
+MJCF = """<mujoco model="arm">
+  <compiler angle="degree"/>
+  <option gravity="0 0 -9.5"/>
+  <default>
+    <joint armature="0.02" frictionloss="0.3"/>
+    <motor ctrlrange="-1 1"/>
+    <default class="big">
+      <joint damping="1.5" range="-90 90" axis="0 1 0"/>
+      <default class="bigger"><general gear="60"/></default>
+    </default>
+  </default>
+  <worldbody>
+    <geom type="plane" size="1 1 0.1"/>
+    <body name="base" pos="0 0 0.2">
+      <body name="upper" pos="0 0 0.1" childclass="big">
+        <inertial pos="0 0 0.15" mass="2" diaginertia="0.02 0.02 0.004"/>
+        <joint name="turn"/>
+        <geom type="capsule" fromto="0 0 0.05 0 0 0.25" size="0.04"/>
+        <body name="tool" pos="0 0 0.3">
+          <inertial pos="0 0 0.05" mass="1.5" diaginertia="0.01 0.01 0.002"/>
+          <joint name="slide" type="slide" axis="0 0 1" range="0 0.4" damping="4"
+                 actuatorfrcrange="-80 80"/>
+          <geom type="box" pos="0 0 0.1" size="0.03 0.03 0.05"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="turn" class="bigger"/>
+    <position joint="slide" kp="900" ctrlrange="0 0.4" forcerange="-200 200"/>
+  </actuator>
+  <keyframe><key name="home" qpos="0.5 0.1"/></keyframe>
+</mujoco>"""
+START, GOAL = [0.0, 0.05], [0.9, 0.3]
+
+
+def changed(*pairs: tuple[str, str]) -> str:
+    text = MJCF
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def test_both_formats_give_the_same_motion(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(MJCF)
+    one = tm.load_robot(URDF, armature=0.02)
+    other = tm.load_robot(file, velocity=2.0)
+    for name in ("position_lower", "position_upper", "effort_lower", "effort_upper"):
+        assert getattr(other.limits, name) == pytest.approx(
+            getattr(one.limits, name), abs=1e-12
+        )
+    scene = tm.Scene([tm.Sphere("ball", radius=0.1, position=(0.5, 0.0, 1.0))])
+    plans = [
+        tm.plan(tm.Problem(arm, START, tm.JointGoal(GOAL), scene=scene))
+        for arm in (one, other)
+    ]
+    assert plans[0].success
+    assert plans[1].T == pytest.approx(plans[0].T, rel=1e-9)
+
+
+def test_dynamics_are_those_of_mujoco() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    arm = tm.load_robot(MJCF, velocity=2.0)
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(3)
+    mine = arm.model.createData()
+    for q in rng.uniform([-1.5, 0.0], [1.5, 0.4], (5, 2)):
+        data.qpos[:], data.qvel[:] = q, rng.normal(size=2)
+        mujoco.mj_forward(model, data)
+        mass = np.zeros((2, 2))
+        mujoco.mj_fullM(model, data, mass)
+        assert np.allclose(pin.crba(arm.model, mine, q), mass, rtol=1e-9)
+        bias = pin.nle(arm.model, mine, q, np.array(data.qvel))
+        assert np.allclose(bias, data.qfrc_bias, rtol=1e-9)
+
+
+def test_keyframes_are_group_states() -> None:
+    arm = tm.load_robot(MJCF, velocity=2.0)
+    assert list(arm.srdf.group_states) == ["home"]
+    np.testing.assert_allclose(arm.group_state("home"), [0.5, 0.1])
+
+
+def test_speeds_have_to_be_given() -> None:
+    arm = tm.load_robot(MJCF)
+    assert np.all(np.isinf(arm.limits.velocity))
+
+
+@pytest.mark.parametrize(
+    ("pairs", "upper"),
+    [
+        # Of two limits the lower one; a sum where two actuators pull.
+        ((("<motor joint", '<motor forcerange="-0.5 0.5" joint'),), 30.0),
+        ((("</actuator>", '<motor joint="turn" gear="5"/></actuator>'),), 65.0),
+        ((('class="bigger"', 'gear="-7"'),), 7.0),
+    ],
+)
+def test_actuators_limit_efforts(
+    pairs: tuple[tuple[str, str], ...], upper: float
+) -> None:
+    arm = tm.load_robot(changed(*pairs), velocity=2.0)
+    assert arm.limits.effort_upper[0] == pytest.approx(upper)
+    assert arm.limits.effort_lower[0] == pytest.approx(-upper)
+
+
+def test_efforts_may_be_uneven() -> None:
+    arm = tm.load_robot(changed(('ctrlrange="-1 1"', 'ctrlrange="-0.5 1"')), velocity=2)
+    assert arm.limits.effort_lower[0] == pytest.approx(-30.0)
+    assert arm.limits.effort_upper[0] == pytest.approx(60.0)
+
+
+def test_unlimited_hinges_are_continuous() -> None:
+    text = changed(('<joint name="turn"/>', '<joint name="turn" limited="false"/>'))
+    assert tm.load_robot(text, velocity=2).description.joints[0].kind == "continuous"
+
+
+def test_references_keep_the_numbers_of_mujoco() -> None:
+    text = changed(('<joint name="turn"/>', '<joint name="turn" ref="30"/>'))
+    plain, moved = (tm.load_robot(t, velocity=2) for t in (MJCF, text))
+    q = np.array([0.3, 0.1])
+    places = []
+    for arm, at in ((plain, q), (moved, q + np.array([np.pi / 6, 0.0]))):
+        data = arm.model.createData()
+        pin.framesForwardKinematics(arm.model, data, at)
+        places.append(data.oMf[arm.frame_id("tool")].homogeneous)
+    assert np.allclose(*places)
+
+
+def test_included_files_are_read(tmp_path: Path) -> None:
+    start, end = MJCF.index("<actuator>"), MJCF.index("</mujoco>")
+    (tmp_path / "more.xml").write_text(f"<mujoco>{MJCF[start:end]}</mujoco>")
+    text = MJCF[:start] + '<include file="more.xml"/></mujoco>'
+    (tmp_path / "arm.xml").write_text(text)
+    arm = tm.load_robot(tmp_path / "arm.xml", velocity=2.0)
+    assert arm.limits.effort_upper[0] == pytest.approx(60.0)
+    (tmp_path / "more.xml").write_text('<mujoco><include file="more.xml"/></mujoco>')
+    with pytest.raises(tm.RobotLoadError, match="included twice"):
+        tm.load_robot(tmp_path / "arm.xml")
+
+
+def test_meshes_are_found_and_scaled(tmp_path: Path) -> None:
+    (tmp_path / "assets").mkdir()
+    trimesh.creation.box((100.0, 100.0, 100.0)).export(tmp_path / "assets" / "b.stl")
+    text = changed(
+        ('type="box" pos="0 0 0.1" size="0.03 0.03 0.05"', 'type="mesh" mesh="b"'),
+        ("<worldbody>", '<asset><mesh file="b.stl"/></asset><worldbody>'),
+        ('angle="degree"', 'meshdir="assets"'),
+        ("<motor ctrl", '<mesh scale="0.001 0.001 0.002"/><motor ctrl'),
+    )
+    (tmp_path / "arm.xml").write_text(text)
+    for arm in (
+        tm.load_robot(tmp_path / "arm.xml", velocity=2.0),
+        tm.load_robot(text, velocity=2.0, package_dirs=[tmp_path]),
+    ):
+        mesh = arm.collision_model.geometryObjects[-1].geometry
+        mesh.computeLocalAABB()
+        assert mesh.aabb_local.depth() == pytest.approx(0.2)
+        assert mesh.aabb_local.width() == pytest.approx(0.1)
+
+
+def test_excluded_pairs_are_not_watched() -> None:
+    text = changed(
+        (
+            "</mujoco>",
+            '<contact><exclude body1="upper" body2="tool"/></contact></mujoco>',
+        )
+    )
+    assert ("tool", "upper") in tm.load_robot(text, velocity=2).srdf.disabled_pairs
+
+
+def test_what_is_not_read_is_told_of() -> None:
+    text = changed(('<joint name="turn"/>', '<joint name="turn" stiffness="5"/>'))
+    with pytest.warns(tm.TominpmpWarning, match="not read: stiffness"):
+        tm.load_robot(text, velocity=2)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        ((('<joint name="turn"/>', "<freejoint/>"),), "FreeFlyer.*file without it"),
+        ((('"turn" class="bigger"', '"turn" class="huge"'),), "no class 'huge'"),
+        (
+            (('<geom type="plane" size="1 1 0.1"/>', "<replicate count='2'/>"),),
+            "<replicate>, which is not read",
+        ),
+        (
+            (
+                ('type="box" pos', 'type="mesh" mesh="m" pos'),
+                ("<worldbody>", '<asset><mesh file="m.stl"/></asset><worldbody>'),
+            ),
+            "the mesh .*m.stl.* is not there",
+        ),
+        ((('range="-90 90"', 'range="-90"'),), "joint turn: joint range='-90'"),
+        ((("<worldbody>", "<body>"), ("</worldbody>", "</body>")), "no joint is left"),
+        ((('mass="2"', 'mass="two"'),), "body upper: inertial mass='two'"),
+        ((('pos="0 0 0.2"', 'pos="0 0"'),), "body pos='0 0', expected 3 numbers"),
+        ((('size="0.03 0.03 0.05"', 'size="0.03"'),), "geom size='0.03', expected 3"),
+        ((("-80 80", "-inf inf"),), "actuatorfrcrange='-inf inf'"),
+    ],
+)
+def test_refusals_name_what_is_wrong(
+    pairs: tuple[tuple[str, str], ...], message: str
+) -> None:
+    with pytest.raises(tm.RobotLoadError, match=message):
+        tm.load_robot(changed(*pairs))
+
+
+def test_missing_efforts_are_asked_for() -> None:
+    text = changed(('<motor joint="turn" class="bigger"/>', ""))
+    with pytest.raises(tm.RobotLoadError, match="turn"):
+        tm.load_robot(text, velocity=2)
+
+
+def test_scenarios_keep_the_file(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(MJCF)
+    arm = tm.load_robot(tmp_path / "arm.xml", velocity=2.0)
+    problem = tm.Problem(arm, arm.group_state("home"), tm.JointGoal(GOAL))
+    tm.save_scenario(tmp_path / "arm.toml", problem)
+    assert "srdf" not in (tmp_path / "arm.toml").read_text()
+    again = tm.load_scenario(tmp_path / "arm.toml").problem.robot
+    assert again.group_state("home").tolist() == [0.5, 0.1]

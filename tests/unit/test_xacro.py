@@ -1,0 +1,194 @@
+"""xacro files in the style of makers: includes, properties, macros, conditionals."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import tominpmp as tm
+from benchmarks import every_description
+
+NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+ARM = f"""<?xml version="1.0"?>
+<robot name="maker_arm" {NAMESPACE}>
+  <xacro:arg name="prefix" default=""/>
+  <xacro:arg name="with_tool" default="false"/>
+  <xacro:arg name="model" default="m5"/>
+  <xacro:include filename="$(find maker_description)/urdf/materials.xacro"/>
+  <xacro:include filename="link.xacro"/>
+  <xacro:property name="joints"
+    value="${{xacro.load_yaml('$(find maker_description)/config/$(arg model).yaml')}}"/>
+  <xacro:property name="reach" value="${{2 * 0.15}}"/>
+  <link name="$(arg prefix)base"/>
+  <xacro:arm_link name="one" parent="base" axis="0 0 1" height="0.1"/>
+  <xacro:arm_link name="two" parent="one" axis="0 1 0" height="${{reach}}"/>
+  <xacro:if value="$(arg with_tool)">
+    <link name="$(arg prefix)tool"/>
+    <joint name="$(arg prefix)tool_mount" type="fixed">
+      <parent link="$(arg prefix)two"/><child link="$(arg prefix)tool"/>
+    </joint>
+  </xacro:if>
+</robot>"""
+LINK = f"""<robot {NAMESPACE}>
+  <xacro:macro name="arm_link" params="name parent axis height mass:=2">
+    <joint name="$(arg prefix)${{name}}" type="revolute">
+      <parent link="$(arg prefix)${{parent}}"/><child link="$(arg prefix)${{name}}"/>
+      <origin xyz="0 0 ${{height}}"/><axis xyz="${{axis}}"/>
+      <xacro:property name="own" value="${{joints[name]}}"/>
+      <limit lower="${{-own['range']}}" upper="${{radians(120)}}"
+             velocity="${{own.velocity}}" effort="${{max(60, 10)}}"/>
+    </joint>
+    <link name="$(arg prefix)${{name}}">
+      <visual><geometry><box size="0.1 0.1 0.1"/></geometry>
+        <material name="grey"/></visual>
+      <inertial><origin xyz="0 0 0.15"/><mass value="${{mass}}"/>
+        <inertia ixx="${{mass * 0.01}}" iyy="${{mass * 0.01}}" izz="0.004"
+                 ixy="0" ixz="0" iyz="0"/></inertial>
+    </link>
+  </xacro:macro>
+</robot>"""
+MATERIALS = f"""<robot {NAMESPACE}>
+  <material name="grey"><color rgba="0.5 0.5 0.5 1"/></material></robot>"""
+CONFIG = "one: {range: !degrees 120, velocity: 2.0}\ntwo: {range: 2.0, velocity: 2.5}\n"
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """The description's file, in a package of a checkout of another name."""
+    pytest.importorskip("xacrodoc", reason="the extra xacro is not installed")
+    package = tmp_path / "checkout"
+    for name, text in (
+        ("package.xml", "<package><name> maker_description </name></package>"),
+        ("urdf/arm.urdf.xacro", ARM),
+        ("urdf/link.xacro", LINK),
+        ("urdf/materials.xacro", MATERIALS),
+        ("config/m5.yaml", CONFIG),
+    ):
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text(text)
+    return package / "urdf" / "arm.urdf.xacro"
+
+
+def expand(folder: Path, body: str, **more: object) -> tm.Robot:
+    """Load a file with this in it."""
+    pytest.importorskip("xacrodoc", reason="the extra xacro is not installed")
+    file = folder / "robot.xacro"
+    file.write_text(f'<robot name="r" {NAMESPACE}>{body}</robot>')
+    return tm.load_robot(file, **more)  # type: ignore[arg-type]
+
+
+def test_files_of_makers_are_expanded(arm: Path) -> None:
+    robot = tm.load_robot(arm)
+    assert robot.name == "maker_arm"
+    assert robot.joint_names == ("one", "two")
+    np.testing.assert_allclose(robot.limits.position_lower, [-2 * np.pi / 3, -2.0])
+    np.testing.assert_allclose(robot.limits.velocity, [2.0, 2.5])
+    # The units of such files are no units of others.
+    with pytest.raises(yaml.YAMLError):
+        yaml.safe_load("!degrees 3")
+
+
+def test_arguments_are_given(arm: Path, tmp_path: Path) -> None:
+    given = {"prefix": "left_", "with_tool": True}
+    robot = tm.load_robot(arm, xacro_args=given)
+    assert robot.joint_names == ("left_one", "left_two")
+    assert "left_tool" in robot.description.links
+    problem = tm.Problem(robot, [0.0, 0.1], tm.JointGoal([0.1, 0.2]))
+    tm.save_scenario(tmp_path / "arm.toml", problem)
+    again = tm.load_scenario(tmp_path / "arm.toml").problem.robot
+    assert again.description.links == robot.description.links
+
+
+def test_unknown_arguments_are_refused(arm: Path) -> None:
+    with pytest.raises(tm.OptionsError, match=r"'prefx' .did you mean prefix"):
+        tm.load_robot(arm, xacro_args={"prefx": "a"})
+    with pytest.raises(tm.OptionsError, match="no xacro file"):
+        tm.load_robot("planar3r", xacro_args={"prefix": "a"})
+    with pytest.raises(tm.OptionsError, match="expected values by name"):
+        tm.load_robot(arm, xacro_args="prefix:=a")  # type: ignore[arg-type]
+
+
+def test_packages_are_looked_for_in_folders(arm: Path, tmp_path: Path) -> None:
+    body = '<xacro:include filename="$(find maker_description)/urdf/arm.urdf.xacro"/>'
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    with pytest.raises(tm.RobotLoadError, match=r"'maker_description'.*package_dirs"):
+        expand(elsewhere, body)
+    robot = expand(elsewhere, body, package_dirs=[tmp_path / "checkout"])
+    assert robot.n == 2
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('<link name="$(arg none)"/><xacro:if value="0"/>', "'?none'? has no value"),
+        ("<xacro:unknown_macro/>", "unknown macro name"),
+        ('<xacro:include filename="none.xacro"/>', "none.xacro"),
+        ('<xacro:if value="${1/0}"/>', "division by zero"),
+        ('<xacro:macro name="m" params=""><xacro:m/></xacro:macro><xacro:m/>', "xacro"),
+    ],
+)
+def test_faults_are_told(tmp_path: Path, body: str, message: str) -> None:
+    with pytest.raises(tm.RobotLoadError, match=message):
+        expand(tmp_path, body)
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "${[c for c in [().__class__]]}",
+        "$(eval ${code})",
+        "${[g.gi_frame.f_back for g in [(i for i in [1])]]}",
+        "${python.vars(python.type(xacro.load_yaml))}",
+        "${open('FILE', 'w')}",
+        "${(lambda: __import__('os'))()}",
+    ],
+)
+def test_expressions_run_nothing_of_their_own(tmp_path: Path, expression: str) -> None:
+    written = tmp_path / "written"
+    expression = expression.replace("FILE", str(written))
+    code = f"""<xacro:property name="code" value="open('{written}', 'w')"/>"""
+    body = f'<link name="a"/><xacro:property name="p" value="{expression}"/>'
+    with pytest.raises(tm.RobotLoadError, match=r"refused|not defined"):
+        expand(tmp_path, f'{code}{body}<link name="${{p}}"/>')
+    assert not written.exists()
+
+
+def test_included_files_are_read_with_limits(tmp_path: Path) -> None:
+    (tmp_path / "more.xacro").write_text(
+        '<!DOCTYPE r [<!ENTITY a "b">]><robot><link name="&a;"/></robot>'
+    )
+    with pytest.raises(tm.RobotLoadError, match="document type"):
+        expand(tmp_path, '<xacro:include filename="more.xacro"/>')
+
+
+def test_without_the_extra_the_message_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    file = tmp_path / "arm.xacro"
+    file.write_text(ARM)
+    with pytest.raises(tm.MissingDependency, match=r"xacrodoc.*tominpmp\[xacro\]"):
+        tm.load_robot(file)
+
+
+def test_folders_of_descriptions_become_tables(arm: Path, tmp_path: Path) -> None:
+    (tmp_path / "bad.urdf").write_text("<robot")
+    (tmp_path / "package.xml").write_text("<package/>")
+    rows = {
+        path.name: every_description.measure(
+            path, tmp_path, 20.0, {"package_dirs": [tmp_path]}, 2.0
+        )
+        for path in tmp_path.rglob("*.*")
+        if path.suffix in every_description.ENDINGS
+    }
+    assert {name for name, row in rows.items() if row} == {"bad.urdf", arm.name}
+    row = rows[arm.name]
+    assert row["loads"] and row["plans"] and row["verified"]
+    assert 0.0 < row["T"] < 1.0
+    assert rows["bad.urdf"]["loads"] is False
+    assert "is no XML" in rows["bad.urdf"]["why"]
