@@ -161,6 +161,19 @@ def prismatic_joints(robot: Robot) -> BoolArray:
     return np.array([_slides(model, model.getJointId(j)) for j in robot.joint_names])
 
 
+def endless_joints(robot: Robot) -> BoolArray:
+    """Which joints turn without end, so that a whole turn changes nothing, shape (n,).
+
+    Joints that others follow by a ratio (mimic joints) are none.
+    """
+    limits, links = robot.limits, robot.expansion_matrix
+    alone = np.ones(robot.n, dtype=bool)
+    if links is not None:
+        alone = np.count_nonzero(links, axis=0) == 1
+    free = np.isinf(limits.position_lower) & np.isinf(limits.position_upper)
+    return np.asarray(free & alone & ~prismatic_joints(robot))
+
+
 def _slides(model: pin.Model, joint: int) -> bool:
     kind = str(model.joints[joint].shortname())
     return kind.startswith("JointModelP")

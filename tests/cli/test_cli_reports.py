@@ -40,7 +40,7 @@ TABLE = {
     "continuous_across_pi": Report(
         "robot.urdf --start 3.0 0.1 --goal -3.0 0.4",
         0.151,
-        later="continuous joints go to their goal as a number, not as an angle",
+        "j1 a turn above the number given",
     ),
     "file_uri_of_another_machine": Report(
         f"my_arm_description/urdf/robot.urdf --package-dir . {MOVE}",

@@ -138,7 +138,7 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     samples = load_motion(motion)
     arm, scene = load_scene(args)
     found = recorded_motion(samples, arm, motion)
-    goal = JointGoal(found.q[-1], found.v[-1])
+    goal = JointGoal(found.q[-1], found.v[-1], wrap=False)
     problem = Problem(arm, found.q[0], goal, scene=scene, v_start=found.v[0])
     say(f"page  {Path(play(problem, found, path=args.output))}")
 

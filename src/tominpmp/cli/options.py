@@ -123,6 +123,9 @@ class ProblemOptions(SceneOptions):
             name.
         goal (POSITIONS): Joint positions at the end, likewise; joints that
             JOINT=VALUE,... leaves out end where they started.
+        wrap (JOINT,...): Joints of the goal, beside continuous ones, that are angles:
+            any number of whole turns within their limits will do, and the nearest is
+            taken; none for no joint, the numbers being taken as they are.
         goal_position (FRAME X Y Z): Bring a frame to a point (m), in any orientation.
         goal_pose (FRAME X Y Z QX QY QZ QW): Bring a frame to a point (m) and an
             orientation (quaternion).
@@ -146,6 +149,7 @@ class ProblemOptions(SceneOptions):
 
     start: str | None = None
     goal: str | None = None
+    wrap: str | None = None
     goal_position: tuple[str, float, float, float] | None = None
     goal_pose: tuple[str, float, float, float, float, float, float, float] | None = None
     start_velocity: str | None = None

@@ -454,12 +454,21 @@ def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
     text = args.goal_velocity
     if args.goal is not None:
         q = positions(args.goal, "--goal", robot, base=q_start, degrees=args.degrees)
-        return JointGoal(q, _velocities(args, "goal_velocity", robot))
+        return JointGoal(q, _velocities(args, "goal_velocity", robot), wrap=_wrap(args))
+    if args.wrap is not None:
+        raise OptionsError("--wrap is about the joints of a --goal", "--wrap")
     v = None if text is None else np.array(vector(text, "--goal-velocity"))
     frame, *numbers = args.goal_position or args.goal_pose or ("",)
     if args.goal_position is not None:
         return PositionGoal(frame, np.array(numbers), v)
     return PoseGoal(frame, (numbers[:3], numbers[3:]), v)
+
+
+def _wrap(args: ProblemOptions) -> bool | list[str]:
+    """Which joints of a goal are angles."""
+    if args.wrap in (None, "none"):
+        return args.wrap is None
+    return [name.strip() for name in str(args.wrap).split(",")]
 
 
 def _velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:

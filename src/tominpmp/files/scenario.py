@@ -240,11 +240,15 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
     if table.get("type").value != "joint":
         goal: Goal = from_table(table, kinds, "goal")
         return goal
-    table.only("type", "q", "v", "state")
+    table.only("type", "q", "v", "state", "wrap")
     q = positions(table, robot, before)
-    v = table.get("v")
-    with blaming(table):
-        return JointGoal(q, None if v.value is None else vector(v, robot))
+    v, wrap = table.get("v"), table.get("wrap")
+    with blaming(wrap if wrap.given else table):
+        return JointGoal(
+            q,
+            None if v.value is None else vector(v, robot),
+            wrap=wrap.value if wrap.given else True,
+        )
 
 
 def positions(table: Field, robot: Robot, base: Array | None) -> Array:
@@ -545,10 +549,11 @@ def read_robot(table: Field) -> Robot:
     Args:
         table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``,
             ``limits``, ``locked_joints``, ``gravity``, ``kinematic``, ``xacro_args``
-            and the overrides as for :func:`load_robot`; ``joint_limits``, a file of MoveIt; ``motion_limits``, which go before it
-            (see :func:`read_motion_limits`); ``payloads``, a list of tables with the
-            fields of :class:`~tominpmp.robot.payload.Payload`. Paths are relative to
-            the scenario.
+            and the overrides as for :func:`load_robot`; ``joint_limits``, a file of
+            MoveIt; ``motion_limits``, which go before it (see
+            :func:`read_motion_limits`); ``payloads``, a list of tables with the fields
+            of :class:`~tominpmp.robot.payload.Payload`. Paths are relative to the
+            scenario.
 
     Raises:
         ScenarioError: If the table is wrong or the robot cannot be loaded.

@@ -11,6 +11,7 @@ from tominpmp.arrays import Array
 from tominpmp.checks import JOINTS, array, instance, number, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
+from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -233,6 +234,24 @@ class Goal(ABC):
                 None if unknown, where all joints have to be named.
         """
         return self
+
+    def wrapped(self, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS) -> Goal:
+        """The goal with the turns of joints that are angles, as seen from a start.
+
+        Args:
+            robot: The robot.
+            q: Where it starts, or was last known to be, shape (n,) [rad or m].
+            v: Velocities at the start, shape (n,).
+            most: Largest number of alternatives to make of one goal.
+
+        Raises:
+            JointNotFound: If a joint that is to be an angle is none that turns.
+        """
+        return self
+
+    def turns(self, robot: Robot) -> dict[str, int]:
+        """Whole turns that were added to the numbers given for joints, by joint."""
+        return {}
 
     # -- goals of goals ----------------------------------------------------------------
 

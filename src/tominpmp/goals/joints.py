@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import (
     Array,
+    BoolArray,
     Converted,
     IntArray,
     Record,
@@ -25,6 +28,7 @@ from tominpmp.checks import (
     in_order,
     instance,
     named_row,
+    names,
     text,
     vector,
     whole,
@@ -33,18 +37,41 @@ from tominpmp.checks import (
 from tominpmp.exceptions import JointNotFound, ProblemError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row, robot_of
 from tominpmp.goals.place import Place, joint_labels
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.goals.turns import MOST_WAYS, TURN, equivalent_positions
+from tominpmp.kinematics import RobotKinematics, endless_joints, prismatic_joints
 from tominpmp.robot import Robot
 
 
+def _checked_wrap(given: object, name: str) -> bool | tuple[str, ...]:
+    """Check which joints a caller takes as angles."""
+    try:
+        return bool(given) if isinstance(given, bool | np.bool_) else names(given)
+    except ProblemError as error:
+        raise wrong(given, name, "True, False or names of joints") from error
+
+
+Wrap: TypeAlias = Annotated[bool | Sequence[str], _checked_wrap]
+_G = TypeVar("_G", bound="GoalOnJoints")
+
+
 class GoalOnJoints(Record, Goal):
-    """A goal that has numbers for all joints, or for those that are named."""
+    """A goal that has numbers for all joints, or for those that are named.
+
+    Joints that are angles may meet it after any number of turns. A problem, which knows
+    the start, takes the nearest, and those the other way round as alternatives.
+    """
 
     q: Converted[JointsLike, Array]
     joints: Sequence[str] | None
+    wrap: Wrap
+
+    _owner = "goal."
+    # Positions that a problem has found to be the same place, the nearest first.
+    _ways: ClassVar[tuple[Array, ...]] = ()
 
     def __post_init__(self) -> None:
         """Check and copy the positions, and the names that belong to them."""
+        super().__post_init__()
         joints, q = named_row(self.q, "goal.q")
         if joints is not None:
             self._keep(joints=joints)
@@ -52,6 +79,72 @@ class GoalOnJoints(Record, Goal):
         self._keep(q=vector(q, "goal.q", expected))
         if self.joints is not None:
             self._keep(joints=_checked_names(self.joints, self.q))
+
+    @property
+    def ways(self) -> tuple[Array, ...]:
+        """Positions that will do, as far as turns were chosen; the nearest first."""
+        return self._ways or (self.q,)
+
+    @cached_property
+    def alternatives(self) -> tuple[GoalOnJoints, ...]:
+        """The goal with each of the turns that will do."""
+        if len(self.ways) == 1:
+            return (self,)
+        return tuple(self._by(q) for q in self.ways)
+
+    def _by(self: _G, *ways: Array) -> _G:
+        """The goal with some turns."""
+        return self._altered("alternatives", _ways=ways)
+
+    def among(self, goals: Sequence[Goal]) -> Goal:
+        """The goal with the turns of some of its alternatives."""
+        kept: Sequence[Any] = goals
+        found: Goal = kept[0]._by(*(q for goal in kept for q in goal.ways))
+        return found
+
+    def _rows(self, robot: Robot) -> IntArray:
+        """Indices of the joints."""
+        if self.joints is None:
+            return np.arange(robot.n)
+        return np.array([robot.joint_names.index(name) for name in self.joints])
+
+    def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalOnJoints:
+        """The goal with the turns that are nearest to a final state."""
+        if len(self.ways) == 1:
+            return self
+        own = np.asarray(q)[self._rows(robot_of(kinematics))]
+        away = [float(np.max(np.abs(way - own))) for way in self.ways]
+        return self.alternatives[int(np.argmin(away))]
+
+    def wrapped(
+        self: _G, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS
+    ) -> _G:
+        """The goal with the turns of its angles that are near to a start."""
+        rows, limits = self._rows(robot), robot.limits
+        angles = self._angles(robot)[rows]
+        if not np.any(angles):
+            return self
+        moving = (v[rows] != 0.0) | (self.final_velocity(robot.n)[rows] != 0.0)
+        ends = limits.position_lower[rows], limits.position_upper[rows]
+        ways = equivalent_positions(self.q, q[rows], angles, ends, moving, most)
+        return self._by(*ways)
+
+    def _angles(self, robot: Robot) -> BoolArray:
+        """Which joints of a robot are angles, shape (n,)."""
+        asked = () if isinstance(self.wrap, bool) else self.wrap
+        known = np.array(robot.joint_names)
+        turning = known[~prismatic_joints(robot)].tolist()
+        for name in asked:
+            if name not in turning:
+                raise JointNotFound(name, turning)
+        found = np.isin(known, asked)
+        return found if self.wrap is False else found | endless_joints(robot)
+
+    def turns(self, robot: Robot) -> dict[str, int]:
+        """Whole turns from the numbers that were given, by joint."""
+        named = robot.joint_names if self.joints is None else self.joints
+        counts = np.round((self.ways[0] - self.q) / TURN).astype(int).tolist()
+        return {name: k for name, k in zip(named, counts, strict=True) if k}
 
 
 @record
@@ -66,11 +159,16 @@ class JointGoal(GoalOnJoints):
             positions are, those not named at rest; None for rest.
         joints: Names of the joints that the numbers belong to; None for those of the
             robot, in its order. A problem puts the numbers into that order.
+        wrap: Which joints are angles, reached by the nearest whole turn from the start:
+            True for continuous joints, those without position limits; False for none,
+            the numbers being taken as they are; or names of further joints, as far as
+            their limits allow.
     """
 
     q: Converted[JointsLike, Array]
     v: Converted[JointsLike | None, Array | None] = default(None)
     joints: Sequence[str] | None = None
+    wrap: Wrap = True
 
     def __post_init__(self) -> None:
         """Copy the arrays; their lengths are checked against the robot."""
@@ -110,16 +208,17 @@ class JointGoal(GoalOnJoints):
                 given = dict(zip(self.joints, values.tolist(), strict=True))
                 values = in_order({**unnamed, **given}, known, what, others=locked)
             rows.append(values)
-        return JointGoal(rows[0], rows[1])  # type: ignore[arg-type]
+        return JointGoal(rows[0], rows[1], wrap=self.wrap)  # type: ignore[arg-type]
 
     @property
     def configuration(self) -> Array:
-        """The configuration."""
-        return self.q
+        """The configuration, by the nearest turns."""
+        return self.ways[0]
 
     def validate(self, robot: Robot) -> None:
         """Check lengths against the number of joints."""
         names = instance(robot, Robot, "robot").joint_names
+        self._angles(robot)
         for name, value in (("goal.q", self.q), ("goal.v", self.v)):
             if value is not None:
                 _check_length(name, value, names)
@@ -129,21 +228,25 @@ class JointGoal(GoalOnJoints):
         q = joint_row(kinematics, q, "q")
         zero = np.zeros(q.size)
         labels = joint_labels(kinematics.robot)
-        return Place(q - self.q, np.eye(q.size), zero, zero, labels)
+        way = self.nearest(kinematics, q, q).ways[0]
+        return Place(q - way, np.eye(q.size), zero, zero, labels)
 
     def with_state(self, q: Array, v: Array) -> JointGoal:
         """A goal at another configuration and velocity."""
         v = array(v, "v", (None,), JOINTS)
         same = np.array_equal(v, self.final_velocity(v.size))
-        return replace(self, q=q, v=self.v if same else v)
+        given = self.q + (q - self.ways[0])
+        moved = replace(self, q=given, v=self.v if same else v)
+        return moved._by(q) if self._ways else moved
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """The configuration itself."""
-        return self.q, self.q
+        """The configuration itself, or the range of all turns."""
+        return np.min(self.ways, axis=0), np.max(self.ways, axis=0)
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The configuration as positions of some joints, those of one robot."""
-        return JointRegionGoal(self.resolved(robot).q).prefixed(prefix, robot)
+        same = JointRegionGoal(self.resolved(robot).q, wrap=self.wrap)
+        return same.prefixed(prefix, robot)
 
     def final_velocity(self, n: int) -> Array:
         """Final joint velocity, shape (n,)."""
@@ -162,11 +265,16 @@ class JointRegionGoal(GoalOnJoints):
         tolerance: Largest distance from them, one for all, shape (k,), or by joint name
             [rad or m].
         joints: Names of the k joints; None for all, in the order of the robot.
+        wrap: Which joints are angles, reached by the nearest whole turn from the start:
+            True for continuous joints, those without position limits; False for none,
+            the numbers being taken as they are; or names of further joints, as far as
+            their limits allow.
     """
 
     q: Converted[JointsLike, Array]
     tolerance: Converted[ArrayLike, float | Array] = default(0.0)
     joints: Sequence[str] | None = None
+    wrap: Wrap = True
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
@@ -190,49 +298,62 @@ class JointRegionGoal(GoalOnJoints):
             if name not in known:
                 raise JointNotFound(name, known)
         _check_length("goal.q", self.q, names)
+        self._angles(robot)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Difference to the positions asked for [rad or m]."""
-        rows, target, room = self._asked(robot_of(kinematics))
-        q = joint_row(kinematics, q, "q")
+        robot, q = robot_of(kinematics), joint_row(kinematics, q, "q")
+        given = self.nearest(kinematics, q, q).ways[0]
+        rows, target, room = self._asked(robot, given)
         every = joint_labels(kinematics.robot)
         labels = tuple(every[i] for i in rows)
         return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
 
-    def _asked(self, robot: Robot) -> tuple[IntArray, Array, Array]:
+    def _asked(self, robot: Robot, given: Array) -> tuple[IntArray, Array, Array]:
         """Indices of the joints, their positions, and the largest distance from these.
 
         What is asked for beyond a limit is asked for at the limit.
         """
-        rows = np.arange(robot.n)
-        if self.joints is not None:
-            rows = np.array([robot.joint_names.index(name) for name in self.joints])
-        limits = robot.limits
+        rows, limits = self._rows(robot), robot.limits
         target = np.clip(
-            self.q, limits.position_lower[rows], limits.position_upper[rows]
+            given, limits.position_lower[rows], limits.position_upper[rows]
         )
         room = np.broadcast_to(self.tolerance, rows.shape)
-        return rows, target, np.maximum(room - np.abs(target - self.q), 0.0)
+        return rows, target, np.maximum(room - np.abs(target - given), 0.0)
 
     def positions(self, robot: Robot) -> Array:
         """The positions asked for, or the ends of their ranges towards the limits."""
-        found = super().positions(robot)
-        rows, target, _ = self._asked(robot)
-        found[rows] = np.clip(target, self.q - self.tolerance, self.q + self.tolerance)
+        found, given = super().positions(robot), self.ways[0]
+        rows, target, _ = self._asked(robot, given)
+        found[rows] = np.clip(target, given - self.tolerance, given + self.tolerance)
         return found
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
         """The ranges of the joints that are named."""
         lower, upper = super().joint_ranges(robot)
-        rows, target, room = self._asked(robot)
-        lower[rows], upper[rows] = target - room, target + room
+        each = [self._asked(robot, way) for way in self.ways]
+        rows = each[0][0]
+        lower[rows] = np.min([target - room for _, target, room in each], axis=0)
+        upper[rows] = np.max([target + room for _, target, room in each], axis=0)
         return lower, upper
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The ranges for joints as they are named beside other robots."""
         own = instance(robot, Robot, "robot").joint_names
         before, named = text(prefix, "prefix"), self.joints or own
-        return replace(self, joints=[before + joint for joint in named])
+        wrap = self.wrap
+        if not isinstance(wrap, bool):
+            wrap = [before + joint for joint in wrap]
+        return replace(self, joints=[before + joint for joint in named], wrap=wrap)
+
+
+def nearest_turns(robot: Robot, rows: Iterable[Array], near: Array) -> list[Array]:
+    """Configurations, shape (n,) each, by the nearest turns of endless joints.
+
+    Also by those the other way round; as they are where no joint is endless.
+    """
+    goals = (JointGoal(q).wrapped(robot, near, 0.0 * near, 2) for q in rows)
+    return [way for goal in goals for way in goal.ways]
 
 
 def _check_length(name: str, value: Array, joints: Sequence[str]) -> None:

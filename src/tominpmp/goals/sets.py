@@ -12,7 +12,9 @@ import numpy as np
 from tominpmp.arrays import Array, Record
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
+from tominpmp.goals.joints import GoalOnJoints
 from tominpmp.goals.place import GoalResidual, Label, Place
+from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
 
@@ -77,6 +79,7 @@ class PassedGoal(Record, Goal):
     angle_to_go = _of_goal("angle_to_go")
     target = _of_goal("target")
     members = _of_goal("members")
+    turns = _of_goal("turns")
 
     def with_state(self, q: Array, v: Array) -> Goal:
         """The same with another configuration."""
@@ -139,6 +142,12 @@ class GoalSet(Record, Goal):
         same = all(a is b for a, b in zip(found, self.goals, strict=True))
         return self if same else replace(self, goals=found)
 
+    def wrapped(self, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS) -> Goal:
+        """Each goal with the turns of its angles."""
+        share = max(most // len(self.goals), 1)
+        found = tuple(goal.wrapped(robot, q, v, share) for goal in self.goals)
+        return self._altered(goals=found)
+
     def validate(self, robot: Robot) -> None:
         """Check each goal."""
         for goal in self.goals:
@@ -156,7 +165,11 @@ class AnyGoal(GoalSet):
     def __post_init__(self) -> None:
         """Check the goals."""
         members = _members(self.goals)
-        found = tuple(one for item in members for one in item.alternatives)
+        found: tuple[Goal, ...] = ()
+        for item in members:
+            # Turns of angles are chosen by the goal that has them.
+            one = isinstance(item, GoalOnJoints)
+            found += (item,) if one else item.alternatives
         if len({item.fixes_velocity for item in found}) > 1:
             raise ProblemError(
                 "goal.goals: with some of them the arm ends at a given joint velocity, "
@@ -167,8 +180,8 @@ class AnyGoal(GoalSet):
 
     @property
     def alternatives(self) -> tuple[Goal, ...]:
-        """The goals."""
-        return tuple(self.goals)
+        """The goals, each with all turns that will do."""
+        return tuple(one for goal in self.goals for one in goal.alternatives)
 
     @property
     def ends_moving(self) -> bool:
@@ -177,7 +190,8 @@ class AnyGoal(GoalSet):
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
         """The goal that a final state misses by least, in the worst of its numbers."""
-        return self._least(goal.excess(kinematics, q, v) for goal in self.goals)
+        excess = (goal.excess(kinematics, q, v) for goal in self.goals)
+        return self._least(excess).nearest(kinematics, q, v)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Conditions of the nearest goal on a configuration."""
@@ -242,6 +256,10 @@ class AllGoals(GoalSet):
     def members(self) -> tuple[Goal, ...]:
         """The goals."""
         return tuple(self.goals)
+
+    def turns(self, robot: Robot) -> dict[str, int]:
+        """Whole turns of the joints of all goals."""
+        return {k: n for goal in self.members for k, n in goal.turns(robot).items()}
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Conditions of all goals on a configuration."""

@@ -11,6 +11,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.goals import Goal, Scales
+from tominpmp.goals.joints import nearest_turns
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.least_squares import damped_step, each, least_squares
@@ -205,6 +206,10 @@ def find_configurations(
     if not alone:
         movable = [q for q in found if not isolated(asked, q)]
         found += _led(asked, led_nearer(asked, movable), found)[0]
+    ways = nearest_turns(problem.robot, found, problem.q_start)
+    if len(ways) > len(found):
+        # A mimic joint or a constraint may tell turns apart.
+        found = [q for q in ways if asked.missing(q) < REACHED] or found
     weights = speed_weights(limits.velocity)
     found.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
     clear: list[Array] = []

@@ -45,6 +45,7 @@ def candidates_of_alternatives(
     if len(parts) == 1:
         yield from schedules[0]
         return
+    one_place = state.problem.goal.configuration is not None
     bounds = [state.lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
     if entered is not None:
@@ -56,7 +57,9 @@ def candidates_of_alternatives(
         for place, i in enumerate(order):
             if bounds[i] >= state.best_duration:
                 continue
-            state.share(len(order) - place + len(again))
+            # Of one goal the nearest turns are the likely ones.
+            rivals = len(order) - place + len(again)
+            state.share(min(rivals, 2) if one_place else rivals)
             try:
                 while True:
                     work = schedules[i].send(answers[i])
@@ -95,7 +98,7 @@ def _entered(problem: Problem, former: Trajectory | Samples) -> int:
     nearest = problem.alternative_of(former_motion(problem, former))
     goals = [[phase.goal for phase in part.phases] for part in (nearest, *parts)]
     same = [
-        all(one is other for one, other in zip(goals[0], each, strict=True))
+        all(a.stopped is b.stopped for a, b in zip(goals[0], each, strict=True))
         for each in goals[1:]
     ]
     return same.index(True)

@@ -16,6 +16,7 @@ from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.standing import STANDS
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
 from tominpmp.solution import Solution
@@ -105,17 +106,34 @@ def without_motion(
 def with_remarks(solution: Solution, state: PlanState) -> Solution:
     """A solution with remarks on its motion in its message.
 
-    That it was planned without limits of accelerations, and which links touch though
-    an SRDF says that they never do.
+    Which turns of angles it ends with, that it was planned without limits of
+    accelerations, and which links touch though an SRDF says that they never do.
     """
     if not solution.success or solution.trajectory is None:
         return solution
-    remarks = [acceleration_remark(solution.problem, solution.trajectory)]
+    remarks = [_turned(solution.problem, solution.trajectory)]
+    if STANDS not in solution.message:
+        remarks.append(acceleration_remark(solution.problem, solution.trajectory))
     if solution.verification is not None:
         with state.saving(), contextlib.suppress(Stop):
             remarks += map(str, solution.verification.touches)
     new = [remark for remark in remarks if remark not in solution.message]
-    return replace(solution, message=" ".join([solution.message, *new]))
+    return replace(solution, message=" ".join([solution.message, *new]).rstrip())
+
+
+def _turned(problem: Problem, motion: Trajectory) -> str:
+    """The joints that end whole turns from the numbers of their goals, as a sentence.
+
+    Empty if there are none.
+    """
+    told = []
+    for number, phase in enumerate(problem.alternative_of(motion).phases, 1):
+        where = f" of segment {number}" if problem.segments else ""
+        for joint, count in phase.goal.turns(phase.robot).items():
+            size = "a turn" if abs(count) == 1 else f"{abs(count)} turns"
+            side = "above" if count > 0 else "below"
+            told.append(f"{joint} {size} {side} the number given{where}")
+    return f"As angles: {', '.join(told)}." if told else ""
 
 
 def _bound(state: PlanState) -> LowerBound | None:

@@ -81,7 +81,7 @@ def plan(
     asked = options = resolve_options(problem, Options.of(options).changed(changes))
     stands = standing(problem, options)
     if stands is not None:
-        return stands
+        return with_remarks(stands, PlanState(problem, options))
     if asked.energy_weight:
         # The time-optimal motion only warm-starts the search for the energy optimum.
         options = replace(

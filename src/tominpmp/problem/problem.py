@@ -38,8 +38,9 @@ from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 from tominpmp.scene.scene import SceneLike, as_scene
 
-# Largest number of combinations of alternative goals, which are tried one by one.
-MOST_ALTERNATIVES = 256
+# Largest number of combinations of alternative goals, which are tried one by one, and
+# of those of turns of angles over several segments.
+MOST_ALTERNATIVES, MOST_WAYS = 256, 16
 
 
 LoadedRobot: TypeAlias = Annotated[
@@ -126,7 +127,9 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            goal, of_goal = self._checks.goal(self.goal)
+            v = np.zeros(self.robot.n) if self.v_start is None else self.v_start
+            near = self.goal.wrapped(self.robot, self.q_start, v)
+            goal, of_goal = self._checks.goal(near)
             self._keep(goal=goal)
         for message in (*snapped, *of_goal):
             warn_caller(message)
@@ -241,7 +244,10 @@ class Problem(Record):
             passing = not self.segments[number - 1].stop
             phase._checks.kept(q_start, None, "start", "q_start", passing=passing)
         rests = goal is segment.goal
-        checked_goal, messages = phase._checks.goal(segment.goal, rests)
+        most = int(MOST_WAYS ** (1.0 / len(self.segments)))
+        v = np.zeros(robot.n) if phase.v_start is None else phase.v_start
+        near = segment.goal.wrapped(robot, q_start, v, most)
+        checked_goal, messages = phase._checks.goal(near, rests)
         if not rests:
             checked_goal = passed(checked_goal)
         phase._keep(goal=checked_goal)
@@ -308,7 +314,11 @@ class Problem(Record):
 
     def _with_goals(self, goals: Sequence[Goal]) -> Problem:
         """The problem with one goal for each segment, which were checked before."""
-        parts = [p._with_goal(g) for p, g in zip(self.phases, goals, strict=True)]
+        parts, q = list[Problem](), self.q_start
+        for phase, goal in zip(self.phases, goals, strict=True):
+            _ = phase.checker  # the copy shares it
+            parts.append(phase._altered(goal=goal, q_start=q))
+            q = q if goal.configuration is None else goal.configuration
         return self._with_goal(goals[-1])._altered(
             _phases=(tuple(parts), []), segments=self._aiming_at(goals)
         )
@@ -349,6 +359,7 @@ class Problem(Record):
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
         other._checks.start(other.q_start, other.v_start)
+        goal = goal.wrapped(self.robot, other.q_start, 0.0 * other.q_start)
         checked_goal, of_goal = other._checks.goal(goal)
         other._keep(goal=checked_goal)
         for message in (*snapped, *of_goal):

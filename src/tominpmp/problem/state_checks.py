@@ -17,6 +17,7 @@ from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import AnyGoal, Goal
+from tominpmp.goals.joints import GoalOnJoints
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot import Robot
@@ -64,7 +65,7 @@ class StateChecks:
     def goal(self, goal: Goal, rests: bool = True) -> tuple[Goal, list[str]]:
         """Check a goal that belongs to the robot; returns it, and warnings."""
         if goal.alternatives[0] is not goal:
-            return self._any_goal(goal.alternatives, rests)
+            return self._any_goal(goal, rests)
         if goal.configuration is not None:
             v = goal.final_velocity(self.robot.n)
             q, of_q = onto_limits(self.robot, "position", goal.configuration, "goal.q")
@@ -83,21 +84,31 @@ class StateChecks:
             self._room(item)
         return goal, messages
 
-    def _any_goal(self, goals: tuple[Goal, ...], rests: bool) -> tuple[Goal, list[str]]:
-        """Leave out alternatives that cannot be reached, as long as others can."""
-        kept, messages, faults = [], [], []
-        for number, goal in enumerate(goals, 1):
+    def _any_goal(self, goal: Goal, rests: bool) -> tuple[Goal, list[str]]:
+        """Leave out alternatives that cannot be reached, as long as others can.
+
+        Of turns of angles those are left out without a word.
+        """
+        goals = goal.goals if isinstance(goal, AnyGoal) else goal.alternatives
+        kept, messages = list[Goal](), list[str]()
+        faults = dict[int, ProblemError]()
+        for number, one in enumerate(goals, 1):
             try:
-                checked, snapped = self.goal(goal, rests)
+                checked, snapped = self.goal(one, rests)
             except ProblemError as error:
-                faults.append(f"goal {number} of {len(goals)}: {error}")
+                faults[number] = error
             else:
                 kept.append(checked)
                 messages += snapped
+        if isinstance(goal, GoalOnJoints):
+            if not kept:
+                raise faults[1]
+            return goal.among(kept), list(dict.fromkeys(messages))
+        told = [f"goal {k} of {len(goals)}: {fault}" for k, fault in faults.items()]
         if not kept:
-            raise ProblemError("; ".join(faults), "goal")
-        messages += [f"{text}; it is left out" for text in faults]
-        return AnyGoal(tuple(kept)), messages
+            raise ProblemError("; ".join(told), "goal")
+        messages += [f"{text}; it is left out" for text in told]
+        return AnyGoal(kept), messages
 
     def clear(self, q: Array, which: str, *, later: bool = False) -> None:
         """Check that a configuration keeps clear, at the "start" or the "goal".

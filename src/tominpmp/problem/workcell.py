@@ -188,7 +188,8 @@ class Workcell(Record):
                 None for a robot that may end anywhere, at rest.
 
         Returns:
-            A goal for the robots combined: a JointGoal if all goals are JointGoals,
+            A goal for the robots combined: a JointGoal if all goals are JointGoals
+            (taking numbers as they are, ``wrap=False``, if one of them does),
             else AllGoals; or an AnyGoal, if one of them is, with all combinations.
 
         Raises:
@@ -229,7 +230,12 @@ class Workcell(Record):
         moving = any(given[k].ends_moving for k in q)
         if len(q) == len(goals):
             v = {k: given[k].final_velocity(value.size) for k, value in q.items()}
-            return JointGoal(self.stack(q), self.stack(v) if moving else None)
+            each = {k: g.wrap for k, g in given.items() if isinstance(g, JointGoal)}
+            some = {k: wrap for k, wrap in each.items() if not isinstance(wrap, bool)}
+            named = [f"{k}/{joint}" for k, wrap in some.items() for joint in wrap]
+            wrap = False not in each.values() and (named or True)
+            v_end = self.stack(v) if moving else None
+            return JointGoal(self.stack(q), v_end, wrap=wrap)
         if moving:
             raise ProblemError(
                 "goal: a JointGoal with a velocity goes together with JointGoals for "

@@ -22,6 +22,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.cell.tours.legs import LegTable
 from tominpmp.goals import Goal, Scales
 from tominpmp.goals.frames import FrameTarget, frame_target
+from tominpmp.goals.joints import nearest_turns
 from tominpmp.kinematics import FrameMotions, RobotKinematics, times
 from tominpmp.least_squares import least_squares
 from tominpmp.problem import Problem
@@ -311,7 +312,10 @@ class Configurations:
         q, good = self._solved(starts, aim)
         owner = np.searchsorted(self._first, aim, side="right") - 1
         for g in np.unique(owner[good]).tolist():
-            mine = q[good & (owner == g)]
+            rows = q[good & (owner == g)]
+            mine = np.array(
+                nearest_turns(self.problem.robot, rows, self.problem.q_start)
+            )
             new = distinct(np.concatenate([found[g], mine]))[len(found[g]) :]
             found[g] = np.concatenate([found[g], new[self.free(new, g)]])
 

@@ -398,7 +398,7 @@ class Legs:
             if key not in self._settings:
                 self._settings[key] = carrying(setting, payload, touch)
             setting = self._settings[key]
-        return setting.with_ends(q_start, JointGoal(q_end))
+        return setting.with_ends(q_start, JointGoal(q_end, wrap=False))
 
     def stays(self, leg: Leg) -> bool:
         """Whether a leg leads nowhere."""
@@ -479,7 +479,7 @@ class Legs:
                 meet the goals.
         """
         way = [self.table.station(node) for node in nodes]
-        goals: list[Goal] = [JointGoal(there) for there in q[1:]]
+        goals: list[Goal] = [JointGoal(there, wrap=False) for there in q[1:]]
         for place, k in enumerate(way[1:-1]):
             if k is not None:
                 goals[place] = self.stations[k].goal

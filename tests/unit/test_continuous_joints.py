@@ -1,0 +1,191 @@
+"""Continuous joints are angles: their goals are reached by the nearest whole turn."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.kinematics import RobotKinematics
+
+FILE = Path(__file__).parents[1] / "reports" / "continuous_across_pi" / "robot.urdf"
+TURN = 2.0 * np.pi
+LIMITS = tm.MotionLimits(acceleration=20.0)
+
+
+@pytest.fixture(scope="module")
+def robot() -> tm.Robot:
+    return tm.load_robot(FILE)
+
+
+def end_of(robot: tm.Robot, start: list[float], goal: tm.Goal) -> list[float]:
+    solution = tm.plan(tm.Problem(robot, start, goal))
+    assert solution.success
+    return solution.trajectory.q[-1].tolist()
+
+
+def pose(robot: tm.Robot, q: list[float]) -> tm.PoseGoal:
+    return tm.PoseGoal("l2", RobotKinematics(robot).placement(np.array(q), "l2"))
+
+
+def test_the_nearest_way_from_any_number_of_turns(robot: tm.Robot) -> None:
+    start = [3.0 + 10 * TURN, 0.1]
+    solution = tm.plan(tm.Problem(robot, start, tm.JointGoal([-3.0, 0.4])))
+    assert solution.T == pytest.approx(0.151, rel=0.02)
+    assert solution.trajectory.q[0, 0] == start[0]
+    assert solution.trajectory.q[-1, 0] == pytest.approx(-3.0 + 11 * TURN, abs=1e-5)
+    assert "j1 11 turns above the number given" in solution.message
+    assert solution.lower_bound.T <= solution.T
+
+
+def test_a_number_is_taken_as_it_is(robot: tm.Robot) -> None:
+    goal = tm.JointGoal([-3.0, 0.4], wrap=False)
+    solution = tm.plan(tm.Problem(robot, [3.0, 0.1], goal))
+    assert solution.T == pytest.approx(3.0007, abs=1e-3)
+    assert solution.trajectory.q[-1, 0] == pytest.approx(-3.0, abs=1e-5)
+    assert "turn" not in solution.message
+
+
+def test_a_start_turns_away_is_at_the_goal(robot: tm.Robot) -> None:
+    goal = tm.JointGoal([0.0, 0.1])
+    solution = tm.plan(tm.Problem(robot, [10 * TURN, 0.1], goal))
+    assert solution.T == 0.0
+    assert "j1 10 turns above" in solution.message
+
+
+def test_joints_by_name_stay_where_they_are_not_named(robot: tm.Robot) -> None:
+    start = [0.1 + 3 * TURN, 0.1]
+    found = end_of(robot, start, tm.JointGoal({"j2": 0.4}))
+    assert found == pytest.approx([start[0], 0.4], abs=1e-5)
+
+
+def test_numbers_that_are_near_are_kept(robot: tm.Robot) -> None:
+    for q in (0.5, -3.1, np.pi, -np.pi):
+        problem = tm.Problem(robot, [0.0, 0.1], tm.JointGoal([q, 0.1]))
+        assert problem.goal.configuration[0] == q
+
+
+@pytest.mark.parametrize(("x", "end"), [(0.25, TURN - 0.8), (-0.25, -0.8)])
+def test_an_obstacle_makes_the_other_way_round_faster(
+    robot: tm.Robot, x: float, end: float
+) -> None:
+    """A pillar stands on one of two ways that are about as long."""
+    pillar = tm.Box("pillar", size=(0.1, 0.1, 2.0), position=(x, 0.0, 0.4))
+    goal = tm.JointGoal([-0.8, 1.5])
+    problem = tm.Problem(robot, [2.4, 1.5], goal, [pillar], motion_limits=LIMITS)
+    assert problem.goal.configuration[0] == TURN - 0.8
+    found = tm.plan(problem)
+    assert found.trajectory.q[-1, 0] == pytest.approx(end, abs=1e-5)
+
+
+def test_a_moving_start_goes_on(robot: tm.Robot) -> None:
+    """To turn back would take longer than to go the longer way."""
+    limits = tm.MotionLimits(acceleration=1.0)
+    problem = tm.Problem(
+        robot,
+        [0.0, 0.1],
+        tm.JointGoal([-3.0, 0.1]),
+        v_start=[2.0, 0.0],
+        motion_limits=limits,
+    )
+    found = tm.plan(problem)
+    assert found.trajectory.q[-1, 0] == pytest.approx(TURN - 3.0, abs=1e-4)
+
+
+def test_regions(robot: tm.Robot) -> None:
+    goal = tm.JointRegionGoal([-3.0], 0.05, joints=["j1"])
+    found = end_of(robot, [3.0, 0.1], goal)
+    assert found[0] == pytest.approx(TURN - 3.05, abs=1e-4)
+    goal = tm.JointRegionGoal([-3.0], 0.05, joints=["j1"], wrap=False)
+    problem = tm.Problem(robot, [3.0, 0.1], goal)
+    assert tm.lower_bound(problem).T > 2.9
+
+
+def test_any_of_several_goals(robot: tm.Robot) -> None:
+    goal = tm.AnyGoal([tm.JointGoal([6.2, 0.1]), tm.JointGoal([2.0, 0.5])])
+    found = end_of(robot, [0.0, 0.1], goal)
+    assert found == pytest.approx([6.2 - TURN, 0.1], abs=1e-5)
+
+
+def test_segments_go_on_from_turn_to_turn(robot: tm.Robot) -> None:
+    goals = [tm.JointGoal([q, 0.1]) for q in (2.0, -2.5, -0.5, 1.5)]
+    segments = [tm.Segment(goal, stop=True) for goal in goals]
+    problem = tm.Problem(robot, [0.0, 0.1], segments=segments, motion_limits=LIMITS)
+    solution = tm.plan(problem)
+    ends = [part.trajectory.q[-1, 0] for part in solution.segments]
+    expected = [2.0, TURN - 2.5, TURN - 0.5, TURN + 1.5]
+    assert ends == pytest.approx(expected, abs=1e-4)
+    assert "j1 a turn above the number given of segment 2" in solution.message
+
+
+def test_poses_are_reached_the_nearest_way(robot: tm.Robot) -> None:
+    found = end_of(robot, [3.0 + 4 * TURN, 0.1], pose(robot, [-3.0, 0.4]))
+    assert found == pytest.approx([5 * TURN - 3.0, 0.4], abs=1e-4)
+
+
+def test_tours_without_a_jump(robot: tm.Robot) -> None:
+    stations = [tm.JointGoal([-3.0, 0.4]), tm.JointGoal([9.0, 0.3])]
+    stations.append(pose(robot, [-2.5, 0.3]))
+    tour = tm.plan_tour(robot, [3.0, 0.1], stations, motion_limits=LIMITS)
+    assert tour.success
+    assert tour.cycle_time < 3.0
+    ends = [motion.trajectory.q[[0, -1]] for motion in tour.motions]
+    for before, after in pairwise(ends):
+        assert after[0] == pytest.approx(before[-1], abs=1e-6)
+
+
+def test_revolute_joints_turn_on_request_only() -> None:
+    robot = tm.load_robot("ur5")
+    start = [0.0, -1.5, 1.0, 0.0, 0.5, 5.0]
+    q = [0.0, -1.5, 1.0, 0.0, 0.5, -1.0]
+    assert tm.Problem(robot, start, tm.JointGoal(q)).goal.configuration[5] == -1.0
+    wrapped = tm.Problem(robot, start, tm.JointGoal(q, wrap=("wrist_3_joint",)))
+    ends = [goal.configuration[5] for goal in wrapped.goal.alternatives]
+    # A third one would be beyond its limits.
+    assert ends == pytest.approx([TURN - 1.0, -1.0])
+
+
+def test_wrong_joints_are_named(robot: tm.Robot) -> None:
+    with pytest.raises(tm.JointNotFound, match="j9"):
+        tm.Problem(robot, [0.0, 0.1], tm.JointGoal([1.0, 0.1], wrap=("j9",)))
+    with pytest.raises(
+        tm.ProblemError, match="wrap is 3, expected True, False or names"
+    ):
+        tm.JointGoal([1.0, 0.1], wrap=3)  # type: ignore[arg-type]
+
+
+def test_files_keep_it(robot: tm.Robot, tmp_path: Path) -> None:
+    for wrap in (True, False, ("j2",)):
+        goal = tm.JointGoal([-3.0, 0.4], wrap=wrap)
+        problem = tm.Problem(robot, [3.0, 0.1], goal)
+        tm.save_scenario(tmp_path / "s.toml", problem)
+        read = tm.load_scenario(tmp_path / "s.toml").problem
+        assert read.goal == goal
+        assert read.goal.configuration.tolist() == problem.goal.configuration.tolist()
+
+
+def test_a_replan_with_a_former_motion(robot: tm.Robot) -> None:
+    problem = tm.Problem(robot, [3.0, 0.1], tm.JointGoal([-3.0, 0.4]))
+    solution = tm.plan(problem)
+    again = tm.plan(problem, start=solution)
+    assert again.T == pytest.approx(solution.T, rel=1e-2)
+
+
+def test_a_goal_in_collision_is_told_once(robot: tm.Robot) -> None:
+    pillar = tm.Box("pillar", size=(0.1, 0.1, 2.0), position=(-0.25, 0.0, 0.4))
+    expected = r"^goal in collision.*q = \[3.2832, 1.5"
+    with pytest.raises(tm.ProblemError, match=expected):
+        tm.Problem(robot, [2.0, 1.5], tm.JointGoal([-3.0, 1.5]), [pillar])
+
+
+def test_workcells(robot: tm.Robot) -> None:
+    cell = tm.Workcell({"a": (robot, (0, 0, 0)), "b": (robot, (2.0, 0, 0))})
+    start = {"a": [3.0, 0.1], "b": [3.0, 0.1]}
+    goal = tm.JointGoal([-3.0, 0.4])
+    for wrap, expected in ((True, TURN - 3.0), (False, -3.0)):
+        other = tm.JointGoal([-3.0, 0.4], wrap=wrap)
+        problem = cell.problem(start, {"a": goal, "b": other})
+        assert problem.goal.configuration[0] == pytest.approx(expected)
