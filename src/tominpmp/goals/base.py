@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -268,6 +269,20 @@ class Goal(ABC):
     def alternatives(self) -> tuple[Goal, ...]:
         """Alternative goals of a set; only this goal otherwise."""
         return (self,)
+
+    @property
+    def turning(self) -> bool:
+        """Whether its alternatives are turns of angles."""
+        return False
+
+    @property
+    def choices(self) -> tuple[Goal, ...]:
+        """Goals of a set, each with all its turns; the alternatives otherwise."""
+        return self.alternatives
+
+    def among(self, goals: Sequence[Goal]) -> Goal:
+        """The goal with some of its choices."""
+        return goals[0]
 
     @property
     def members(self) -> tuple[Goal, ...]:

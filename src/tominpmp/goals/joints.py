@@ -96,6 +96,11 @@ class GoalOnJoints(Record, Goal):
         """The goal with some turns."""
         return self._altered("alternatives", _ways=ways)
 
+    @property
+    def turning(self) -> bool:
+        """Whether its alternatives are turns of angles: they are."""
+        return True
+
     def among(self, goals: Sequence[Goal]) -> Goal:
         """The goal with the turns of some of its alternatives."""
         kept: Sequence[Any] = goals

@@ -184,6 +184,15 @@ class AnyGoal(GoalSet):
         return tuple(one for goal in self.goals for one in goal.alternatives)
 
     @property
+    def choices(self) -> tuple[Goal, ...]:
+        """The goals."""
+        return tuple(self.goals)
+
+    def among(self, goals: Sequence[Goal]) -> Goal:
+        """The set of some of them."""
+        return AnyGoal(goals)
+
+    @property
     def ends_moving(self) -> bool:
         """Whether any of them asks for a velocity other than zero."""
         return any(goal.ends_moving for goal in self.goals)

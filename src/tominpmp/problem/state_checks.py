@@ -16,8 +16,7 @@ from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals import AnyGoal, Goal
-from tominpmp.goals.joints import GoalOnJoints
+from tominpmp.goals import Goal
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot import Robot
@@ -89,7 +88,7 @@ class StateChecks:
 
         Of turns of angles those are left out without a word.
         """
-        goals = goal.goals if isinstance(goal, AnyGoal) else goal.alternatives
+        goals = goal.choices
         kept, messages = list[Goal](), list[str]()
         faults = dict[int, ProblemError]()
         for number, one in enumerate(goals, 1):
@@ -100,7 +99,7 @@ class StateChecks:
             else:
                 kept.append(checked)
                 messages += snapped
-        if isinstance(goal, GoalOnJoints):
+        if goal.turning:
             if not kept:
                 raise faults[1]
             return goal.among(kept), list(dict.fromkeys(messages))
@@ -108,7 +107,7 @@ class StateChecks:
         if not kept:
             raise ProblemError("; ".join(told), "goal")
         messages += [f"{text}; it is left out" for text in told]
-        return AnyGoal(kept), messages
+        return goal.among(kept), messages
 
     def clear(self, q: Array, which: str, *, later: bool = False) -> None:
         """Check that a configuration keeps clear, at the "start" or the "goal".

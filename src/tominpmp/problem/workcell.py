@@ -230,7 +230,7 @@ class Workcell(Record):
         moving = any(given[k].ends_moving for k in q)
         if len(q) == len(goals):
             v = {k: given[k].final_velocity(value.size) for k, value in q.items()}
-            each = {k: g.wrap for k, g in given.items() if isinstance(g, JointGoal)}
+            each = {k: getattr(g, "wrap", True) for k, g in given.items()}
             some = {k: wrap for k, wrap in each.items() if not isinstance(wrap, bool)}
             named = [f"{k}/{joint}" for k, wrap in some.items() for joint in wrap]
             wrap = False not in each.values() and (named or True)
