@@ -48,9 +48,7 @@ TABLE = {
         later="file:// addresses of another machine are not looked for in packages",
     ),
     "joint_limits_degrees_tag": Report(
-        f"robot.urdf {MOVE} --joint-limits joint_limits.yaml",
-        0.2525,
-        later="!degrees is not read",
+        f"robot.urdf {MOVE} --joint-limits joint_limits.yaml", 0.4779
     ),
     "kinematic_no_effort_no_inertia": Report(
         f"robot.urdf {MOVE} --joint-limits joint_limits.yaml --kinematic",

@@ -2,13 +2,21 @@
 
 Files come from downloads, so they are read in bounded time and memory and without
 building anything but plain values: limits on size, depth and the number of values,
-aliases counted as if they were written out, and no tags. Words mean what they mean in
-YAML 1.2: ``1e-5`` is a number, ``on`` and ``no`` are words.
+aliases counted as if they were written out, and no tags but those of units. Words mean
+what they mean in YAML 1.2: ``1e-5`` is a number, ``on`` and ``no`` are words.
+
+Units are written as the loaders of ROS and of xacro have them, and become SI units:
+``!degrees 90``, ``!radians pi/2``, ``!millimeters 5``, and the words ``deg(90)`` and
+``rad(pi/2)``.
 """
 
 from __future__ import annotations
 
+import ast
+import math
+import operator
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
@@ -35,6 +43,26 @@ _FLOAT = re.compile(
 )
 # Tags that say nothing new; "!" marks a word in quotes.
 _CORE_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)|!")
+# Tags of xacro and of ROS's loader, with their units in SI units.
+UNITS = {
+    "!degrees": math.pi / 180.0,
+    "!radians": 1.0,
+    "!meters": 1.0,
+    "!millimeters": 1e-3,
+    "!foot": 0.3048,
+    "!inches": 0.0254,
+}
+_ANGLE = re.compile(r"(deg|rad)\((.*)\)")
+# What stands in them is reckoned if it is no longer than this, so takes no time.
+LONGEST_EXPRESSION = 200
+_OPERATIONS: dict[type[ast.AST], Callable[..., float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
 
 
 def read_yaml(path: Path) -> Any:
@@ -46,7 +74,7 @@ def read_yaml(path: Path) -> Any:
 
     Raises:
         ScenarioError: If the file cannot be read, is no YAML, is too large or nests too
-            deep, has a tag of its own, or names a key twice.
+            deep, has a tag that is no unit, or names a key twice.
     """
     return parse_yaml(read_bytes(path, MAX_BYTES), path)
 
@@ -101,10 +129,19 @@ class _Builder:
             value, size = self.anchors[event.anchor]
             self._add(value, size, mark)
         elif isinstance(event, yaml.ScalarEvent):
-            self._check_tag(event.tag, mark)
+            if event.tag not in UNITS:
+                self._check_tag(event.tag, mark)
             # The parser in C has no style where the other has None.
             plain = not event.style and event.tag is None
             value = _plain(event.value) if plain else event.value
+            if event.tag in UNITS:
+                value = _in_unit(event.value, event.tag)
+                if value is None:
+                    self.fail(
+                        f"{event.tag} {brief(event.value)}: expected a number, or sums "
+                        "and products of numbers and pi",
+                        mark,
+                    )
             if event.anchor:
                 self.anchors[event.anchor] = value, 1
             is_key = self.stack and self._awaits_key()
@@ -126,7 +163,11 @@ class _Builder:
 
     def _check_tag(self, tag: str | None, mark: Any) -> None:
         if tag is not None and not _CORE_TAG.fullmatch(tag):
-            self.fail(f"the tag {tag[:80]!r} is refused: plain values only", mark)
+            self.fail(
+                f"the tag {tag[:80]!r} is refused: plain values only, and "
+                f"numbers with a unit ({', '.join(UNITS)})",
+                mark,
+            )
 
     def _awaits_key(self) -> bool:
         top = self.stack[-1]
@@ -171,4 +212,35 @@ def _plain(word: str) -> Any:
         return int(word, base)
     if len(word) <= 400 and _FLOAT.fullmatch(word):
         return float(word.replace(".inf", "inf").replace(".nan", "nan").lower())
+    angle = _ANGLE.fullmatch(word)
+    if angle is not None:
+        unit = "!degrees" if angle[1] == "deg" else "!radians"
+        value = _in_unit(angle[2], unit)
+        return word if value is None else value
     return word
+
+
+def _in_unit(text: str, unit: str) -> float | None:
+    """A number with a unit in SI units; None if it is none."""
+    if len(text) > LONGEST_EXPRESSION:
+        return None
+    try:
+        return UNITS[unit] * _reckoned(ast.parse(text.strip(), mode="eval").body)
+    except (SyntaxError, ValueError, TypeError, ArithmeticError, RecursionError):
+        return None
+
+
+def _reckoned(node: ast.AST) -> float:
+    """Value of an expression of numbers, pi and the four operations."""
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(
+            number, bool
+        ):
+            return float(number)
+        case ast.Name(id="pi"):
+            return math.pi
+        case ast.UnaryOp(op=op, operand=inner) if type(op) in _OPERATIONS:
+            return _OPERATIONS[type(op)](_reckoned(inner))
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
+            return _OPERATIONS[type(op)](_reckoned(left), _reckoned(right))
+    raise ValueError("no number")
