@@ -43,9 +43,7 @@ TABLE = {
         "j1 a turn above the number given",
     ),
     "file_uri_of_another_machine": Report(
-        f"my_arm_description/urdf/robot.urdf --package-dir . {MOVE}",
-        0.2525,
-        later="file:// addresses of another machine are not looked for in packages",
+        f"my_arm_description/urdf/robot.urdf --package-dir . {MOVE}", 0.2525
     ),
     "joint_limits_degrees_tag": Report(
         f"robot.urdf {MOVE} --joint-limits joint_limits.yaml", 0.4779

@@ -231,6 +231,67 @@ def test_nothing_is_fetched(tmp_path: Path) -> None:
         read(tmp_path, mesh("https://example.org/a.obj"))
 
 
+@pytest.mark.parametrize(
+    "filename",
+    [
+        "file:///home/user/ws/install/pkg/share/pkg/meshes/fore arm.obj",
+        "/home/user/ws/install/pkg/share/pkg/meshes/fore arm.obj",
+        "/home/user/catkin_ws/src/arms/pkg/meshes/fore arm.obj",
+        r"C:\ws\install\share\pkg\meshes\fore arm.obj",
+        "file:///C:/ws/install/share/pkg/meshes/fore%20arm.obj",
+        "$(find pkg)/meshes/fore arm.obj",
+        "file://$(find pkg)/meshes/fore%20arm.obj",
+        "file://$(find-pkg-share pkg)/meshes/fore arm.obj",
+        "package://pkg/meshes/fore%20arm.obj",
+        r"package://pkg\meshes\fore arm.obj",
+        r"..\meshes\fore arm.obj",
+        "../Meshes/Fore Arm.OBJ",
+        "package://PKG/meshes/fore%20arm.OBJ",
+        "file://../meshes/fore arm.obj",
+    ],
+)
+def test_names_of_other_machines_and_tools(tmp_path: Path, filename: str) -> None:
+    expected = write_tetrahedron(tmp_path / "pkg" / "meshes" / "fore arm.obj")
+    path = write(tmp_path, mesh(filename), "pkg/urdf/sample.urdf")
+    assert mesh_file(read_urdf(path)) == str(expected)
+    elsewhere = write(tmp_path, mesh(filename), "else/where/sample.urdf")
+    if ".." not in filename:
+        assert mesh_file(read_urdf(elsewhere, [tmp_path])) == str(expected)
+
+
+def test_the_name_as_it_is_goes_before_what_it_may_mean(tmp_path: Path) -> None:
+    for name in ("a%20b.obj", "a b.obj", "A%20B.obj"):
+        write_tetrahedron(tmp_path / name)
+        assert mesh_file(read(tmp_path, mesh(name))) == str(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("filename", "words"),
+    [
+        ("meshes/fore.obj", r"did you mean (Fore|fOre)\.obj"),
+        ("meshes/elbo.obj", "did you mean elbow.obj"),
+        ("file:///ws/share/pkg/meshes/none.obj", "holds the package in package_dirs"),
+        ("$(find pkg)/none.obj", "holds the package in package_dirs"),
+    ],
+)
+def test_missing_mesh_names_what_is_nearly_it(
+    tmp_path: Path, filename: str, words: str
+) -> None:
+    for name in ("Fore.obj", "fOre.obj", "elbow.obj"):
+        write_tetrahedron(tmp_path / "meshes" / name)
+    with pytest.raises(RobotLoadError, match=words):
+        read(tmp_path, mesh(filename))
+
+
+@pytest.mark.parametrize(
+    "filename", ["package://pkg/%2e%2e/%2e%2e/secret.obj", r"package://pkg\..\..\a.obj"]
+)
+def test_package_cannot_be_left_in_other_letters(tmp_path: Path, filename: str) -> None:
+    path = write(tmp_path, mesh(filename), "pkg/urdf/sample.urdf")
+    with pytest.raises(RobotLoadError, match="leads out of its package"):
+        read_urdf(path, [tmp_path])
+
+
 def test_mesh_scale_must_not_vanish(tmp_path: Path) -> None:
     write_tetrahedron(tmp_path / "a.obj")
     with pytest.raises(RobotLoadError, match="scale"):

@@ -253,7 +253,7 @@ def test_meshes(planar3r: Robot, tmp_path: Path) -> None:
         ({"vertices": CORNERS, "triangles": [[0, 1, 4]]}, "", "not among its 4"),
         ({"vertices": CORNERS, "triangles": [[0, 1, 0.5]]}, ".triangles[0]", "three"),
         ({"vertices": [[0, 0]], "triangles": FACES}, ".vertices[0]", "3 numbers"),
-        ({"resource": "gone.stl"}, ".resource", "no file 'gone.stl'; tried: /"),
+        ({"resource": "gone.stl"}, ".resource", "'gone.stl' is not there; tried /"),
         ({"resource": "package://a/../../x.stl"}, ".resource", "leads out of"),
         ({"resource": "http://a/x.stl"}, ".resource", "nothing is fetched"),
         ({"resource": "scene.yaml"}, "", "cannot be read"),

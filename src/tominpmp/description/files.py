@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib import metadata
 from pathlib import Path
+from urllib.parse import unquote
 
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import RobotLoadError, brief
+from tominpmp.exceptions import RobotLoadError, brief, closest, shortened
 
 # Where the wheel of example-robot-data puts its files, below a prefix.
 _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
 
-# Characters of a path that a message shows.
-LONGEST_PATH = 400
+# Characters of a path that a message shows, and the most paths that it shows.
+LONGEST_PATH, MOST_PLACES = 400, 20
+# Names with a package, and those with a path that is meant for one machine.
+_PACKAGED = re.compile(r"(package|model)://|\$\(find")
+_ABSOLUTE = re.compile(r"file:|/|[A-Za-z]:[\\/]")
+# How ROS names a package in a path: the file was not expanded to the end.
+_FIND = re.compile(r"^(?:\w+://)?\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)/*")
 
 # Names that the example-robot-data loaders know and that are not simply the name of a
 # URDF file: the file, and the name of the SRDF file where that is called otherwise.
@@ -226,10 +233,13 @@ def resolve_resource(
 ) -> tuple[Path | None, tuple[Path, ...]]:
     """Find a file that a description refers to.
 
-    ``package://NAME/REST`` is looked for in the given folders (which hold packages, or
-    are the package), in the folders above the description and in those of
-    ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``; other names are relative to the
-    description, then to the given folders.
+    ``package://NAME/REST`` and ``$(find NAME)/REST`` are looked for in the given
+    folders (which hold packages, or are the package), in the folders above the
+    description and in those of ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``; so is
+    the path of another machine, ``/.../share/NAME/REST`` or ``file://`` before it, if
+    it is not there. Other names are relative to the description, then to the given
+    folders. Failing that, backslashes are those of Windows, ``%20`` is a space, and
+    letters may be large or small, as long as that fits one file.
 
     Returns:
         The file, ``None`` if there is none, and the paths tried.
@@ -237,18 +247,70 @@ def resolve_resource(
     Raises:
         RobotLoadError: If the reference leads out of its package.
     """
-    tried: dict[Path, None] = {}
-    for candidate in _candidates(filename, urdf, package_dirs):
-        if candidate in tried:
-            continue
-        tried[candidate] = None
+    slashed = filename.replace("\\", "/")
+    names = dict.fromkeys((filename, slashed, unquote(slashed)))
+    paths = [path for name in names for path in _candidates(name, urdf, package_dirs)]
+    tried = tuple(dict.fromkeys(paths))
+    for path in (*tried, *map(_in_any_case, tried)):
         try:
             # Not every existing file will do: reading a device might never end.
-            if candidate.is_file():
-                return candidate, tuple(tried)
+            if path is not None and path.is_file():
+                return path, tried
         except (OSError, ValueError):
             continue
-    return None, tuple(tried)
+    return None, tried
+
+
+def missing_resource(name: str, tried: Sequence[Path]) -> str:
+    """Say that a file is not there, where it was looked for, and what may help."""
+    hints = (closest(path.name, _names_in(path.parent)) for path in tried)
+    hint = next(filter(None, hints), "")
+    places = [shortened(str(path), LONGEST_PATH) for path in tried[:MOST_PLACES]]
+    more = ", ..." if len(tried) > MOST_PLACES else ""
+    remedy = "; give the folder that holds the package in package_dirs"
+    return (
+        f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}{more}"
+        + (remedy if _PACKAGED.match(name) or _ABSOLUTE.match(name) else "")
+    )
+
+
+def _in_packages(path: Path) -> list[str]:
+    """Names that a path of another machine may have below a package."""
+    parts = Path(os.path.normpath(path)).parts
+    # Of what is installed the package is known, of what lies in a workspace it is not.
+    first = len(parts) - parts[::-1].index("share") if "share" in parts else 1
+    last = first + 1 if "share" in parts else len(parts) - 1
+    ends = ["/".join(parts[i:]) for i in range(first, last)]
+    return [f"package://{end}" for end in ends if not end.startswith("..")]
+
+
+def _in_any_case(path: Path) -> Path | None:
+    """The one path that is the same but for large and small letters."""
+    path = path.absolute()
+    found = Path(path.anchor)
+    for part in path.parts[1:]:
+        names = _names_in(found)
+        if part not in names:
+            names = tuple(n for n in names if n.casefold() == part.casefold())
+            if len(names) != 1:
+                return None
+            part = names[0]
+        found /= part
+    return found
+
+
+def _names_in(folder: Path) -> tuple[str, ...]:
+    """Names of what is in a folder; none if it cannot be looked into."""
+    try:
+        return _listed(folder, folder.stat().st_mtime_ns)
+    except (OSError, ValueError):
+        return ()
+
+
+@lru_cache(maxsize=256)
+def _listed(folder: Path, changed: int) -> tuple[str, ...]:
+    """Names of what was in a folder when it was changed last."""
+    return tuple(os.listdir(folder))
 
 
 def find_package(name: str, path: Path, package_dirs: Sequence[Path]) -> Path:
@@ -281,13 +343,16 @@ def find_package(name: str, path: Path, package_dirs: Sequence[Path]) -> Path:
 def _candidates(
     filename: str, urdf: Path, package_dirs: Sequence[Path]
 ) -> Iterable[Path]:
+    filename = _FIND.sub(r"package://\1/", filename)
     scheme, separator, rest = filename.partition("://")
-    if not separator:
-        path = Path(filename)
+    if not separator or scheme == "file":
+        path = Path(rest if separator else filename)
         # Joining an absolute path to a folder gives that path.
-        return [Path(os.path.normpath(d / path)) for d in (urdf.parent, *package_dirs)]
-    if scheme == "file":
-        return [Path(rest)]
+        own = [Path(os.path.normpath(d / path)) for d in (urdf.parent, *package_dirs)]
+        if _ABSOLUTE.match(filename):
+            for name in _in_packages(path):
+                own += _candidates(name, urdf, package_dirs)
+        return own
     if scheme not in ("package", "model"):
         raise RobotLoadError(
             f"{urdf}: {brief(filename)}: expected a path, package://, model:// or "

@@ -32,7 +32,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray, frozen_array
-from tominpmp.description.files import LONGEST_PATH, resolve_resource
+from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.tree import (
     SIZES,
     JointDescription,
@@ -430,13 +430,7 @@ class _UrdfReader:
             self.unseen.append(f"{where} ({shortened(repr(name))})")
             return None
         if path is None:
-            places = (shortened(str(place), LONGEST_PATH) for place in tried)
-            remedy = "; give the folder that holds the package in package_dirs"
-            context.fail(
-                f"{where}: the mesh {shortened(repr(name))} is not there; tried "
-                + ", ".join(places)
-                + (remedy if name.startswith(("package://", "model://")) else "")
-            )
+            context.fail(f"{where}: the mesh {missing_resource(name, tried)}")
         if path.stat().st_size > MAX_MESH_BYTES:
             context.fail(
                 f"{where}: the mesh {path} has more than {MAX_MESH_BYTES} bytes"

@@ -24,7 +24,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
 from tominpmp.description.fields import Field
-from tominpmp.description.files import LONGEST_PATH, resolve_resource
+from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.paths import checked_path
 from tominpmp.description.srdf import (
     JointGroups,
@@ -39,7 +39,6 @@ from tominpmp.exceptions import (
     RobotLoadError,
     ScenarioError,
     brief,
-    shortened,
     warn_caller,
 )
 from tominpmp.files.records import blaming
@@ -436,9 +435,7 @@ def _mesh_file(name: Field, frames: _Frames) -> Path:
     except RobotLoadError as error:
         name.fail(str(error).removeprefix(f"{name.path}: "))
     if path is None:
-        places = [shortened(str(place), LONGEST_PATH) for place in tried[:10]]
-        file = shortened(repr(name.value))
-        name.fail(f"there is no file {file}; tried: {', '.join(places)}")
+        name.fail(f"the file {missing_resource(name.text(), tried)}")
     return path
 
 
