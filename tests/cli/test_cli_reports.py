@@ -75,10 +75,10 @@ TABLE = {
         0.2525,
     ),
     "zero_box_on_root": Report(
-        f"robot.urdf {MOVE}", 0.2525, later="shapes of zero size are refused"
+        f"robot.urdf {MOVE}", 0.2525, "shapes of no size are left out: link base"
     ),
     "zero_box_visual": Report(
-        f"robot.urdf {MOVE}", 0.2525, later="shapes of zero size are refused"
+        f"robot.urdf {MOVE}", 0.2525, "shapes of no size are left out: link base"
     ),
 }
 

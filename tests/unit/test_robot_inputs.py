@@ -238,6 +238,17 @@ def test_shapes_that_no_link_has(model: pin.Model) -> None:
         tm.load_robot(model, geometry=geometry)
 
 
+def test_contact_points_are_left_out(model: pin.Model) -> None:
+    geometry = pin.GeometryModel()
+    for name, radius in (("foot", 0.0), ("knee", 0.1)):
+        ball = coal.Sphere(radius)
+        item = pin.GeometryObject(name, 1, 1, pin.SE3.Identity(), ball)
+        geometry.addGeometryObject(item)
+    with pytest.warns(tm.TominpmpWarning, match="no size are left out: 'foot'$"):
+        arm = tm.load_robot(model, geometry=geometry)
+    assert arm.collision_model.ngeoms == 1
+
+
 @pytest.mark.parametrize("geometry", [5, "x", (1, 2), [None] * 3, np.zeros(3), {}])
 def test_what_is_no_geometry(geometry: object, model: pin.Model) -> None:
     with pytest.raises(tm.RobotLoadError, match=r"geometry is .*, expected"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import warnings
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,13 @@ from tominpmp.description.model import build_model
 from tominpmp.description.srdf import read_srdf
 from tominpmp.description.tree import Mimic
 from tominpmp.description.urdf import read_urdf
-from tominpmp.exceptions import JointNotFound, OptionsError, RobotLoadError
+from tominpmp.exceptions import (
+    JointNotFound,
+    OptionsError,
+    RobotLoadError,
+    TominpmpWarning,
+)
+from tominpmp.robot import load_robot
 
 # Files that are none
 
@@ -83,7 +90,10 @@ from tominpmp.exceptions import JointNotFound, OptionsError, RobotLoadError
         (one_joint(inside='<dynamics damping="-1"/>'), "damping=-1"),
         (one_joint(inside="<mimic/>"), "joint j1: <mimic> lacks .*'joint'"),
         (one_joint(inside='<mimic joint="x"/>'), "joint j1 follows 'x', which is no"),
-        (one_shape('<sphere radius="0"/>'), "sphere radius='0', expected .* greater"),
+        (
+            one_shape('<sphere radius="-1"/>'),
+            "sphere radius='-1', expected no negative",
+        ),
         (one_shape("<sphere/>"), "lacks the attribute 'radius'"),
         (one_shape('<box size="1 1"/>'), "box size='1 1', expected 3 numbers"),
         (one_shape("<heightmap/>"), "collision 1: <geometry> has <heightmap>"),
@@ -335,3 +345,27 @@ def test_wrong_srdf(tmp_path: Path, text: str, message: str) -> None:
     path = write(tmp_path, text, "sample.srdf")
     with pytest.raises(RobotLoadError, match=message):
         read_srdf(path, read(tmp_path, one_joint()))
+
+
+POINTS = (
+    '<box size="0 0 0"/>',
+    '<sphere radius="0"/>',
+    '<cylinder radius="0" length="0"/>',
+    '<capsule radius="0.0" length="0"/>',
+)
+
+
+@pytest.mark.parametrize("tag", ["collision", "visual"])
+@pytest.mark.parametrize("shape", POINTS)
+def test_shapes_of_no_size_are_left_out(tmp_path: Path, shape: str, tag: str) -> None:
+    path = write(tmp_path, one_shape(shape, tag))
+    with pytest.warns(TominpmpWarning, match=f"no size .*: link l1, {tag} 1$"):
+        arm = load_robot(path)
+    assert arm.collision_model.ngeoms == 0
+
+
+def test_flat_shapes_are_not_left_out(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        flat = read(tmp_path, one_shape('<box size="1 0.5 0"/>'))
+    assert flat.bodies[1].collisions[0].sizes == (1.0, 0.5, 1e-6)

@@ -28,6 +28,8 @@ from tominpmp.description.tree import (
     UrdfDescription,
     fixed_joint,
     fresh_name,
+    solid,
+    warn_of_points,
 )
 from tominpmp.description.xml_reader import MAX_NUMBER
 from tominpmp.exceptions import RobotLoadError, brief
@@ -68,16 +70,20 @@ def describe_model(
     """
     path = Path(f"<pinocchio.Model {model.name}>") if path is None else path
     reader = _ModelReader(model, path)
-    links = reader.links()
+    links, points = reader.links(), list[str]()
     for geometry, kind in ((collision, "collisions"), (visual, "visuals")):
         for item in () if geometry is None else geometry.geometryObjects:
             name, placement = reader.placed(item)
             shape = _shape(item, placement, path)
+            if shape is None:
+                points.append(brief(item.name))
+                continue
             if kind == "visuals" and not (shape.file and not item.overrideMaterial):
                 colour = np.clip(item.meshColor, 0.0, 1.0).tolist()
                 shape = replace(shape, colour=tuple(colour))
             more: Any = {kind: (*getattr(links[name], kind), shape)}
             links[name] = replace(links[name], **more)
+    warn_of_points(points, path)
     gravity = tuple(np.asarray(model.gravity.linear).tolist())
     description = UrdfDescription(
         name=model.name or "robot",
@@ -227,26 +233,24 @@ def _limit(value: float) -> float:
     return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else float(value)
 
 
-def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape:
-    """A shape of a link.
+def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | None:
+    """A shape of a link; None if it has no size.
 
     Raises:
         RobotLoadError: If it is none that a link can have.
     """
-    solid, place = item.geometry, frozen_array(placement.homogeneous)
-    kind, file = type(solid).__name__, Path(item.meshPath)
+    body, place = item.geometry, frozen_array(placement.homogeneous)
+    kind, file = type(body).__name__, Path(item.meshPath)
     if kind == "Box":
-        edges = 2.0 * np.asarray(solid.halfSide)
-        return Shape("box", tuple(edges.ravel().tolist()), place)
+        return solid("box", 2.0 * np.asarray(body.halfSide).ravel(), place)
     if kind == "Sphere":
-        return Shape("sphere", (float(solid.radius),), place)
+        return solid("sphere", (body.radius,), place)
     if kind in ("Cylinder", "Capsule"):
-        sizes = float(solid.radius), 2.0 * float(solid.halfLength)
-        return Shape(kind.lower(), sizes, place)
+        return solid(kind.lower(), (body.radius, 2.0 * body.halfLength), place)
     if kind.startswith("BVHModel") and item.meshPath and file.is_file():
         scale = tuple(np.asarray(item.meshScale).tolist())
         return Shape("mesh", scale, place, str(file.absolute()))
-    triangles = _triangles(solid)
+    triangles = _triangles(body)
     if triangles is None:
         raise RobotLoadError(
             f"{path}: the shape {brief(item.name)} is a {kind}, expected a box, "

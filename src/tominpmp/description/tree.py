@@ -8,7 +8,7 @@ trees. A tree holds the files of meshes by name, so that it is small in other pr
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray, Record, frozen_array
+from tominpmp.exceptions import warn_caller
 
 # The link that the bases of several robots are fixed to, and the one that a robot
 # stands on that is somewhere else in the world.
@@ -25,6 +26,8 @@ WORLD, GROUND = "world", "ground"
 # Attributes that give the sizes of shapes [m], and how many numbers each has.
 _ROD = {"radius": 1, "length": 1}
 SIZES = {"box": {"size": 3}, "cylinder": _ROD, "capsule": _ROD, "sphere": {"radius": 1}}
+# Shapes that are flat are taken to be as thick as this [m].
+THIN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -239,6 +242,22 @@ class UrdfDescription(Record):
     def _free_name(self, name: str) -> str:
         """A name that no joint has."""
         return fresh_name(name, {joint.name for joint in self.tree})
+
+
+def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
+    """A shape that is no mesh; None for a point, which collides with nothing."""
+    lengths = np.array([*sizes], dtype=float)
+    if not np.any(lengths):
+        return None
+    return Shape(kind, tuple(np.maximum(lengths, THIN).tolist()), placement)
+
+
+def warn_of_points(places: Sequence[str], path: Path) -> None:
+    """Warn of shapes that were left out because all their sizes are zero."""
+    if places:
+        others = len(places) - 1
+        more = f" and {others} more" if others else ""
+        warn_caller(f"{path}: shapes of no size are left out: {places[0]}{more}")
 
 
 def fixed_joint(

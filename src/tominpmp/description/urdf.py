@@ -40,6 +40,8 @@ from tominpmp.description.tree import (
     Mimic,
     Shape,
     UrdfDescription,
+    solid,
+    warn_of_points,
 )
 from tominpmp.description.xml_reader import (
     MAX_NUMBER,
@@ -212,10 +214,9 @@ class UrdfChecker:
         }
         for name, default in form.numbers.items():
             numbers = context.numbers(element, name, where, default, form.low)
-            if tag in SIZES and min(numbers) <= 0.0:
+            if tag in SIZES and min(numbers) < 0.0:
                 context.fail(
-                    f"{where}: {tag} {name}={values[name]!r}, expected numbers greater "
-                    "than zero"
+                    f"{where}: {tag} {name}={values[name]!r}, expected no negative one"
                 )
             if tag == "mesh" and 0.0 in numbers:
                 context.fail(
@@ -349,8 +350,9 @@ class _UrdfReader:
         self, root: Element, context: XmlContext, folders: Sequence[Path]
     ) -> None:
         self.root, self.context, self.folders = root, context, folders
-        #: Visual shapes without their mesh.
+        #: Visual shapes without their mesh, and shapes of no size.
         self.unseen: list[str] = []
+        self.points: list[str] = []
         #: Joints with soft limits within their limits, and with limits in degrees.
         self.softer: list[str] = []
         self.turned: list[str] = []
@@ -410,14 +412,16 @@ class _UrdfReader:
         return tuple(shape for shape in shapes if shape is not None)
 
     def _shape(self, item: Any, where: str, *, seen: bool) -> Shape | None:
-        """A shape to collide with or to be seen; None if it is seen and not there."""
+        """A shape; None if it has no size, or is only to be seen and not there."""
         kind, geometry, place = item.name, item.geometry, frozen_array(item.origin)
         if kind == "mesh":
             shape = self._mesh(geometry.mesh, place, where, seen=seen)
         else:
             held = geometry.box or geometry.sphere or geometry.cylinder
             sizes = np.hstack([getattr(held, name) for name in SIZES[kind]])
-            shape = Shape(kind, tuple(sizes.tolist()), place)
+            shape = solid(kind, sizes, place)
+            if shape is None:
+                self.points.append(where)
         if seen and shape is not None and item.material is not None:
             return self._coloured(shape, item.material)
         return shape
@@ -529,6 +533,7 @@ class _UrdfReader:
         Controllers may keep a ``<safety_controller>``'s soft limits; they are not read.
         """
         path, unread = self.context.path, mistakes(self.root, "robot")
+        warn_of_points(self.points, path)
         for element in (*self.root.findall("link"), *self.root.findall("joint")):
             where = f"{element.tag} {element.get('name', '').strip()}"
             for part in (element, *element.findall("inertial")):
