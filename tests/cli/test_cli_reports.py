@@ -67,8 +67,7 @@ TABLE = {
     "scene_in_millimetres": Report(
         f"robot.urdf {MOVE} --obstacle box:table:size=1000,1000,50:at=600,0,-100",
         0.2525,
-        "millimetres",
-        later="only meshes of links are asked whether they are in millimetres",
+        "obstacle 'table' is 1000 m across, as if it were in millimetres",
     ),
     "xacro_without_ros": Report(
         f"my_arm_description/urdf/arm.urdf.xacro --package-dir . {MOVE}",

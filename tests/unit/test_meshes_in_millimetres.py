@@ -1,10 +1,11 @@
-"""A mesh in millimetres that nobody scales is told of; one that is scaled is not."""
+"""Meshes of links and obstacles in millimetres are told of; those in metres are not."""
 
 from __future__ import annotations
 
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -30,3 +31,44 @@ def test_units_of_meshes(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tm.Problem(tm.load_robot(path), [1.0], tm.JointGoal([20.0]))
+
+
+CORNERS = 400.0 * np.eye(4)[:, :3]
+FACES = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        tm.Box("it", size=(1000.0, 1000.0, 50.0), position=(600.0, 0.0, -100.0)),
+        tm.Box("it", size=(1000.0, 1000.0, 50.0)),
+        tm.Box("it", size=(40.0, 40.0, 40.0), position=(600.0, 0.0, 40.0)),
+        tm.Sphere("it", radius=80.0),
+        tm.Cylinder("it", radius=30.0, length=500.0),
+        tm.Capsule("it", radius=30.0, length=500.0, position=(0.0, 400.0, 0.0)),
+        tm.Mesh("it", vertices=CORNERS, triangles=FACES),
+    ],
+)
+def test_units_of_obstacles(obstacle: tm.Obstacle) -> None:
+    with pytest.warns(tm.TominpmpWarning, match="'it' is .* millimetres") as told:
+        scene = tm.Scene([obstacle])
+    assert [item.filename for item in told] == [__file__]
+    # It is said once, not for each of the scenes that are made of it.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert scene.sorted.at(0.5).resting()["it"] is obstacle
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        tm.Box("floor", size=(1000.0, 1000.0, 1.0), position=(0.0, 0.0, -0.5)),
+        tm.Box("wall", size=(20.0, 0.2, 20.0), position=(5.0, 3.0, 1.0)),
+        tm.Mesh("part", vertices=CORNERS, triangles=FACES, scale=0.001),
+        tm.HeightField("hill", heights=np.eye(3), size=(300.0, 300.0)),
+    ],
+)
+def test_obstacles_in_metres(obstacle: tm.Obstacle) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tm.Scene([obstacle])

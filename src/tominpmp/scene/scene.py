@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
-from tominpmp.arrays import Converted, Record
+import numpy as np
+
+from tominpmp.arrays import Array, Converted, Record
 from tominpmp.checks import optional
-from tominpmp.exceptions import ProblemError, SceneError, brief
-from tominpmp.scene.obstacles import Obstacle
+from tominpmp.exceptions import ProblemError, SceneError, brief, warn_caller
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+
+# No arm works around anything so large or so far away [m], unless it is a ground, which
+# is thinner than the other number; a scene in millimetres has such things.
+LARGE, THICK = 100.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +52,7 @@ class Scene(Record):
             names.add(item.name)
             found.append(item)
         object.__setattr__(self, "obstacles", tuple(found))
+        _warn_of_units(found)
 
     def __iter__(self) -> Iterator[Obstacle]:
         """Iterate over the obstacles."""
@@ -86,24 +94,26 @@ class Scene(Record):
         Rows of programs are in the order of the pairs, and the choice of a solver among
         equally good steps depends on it.
         """
-        return Scene(tuple(sorted(self.obstacles, key=_whereabouts)))
+        return self._of(sorted(self.obstacles, key=_whereabouts))
 
     def at(self, time: float) -> Scene:
         """The scene with all obstacles at rest at their placements of a time [s]."""
         if not self.moving:
             return self
-        return Scene(
-            tuple(
-                item if item.motion is None else item.frozen(time)
-                for item in self.obstacles
-            )
+        return self._of(
+            item if item.motion is None else item.frozen(time)
+            for item in self.obstacles
         )
 
     def resting(self) -> Scene:
         """The scene without the obstacles that move."""
         if not self.moving:
             return self
-        return Scene(tuple(item for item in self.obstacles if item.motion is None))
+        return self._of(item for item in self.obstacles if item.motion is None)
+
+    def _of(self, obstacles: Iterable[Obstacle]) -> Scene:
+        """A scene of obstacles of this one, of which all has been said."""
+        return self._altered(obstacles=tuple(obstacles))
 
 
 def as_scene(given: object, name: str) -> Scene:
@@ -134,6 +144,35 @@ SceneOrNone: TypeAlias = Annotated[
     Converted[Scene | Sequence[Obstacle] | Obstacle | None, Scene | None],
     optional(as_scene),
 ]
+
+
+def _warn_of_units(obstacles: Iterable[Obstacle]) -> None:
+    """Warn of the first obstacle that is as large or as far away as in millimetres."""
+    for item in obstacles:
+        edges = _extents(item)
+        size, away = float(max(edges)), float(np.linalg.norm(item.position))
+        is_far = away - size > LARGE
+        if is_far or (size > LARGE and min(edges) > THICK):
+            what = f"{away:.4g} m away" if is_far else f"{size:.4g} m across"
+            warn_caller(
+                f"obstacle {item.name!r} is {what}, as if it were in millimetres: "
+                "lengths and positions are in metres"
+            )
+            return
+
+
+def _extents(item: Obstacle) -> Array:
+    """Extents along the axes of an obstacle [m]; zero for terrain, which is large."""
+    match item:
+        case Box():
+            return item.size
+        case Sphere():
+            return np.full(3, 2.0 * item.radius)
+        case Cylinder() | Capsule():
+            return np.array([2.0 * item.radius, 2.0 * item.radius, item.length])
+        case Mesh():
+            return np.asarray(np.ptp(item.vertices * item.scale, axis=0))
+    return np.zeros(3)
 
 
 def _whereabouts(obstacle: Obstacle) -> tuple[object, ...]:
