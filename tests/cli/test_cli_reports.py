@@ -58,11 +58,7 @@ TABLE = {
     "mesh_fine_cylinder_link": Report(
         f"robot.urdf {MOVE} --obstacle box:b:size=0.1,0.1,0.1:at=1,1,1", 0.2525
     ),
-    "moveit_scene_text": Report(
-        f"robot.urdf {MOVE} --scene desk.scene",
-        0.2525,
-        later="MoveIt's .scene text is not read",
-    ),
+    "moveit_scene_text": Report(f"robot.urdf {MOVE} --scene desk.scene", 0.2525),
     "negative_inertia_planned": Report(f"robot.urdf {MOVE}", None, "l2"),
     "scene_in_millimetres": Report(
         f"robot.urdf {MOVE} --obstacle box:table:size=1000,1000,50:at=600,0,-100",

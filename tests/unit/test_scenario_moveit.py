@@ -336,9 +336,9 @@ def test_joints_without_a_goal(planar3r: Robot, tmp_path: Path) -> None:
             "1 poses for 0 primitives",
         ),
         (
-            ("world", "collision_objects", 0, "planes", [{"coef": [0, 0, 1, 0]}]),
-            "[0].planes",
-            "planes are not read",
+            ("world", "collision_objects", 0, "planes", [{"coef": [0, 0, 0, 1]}]),
+            "[0].planes[0].coef",
+            "expected a normal",
         ),
         (
             ("world", "collision_objects", 0, "operation", 1),

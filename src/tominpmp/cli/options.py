@@ -101,7 +101,7 @@ class SceneOptions(RobotOptions):
     """A robot and what is around it.
 
     Attributes:
-        scene (FILE): Obstacles of a MoveIt planning scene (.yaml), too.
+        scene (FILE): Obstacles of a MoveIt planning scene (.yaml, .scene), too.
         obstacle (KIND:NAME:...): Something to stay clear of (m), repeatable:
             sphere:NAME:r=R:at=X,Y,Z or box:NAME:size=X,Y,Z:at=X,Y,Z or
             cylinder:NAME:r=R:length=L:at=X,Y,Z or capsule, as a cylinder, or

@@ -1,7 +1,8 @@
 """MoveIt's planning scenes and motion plan requests (YAML): obstacles, start and goal.
 
-Both ways of writing the messages are read: short (``type: box``, ``position: [x, y,
-z]``) and as ROS prints them (``type: 1``, ``position: {x: .., y: .., z: ..}``).
+Scenes may be in its text format, too (:mod:`~tominpmp.files.scene_text`). Both ways
+of writing the messages are read: short (``type: box``, ``position: [x, y, z]``) and as
+ROS prints them (``type: 1``, ``position: {x: .., y: .., z: ..}``).
 
 A tolerance that stands for accuracy gives a goal at the middle of what is tolerated; a
 wider one is a freedom, and gives a goal region. No region is larger than what the
@@ -33,7 +34,7 @@ from tominpmp.description.srdf import (
     warn_of_group,
 )
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.description.yaml_reader import read_yaml
+from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml, read_bytes
 from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
@@ -42,6 +43,7 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 from tominpmp.files.records import blaming
+from tominpmp.files.scene_text import is_scene_text, parse_scene_text
 from tominpmp.goals import (
     AllGoals,
     AnyGoal,
@@ -117,6 +119,10 @@ _SIZES = {
     "sphere": (1, "the radius"),
     "cylinder": (2, "height and radius"),
 }
+# Shapes of an object by their kind.
+PLURALS = {"primitive": "primitives", "mesh": "meshes", "plane": "planes"}
+# A plane becomes a board that is so wide and thick [m].
+BOARD = (50.0, 50.0, 0.1)
 # Keys of the message of which there is one at least.
 SCENE_KEYS = ("world", "robot_state", "fixed_frame_transforms", "robot_model_name")
 # Places beyond this are a mistake [m].
@@ -171,7 +177,8 @@ def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
     put elsewhere in the world (a joint of several freedoms in its robot state).
 
     Args:
-        path: YAML file with a ``PlanningScene`` message.
+        path: YAML file with a ``PlanningScene`` message, or one in MoveIt's text format
+            (``.scene``), as RViz exports it.
         robot: The robot, whose first link is then known as a frame.
 
     Returns:
@@ -180,7 +187,7 @@ def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
 
     Raises:
         ScenarioError: If the file is wrong, or holds what cannot be read: attached
-            objects, an octree, planes, cones.
+            objects, an octree, cones.
     """
     instance(robot, (Robot, NoneType), "robot", "a Robot or None")
     message = _read_message(path)
@@ -188,13 +195,15 @@ def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
 
 
 def _read_message(path: str | Path) -> Field:
-    """Read a message from a YAML file; it must be a table.
+    """Read a message from a YAML file, or a scene in text; it must be a table.
 
     Raises:
         ScenarioError: If it is no YAML file with a table.
     """
     path = checked_path(path, "path", ScenarioError)
-    message = Field(read_yaml(path), path)
+    content = read_bytes(path, MAX_BYTES)
+    parse = parse_scene_text if is_scene_text(content) else parse_yaml
+    message = Field(parse(content, path), path)
     message.table()
     return message
 
@@ -324,13 +333,11 @@ def _read_object(item: Field, frames: _Frames) -> list[Obstacle]:
     operation = item.get("operation")
     if operation.given and operation.value not in (0, "add", "ADD"):
         operation.fail("only objects that are added can be read (operation 0)")
-    if item.get("planes").given:
-        item.get("planes").fail("planes are not read; use a large box")
     place = frames.to_base(item.get("header"))
     if item.get("pose").given:
         place = place * _read_pose(item.get("pose"))
     found: list[tuple[Field, pin.SE3]] = []
-    for kind in ("primitive", "mesh"):
+    for kind in PLURALS:
         shapes, poses = _shapes_and_poses(item, kind, optional="poses")
         within = [place * _read_pose(pose) for pose in poses] or [place] * len(shapes)
         found += zip(shapes, within, strict=True)
@@ -345,17 +352,17 @@ def _read_object(item: Field, frames: _Frames) -> list[Obstacle]:
 def _shapes_and_poses(
     item: Field, kind: str, *, optional: str
 ) -> tuple[list[Field], list[Field]]:
-    """Shapes of a kind, "primitive" or "mesh", and their poses.
+    """Shapes of a kind, and their poses.
 
     Args:
         item: What has them as lists.
-        kind: The kind.
+        kind: The kind, one of ``PLURALS``.
         optional: "shapes" or "poses": there may be none of these at all.
 
     Raises:
         ScenarioError: If there are more of one than of the other.
     """
-    plural = {"primitive": "primitives", "mesh": "meshes"}[kind]
+    plural = PLURALS[kind]
     shapes, poses = list(item.get(plural).items()), item.get(f"{kind}_poses")
     places = list(poses.items())
     if {"shapes": shapes, "poses": places}[optional] and len(shapes) != len(places):
@@ -366,6 +373,9 @@ def _shapes_and_poses(
 def _obstacle(name: str, shape: Field, place: pin.SE3, frames: _Frames) -> Obstacle:
     where: dict[str, Any] = {"position": place.translation, "rotation": place.rotation}
     with blaming(shape):
+        if "coef" in shape.table():
+            placed = place * _board(shape.need("coef"))
+            return Box(name, size=np.array(BOARD), position=placed.homogeneous)
         if "type" not in shape.table():
             return Mesh(name, **_mesh(shape, frames), **where)
         kind, size = _read_primitive(shape)
@@ -374,6 +384,17 @@ def _obstacle(name: str, shape: Field, place: pin.SE3, frames: _Frames) -> Obsta
         if kind == "sphere":
             return Sphere(name, radius=size[0], **where)
         return Cylinder(name, radius=size[1], length=size[0], **where)
+
+
+def _board(coefficients: Field) -> pin.SE3:
+    """Placement of a board behind the plane a x + b y + c z + d = 0, at its origin."""
+    *normal, offset = coefficients.numbers(4)
+    norm = float(np.linalg.norm(normal))
+    if not norm > 0.0:
+        coefficients.fail(f"is {coefficients.value}, expected a normal and an offset")
+    z = np.array(normal) / norm
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), z)
+    return pin.SE3(turn.matrix(), -(offset / norm + 0.5 * BOARD[2]) * z)
 
 
 def _read_primitive(shape: Field) -> tuple[str, list[float]]:
@@ -568,7 +589,8 @@ def load_moveit(
             that the request names; the other joints are locked where they start.
             Joints of the group of which a goal of joint positions says nothing stay
             where they start, too.
-        scene_path: YAML file with a ``PlanningScene`` message.
+        scene_path: YAML file with a ``PlanningScene`` message, or one in MoveIt's text
+            format (``.scene``).
         request_path: YAML file with a ``MotionPlanRequest`` message.
         margin: Distance to keep from obstacles [m].
         self_collision: Whether the links keep clear of each other; None as for
