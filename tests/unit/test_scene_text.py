@@ -145,15 +145,19 @@ def test_scene_without_objects(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("sphere", "torus", "line 11: is 'torus', expected mesh, plane, box, sphere"),
+        (
+            "sphere",
+            "torus",
+            "line 11: found 'torus', expected mesh, plane, box",
+        ),
         (
             "0.1 0.2 0.3",
             "0.1 wide 0.3",
-            "line 5: is '0.1 wide 0.3', expected 3 numbers",
+            "line 5: found '0.1 wide 0.3', expected 3 numbers",
         ),
-        ("4 4", "4 -4", "line 22: is '-4', expected how many faces it has"),
-        (".\n", "", r"it ends, expected '\*' or '\.'"),
-        (".\n", "+\n", r"is '\+', expected '\*' before an object"),
+        ("4 4", "4 -4", "line 22: found '-4', expected how many faces it has"),
+        (".\n", "", r"found the end, expected '\*' or '\.'"),
+        (".\n", "+\n", r"found '\+', expected '\*' before an object"),
         ("* a box", "*", "id: is '', expected a text"),
         ("0.25", "-1", r"primitives\[0\]: .*radius"),
         ("cylinder", "cone", "there is no shape 'cone' here"),

@@ -400,9 +400,10 @@ def load_scene(args: PlayOptions) -> tuple[Robot, Scene]:
 
 def _obstacles(args: SceneOptions, robot: Robot) -> Scene:
     found = [obstacle(text) for text in args.obstacle or ()]
-    if args.scene is not None:
-        found += load_moveit_scene(args.scene, robot)
-    return Scene(found)
+    if args.scene is None:
+        return Scene(found)
+    read = load_moveit_scene(args.scene, robot)
+    return Scene([*found, *read]) if found else read
 
 
 def _typed_problem(

@@ -16,7 +16,6 @@ import ast
 import math
 import operator
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
@@ -44,25 +43,13 @@ _FLOAT = re.compile(
 # Tags that say nothing new; "!" marks a word in quotes.
 _CORE_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)|!")
 # Tags of xacro and of ROS's loader, with their units in SI units.
-UNITS = {
-    "!degrees": math.pi / 180.0,
-    "!radians": 1.0,
-    "!meters": 1.0,
-    "!millimeters": 1e-3,
-    "!foot": 0.3048,
-    "!inches": 0.0254,
-}
-_ANGLE = re.compile(r"(deg|rad)\((.*)\)")
+UNITS = {"!degrees": math.pi / 180.0, "!radians": 1.0, "!meters": 1.0}
+UNITS |= {"!millimeters": 1e-3, "!foot": 0.3048, "!inches": 0.0254}
+_ANGLE = re.compile(r"(?:deg|rad)\((.*)\)")
 # What stands in them is reckoned if it is no longer than this, so takes no time.
 LONGEST_EXPRESSION = 200
-_OPERATIONS: dict[type[ast.AST], Callable[..., float]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-}
+_OPERATIONS: Any = {ast.Add: operator.add, ast.Sub: operator.sub}
+_OPERATIONS |= {ast.Mult: operator.mul, ast.Div: operator.truediv}
 
 
 def read_yaml(path: Path) -> Any:
@@ -137,11 +124,8 @@ class _Builder:
             if event.tag in UNITS:
                 value = _in_unit(event.value, event.tag)
                 if value is None:
-                    self.fail(
-                        f"{event.tag} {brief(event.value)}: expected a number, or sums "
-                        "and products of numbers and pi",
-                        mark,
-                    )
+                    word = f"{event.tag} {brief(event.value)}"
+                    self.fail(f"{word}: expected a number, as 90 or pi/2", mark)
             if event.anchor:
                 self.anchors[event.anchor] = value, 1
             is_key = self.stack and self._awaits_key()
@@ -163,11 +147,8 @@ class _Builder:
 
     def _check_tag(self, tag: str | None, mark: Any) -> None:
         if tag is not None and not _CORE_TAG.fullmatch(tag):
-            self.fail(
-                f"the tag {tag[:80]!r} is refused: plain values only, and "
-                f"numbers with a unit ({', '.join(UNITS)})",
-                mark,
-            )
+            known = f"plain values only, and {', '.join(UNITS)} with a number"
+            self.fail(f"the tag {tag[:80]!r} is refused: {known}", mark)
 
     def _awaits_key(self) -> bool:
         top = self.stack[-1]
@@ -213,11 +194,9 @@ def _plain(word: str) -> Any:
     if len(word) <= 400 and _FLOAT.fullmatch(word):
         return float(word.replace(".inf", "inf").replace(".nan", "nan").lower())
     angle = _ANGLE.fullmatch(word)
-    if angle is not None:
-        unit = "!degrees" if angle[1] == "deg" else "!radians"
-        value = _in_unit(angle[2], unit)
-        return word if value is None else value
-    return word
+    unit = "!degrees" if word.startswith("deg") else "!radians"
+    value = None if angle is None else _in_unit(angle[1], unit)
+    return word if value is None else value
 
 
 def _in_unit(text: str, unit: str) -> float | None:
@@ -239,8 +218,9 @@ def _reckoned(node: ast.AST) -> float:
             return float(number)
         case ast.Name(id="pi"):
             return math.pi
-        case ast.UnaryOp(op=op, operand=inner) if type(op) in _OPERATIONS:
-            return _OPERATIONS[type(op)](_reckoned(inner))
+        case ast.UnaryOp(op=ast.USub(), operand=inner):
+            return -_reckoned(inner)
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
-            return _OPERATIONS[type(op)](_reckoned(left), _reckoned(right))
+            value: float = _OPERATIONS[type(op)](_reckoned(left), _reckoned(right))
+            return value
     raise ValueError("no number")

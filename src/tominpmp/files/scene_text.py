@@ -54,7 +54,7 @@ class _Reader:
         while (mark := self._word("'*' or '.'")) == "*":
             objects.append(self._object())
         if mark != ".":
-            self._fail(mark, "'*' before an object or '.' at the end")
+            self._fail(brief(mark), "'*' before an object or '.' at the end")
         return {"name": name, "world": {"collision_objects": objects}}
 
     def _object(self) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class _Reader:
         if kind == "plane":
             return "planes", "plane_poses", {"coef": self._numbers(4)}
         if kind not in _SIZES:
-            self._fail(kind, f"mesh, plane, {', '.join(_SIZES)}")
+            self._fail(brief(kind), f"mesh, plane, {', '.join(_SIZES)}")
         sizes = self._numbers(_SIZES[kind])
         # The radius is first here, the length in a message.
         shape = {"type": kind, "dimensions": sizes if kind == "box" else sizes[::-1]}
@@ -98,14 +98,12 @@ class _Reader:
         try:
             return [float(word) for word in words]
         except ValueError:
-            self._fail(
-                " ".join(words), "a number" if count == 1 else f"{count} numbers"
-            )
+            self._fail(brief(" ".join(words)), f"{count} numbers")
 
     def _whole(self, expected: str) -> int:
         word = self._word(expected)
         if not (word.isascii() and word.isdigit() and len(word) < 10):
-            self._fail(word, expected)
+            self._fail(brief(word), expected)
         return int(word)
 
     def _line(self) -> str:
@@ -118,16 +116,11 @@ class _Reader:
         found = _WORD.search(self.text, self.place)
         self.count += 1
         if found is None or self.count > MAX_VALUES:
-            ends = (
-                "it ends" if found is None else f"it has more than {MAX_VALUES} words"
-            )
-            raise ScenarioError(f"{self.path}: {ends}, expected {expected}", self.path)
+            self._fail("the end" if found is None else f"{MAX_VALUES} words", expected)
         self.place = found.end()
         return found[0]
 
-    def _fail(self, word: str, expected: str) -> NoReturn:
+    def _fail(self, found: str, expected: str) -> NoReturn:
         line = self.text.count("\n", 0, self.place) + 1
-        raise ScenarioError(
-            f"{self.path}, line {line}: is {brief(word)}, expected {expected}",
-            self.path,
-        )
+        text = f"{self.path}, line {line}: found {found}, expected {expected}"
+        raise ScenarioError(text, self.path)

@@ -12,7 +12,7 @@ from tominpmp.arrays import Array, Converted, Record
 from tominpmp.checks import optional
 from tominpmp.exceptions import ProblemError, SceneError, brief, warn_caller
 from tominpmp.scene.meshes import Mesh
-from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.obstacles import Box, Obstacle
 
 # No arm works around anything so large or so far away [m], unless it is a ground, which
 # is thinner than the other number; a scene in millimetres has such things.
@@ -163,16 +163,12 @@ def _warn_of_units(obstacles: Iterable[Obstacle]) -> None:
 
 def _extents(item: Obstacle) -> Array:
     """Extents along the axes of an obstacle [m]; zero for terrain, which is large."""
-    match item:
-        case Box():
-            return item.size
-        case Sphere():
-            return np.full(3, 2.0 * item.radius)
-        case Cylinder() | Capsule():
-            return np.array([2.0 * item.radius, 2.0 * item.radius, item.length])
-        case Mesh():
-            return np.asarray(np.ptp(item.vertices * item.scale, axis=0))
-    return np.zeros(3)
+    if isinstance(item, Box):
+        return item.size
+    if isinstance(item, Mesh):
+        return np.asarray(np.ptp(item.vertices * item.scale, axis=0))
+    width = 2.0 * getattr(item, "radius", 0.0)
+    return np.array([width, width, getattr(item, "length", width)])
 
 
 def _whereabouts(obstacle: Obstacle) -> tuple[object, ...]:
