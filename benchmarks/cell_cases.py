@@ -48,7 +48,7 @@ def has_friction() -> bool:
 
 def draw_arm(rng: np.random.Generator, name: str, kind: str) -> Case:
     """An arm as the judge reads it, at the origin."""
-    robot = tm.load_robot(name, locked_joints=LOCKED.get(name, {}))
+    robot = tm.load_robot(name, limits="urdf", locked_joints=LOCKED.get(name, {}))
     arm: Case = {
         "robot": name,
         "urdf": str(robot.urdf_path),
@@ -80,7 +80,7 @@ def draw_arm(rng: np.random.Generator, name: str, kind: str) -> Case:
 
 def build_arm(arm: Case) -> tm.Robot:
     """The same arm for the library."""
-    options: dict[str, Any] = {"locked_joints": arm["locked"]}
+    options: dict[str, Any] = {"locked_joints": arm["locked"], "limits": "urdf"}
     if arm.get("velocity"):
         options["velocity"] = np.array(arm["velocity"])
     if has_friction():

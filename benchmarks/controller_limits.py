@@ -70,7 +70,7 @@ def problems(name: str, count: int, seed: int) -> Iterator[tuple[tm.Problem, ...
     """Pairs of problems: with the limits of the data sheet, and without."""
     locked = LOCKED_JOINTS.get(name, {})
     limited = tm.load_robot(name, locked_joints=locked, limits="datasheet")
-    free = tm.load_robot(name, locked_joints=locked)
+    free = tm.load_robot(name, limits="urdf", locked_joints=locked)
     made = 0
     for q_start, q_goal in sample_problems(limited, 20 * count, seed):
         goal = tm.JointGoal(q_goal)

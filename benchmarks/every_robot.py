@@ -75,6 +75,7 @@ def ends(robot: Any, place: float | None) -> tuple[np.ndarray, np.ndarray]:
 
 def load(name: str | Path, **given: Any) -> Any:
     """A robot, joints locked that its motors cannot move."""
+    given = {"limits": "urdf", **given}
     robot = tm.load_robot(name, **given)
     most = np.minimum(robot.limits.effort_upper, -robot.limits.effort_lower)
     stuck = [

@@ -90,7 +90,7 @@ class Source:
 @functools.cache
 def ends(name: str, count: int = DRAWN, seed: int = SEED) -> list[tuple[Array, Array]]:
     """Random starts and goals of an arm, some of which touch themselves."""
-    robot = tm.load_robot(name, locked_joints=LOCKED.get(name, {}))
+    robot = tm.load_robot(name, limits="urdf", locked_joints=LOCKED.get(name, {}))
     return sample_problems(robot, count, seed)
 
 

@@ -149,7 +149,7 @@ def robot_of(item: Asked) -> tm.Robot:
     robot = tm.load_robot(
         item["source"],
         locked_joints=item["locked"],
-        limits="datasheet" if item["sheet"] else None,
+        limits="datasheet" if item["sheet"] else "urdf",
         velocity=np.array(item["velocity"]),
         friction=np.array(item["friction"]),
     )

@@ -63,7 +63,7 @@ def reach(**changes: Any) -> tm.Problem:
 def panda() -> tm.Robot:
     """A Panda with its fingers closed."""
     fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    return tm.load_robot("panda", locked_joints=fingers)
+    return tm.load_robot("panda", limits="urdf", locked_joints=fingers)
 
 
 def among_boxes() -> tm.Problem:

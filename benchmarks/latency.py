@@ -56,7 +56,7 @@ def swift_iiwa14() -> tm.Problem:
 
 def talos_arm() -> tm.Problem:
     """A gripper whose motor is hardly stronger than its own dry friction."""
-    robot = tm.load_robot("talos_arm")
+    robot = tm.load_robot("talos_arm", limits="urdf")
     low, high = robot.limits.position_lower, robot.limits.position_upper
     start, goal = np.zeros(robot.n), np.full(robot.n, 0.6)
     return tm.Problem(
@@ -68,7 +68,9 @@ def loaded_panda() -> tm.Problem:
     """A swing with 2.5 kg in the hand."""
     load = tm.Payload(frame="panda_hand", mass=2.5, com=(0.0, 0.0, 0.1))
     fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    robot = tm.load_robot("panda", locked_joints=fingers).with_payload(load)
+    robot = tm.load_robot("panda", limits="urdf", locked_joints=fingers).with_payload(
+        load
+    )
     return tm.Problem(robot, READY, tm.JointGoal(SWUNG))
 
 

@@ -175,7 +175,7 @@ def load_arm(
     with warnings.catch_warnings():
         # The set has the fingers open beyond their limits, on purpose.
         warnings.simplefilter("ignore")
-        robot = load_robot(ROBOT, locked_joints=dict(locked))
+        robot = load_robot(ROBOT, limits="urdf", locked_joints=dict(locked))
     assert robot.srdf is not None
     exact = exact_geometry.ExactArm.load(robot.urdf_path, robot.srdf.path, dict(locked))
     return robot, exact

@@ -97,7 +97,9 @@ def in_process(work: str, *states: Any) -> Any:
 def panda(arguments: argparse.Namespace) -> tm.Problem:
     """A Panda in the given scene, or in the shelf of the examples."""
     if arguments.scene is not None:
-        robot = tm.load_robot("panda", locked_joints={"panda_finger_joint1": 0.04})
+        robot = tm.load_robot(
+            "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
+        )
         return tm.load_moveit(robot, arguments.scene, arguments.request)
     path = ROOT / "examples" / "scenarios" / "panda_shelf.toml"
     return tm.load_scenario(path).problem

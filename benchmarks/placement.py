@@ -45,7 +45,7 @@ def base() -> tuple[Any, list[tm.Problem], dict[str, tuple[float, float]], str]:
 
 def station() -> tuple[Any, list[tm.Problem], dict[str, tuple[float, float]], str]:
     """A UR5, and two points of a station that may stand elsewhere."""
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     points = ((0.5, 0.3, 0.3), (0.5, 0.1, 0.2))
     start = (-0.6, -1.2, 1.4, -1.7, -1.5, 0.0)
     goals = [tm.PositionGoal("tool0", point) for point in points]

@@ -86,7 +86,7 @@ def load_arm(
     from tominpmp.robot import load_robot
 
     locked = LOCKED_JOINTS.get(name, {})
-    robot = load_robot(name, locked_joints=locked, friction=friction)
+    robot = load_robot(name, limits="urdf", locked_joints=locked, friction=friction)
     if speed_factor != 1.0:
         faster = np.array(robot.limits.velocity) * speed_factor
         robot = robot.with_changes(velocity=faster)

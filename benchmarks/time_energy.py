@@ -35,7 +35,9 @@ def main() -> int:
     parser.add_argument("--energy", choices=list(WEIGHTS), default="torque_squared")
     parser.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
-    problem = tm.Problem(tm.load_robot("ur5"), np.array(START), tm.JointGoal(GOAL))
+    problem = tm.Problem(
+        tm.load_robot("ur5", limits="urdf"), np.array(START), tm.JointGoal(GOAL)
+    )
     sheet, rows = Sheet(arguments.csv, COLUMNS), []
     for weight in WEIGHTS[arguments.energy]:
         begin = time.process_time()

@@ -129,7 +129,7 @@ def in_table(
 
 def compare(name: str, count: int, seed: int, limit: float | None) -> dict[str, object]:
     """One row: the best of all, and what the tour planner finds."""
-    robot, home = tm.load_robot(name), np.array(HOMES[name])
+    robot, home = tm.load_robot(name, limits="urdf"), np.array(HOMES[name])
     limits = None if limit is None else tm.MotionLimits(acceleration=limit)
     at = choices(robot, home, count, seed)
     begin = time.process_time()

@@ -131,7 +131,8 @@ def test_prefixes_and_names() -> None:
     found = find_datasheet(["gen3"], six)
     assert found is not None and len(found.joints) == 6
     urs = load_robot("ur5").joint_names
-    for name in ("ur5e_robot", "ur10e", "UR3e", "ur5_joint_limited_robot"):
+    names = ("ur5e_robot", "ur10e", "UR3e", "ur5_joint_limited_robot", "ur16e", "UR20")
+    for name in names:
         found = find_datasheet([name], urs)
         assert found is not None and found.names[0] in name.lower()
     iiwa = [f"lbr_iiwa_joint_{i}" for i in range(1, 8)]
@@ -146,8 +147,9 @@ def test_no_sheet_and_wrong_words() -> None:
         load_robot("planar3r", limits="datasheet")
     assert caught.value.option == "limits"
     for wrong in ("data sheet", 3, True):
-        with pytest.raises(OptionsError, match="expected 'datasheet' or None"):
+        with pytest.raises(OptionsError, match="expected 'datasheet', 'urdf' or"):
             load_robot("ur5", limits=wrong)
+    assert load_robot("ur5", limits="urdf") == load_robot("ur5")
 
 
 def test_command_line_and_scenarios(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Eleme
 #: What completes the values of options, by the name of the option.
 COMPLETIONS: dict[str, Completer] = {
     "group": named("srdf", "group"),
-    "limits": words("datasheet"),
+    "limits": words("datasheet", "urdf"),
     "lock": joints,
     "start": positions,
     "goal": positions,

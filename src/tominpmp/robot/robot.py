@@ -475,7 +475,7 @@ def assembled(
 
 
 # What the argument ``limits`` may be.
-DATASHEET = "datasheet"
+DATASHEET, URDF = "datasheet", "urdf"
 # How names in the package robot_descriptions end.
 MODULE_ENDING = "_description"
 EXPECTED = (
@@ -514,15 +514,16 @@ class RobotSource:
         says, or what only motion limits have: accelerations and jerks.
 
         Args:
-            limits: "datasheet" for those of the data sheet, too.
+            limits: "datasheet" for those of the data sheet, too; "urdf" or None for
+                those of the file.
 
         Raises:
-            OptionsError: If limits are neither "datasheet" nor None, or there is no
-                sheet.
+            OptionsError: If limits are none of these, or there is no sheet.
         """
-        if limits not in (None, DATASHEET):
+        if limits not in (None, DATASHEET, URDF):
             raise OptionsError(
-                f"limits is {brief(limits)}, expected {DATASHEET!r} or None", "limits"
+                f"limits is {brief(limits)}, expected {DATASHEET!r}, {URDF!r} or None",
+                "limits",
             )
         joints = self.description.joints
         described = {
@@ -532,7 +533,7 @@ class RobotSource:
         said = self.semantics
         rotors = {} if said is None else {"armature": said.rotor_inertias}
         moving = [joint.name for joint in joints]
-        sheet = {} if limits is None else published_values(self.names, moving)
+        sheet = published_values(self.names, moving) if limits == DATASHEET else {}
         found: dict[str, dict[str, Any]] = {}
         for level in (described, rotors, self.values, sheet, self.stated):
             for quantity, values in level.items():
@@ -779,7 +780,8 @@ def load_robot(
             reference configurations are group states.
         limits: ``"datasheet"`` for those that the maker publishes (accelerations,
             jerks, torque rates, and speeds and torques instead of the file's); the
-            arguments below go before them. See :mod:`tominpmp.datasheets`.
+            arguments below go before them. See :mod:`tominpmp.datasheets`. ``"urdf"``
+            or None for those of the file.
         group: Group of the SRDF file, as ``"panda_arm"``, whose joints move; or a
             link, for the chain from the base to it; two links, for the chain from one
             to the other; or names of joints. The others are locked: where
