@@ -87,7 +87,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     tour = tm.plan_tour(
-        tm.load_robot("ur5"),
+        tm.load_robot("ur5", limits="urdf"),
         HOME,
         stations(),
         scene=scene(),

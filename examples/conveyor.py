@@ -42,7 +42,7 @@ def crate(speed: float) -> tm.Box:
 def problem(speed: float | None = SPEED) -> tm.Problem:
     """Across the belt, at rest at both ends; without the crate if it has no speed."""
     obstacles = [BELT] if speed is None else [BELT, crate(speed)]
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     return tm.Problem(robot, NEAR, tm.JointGoal(FAR), tm.Scene(obstacles), margin=0.01)
 
 

@@ -59,7 +59,7 @@ def main() -> int:
         "plate", size=(size, size, THICKNESS), position=MIDDLE, rotation=rotation()
     )
     tour = tm.plan_tour(
-        tm.load_robot("ur5"),
+        tm.load_robot("ur5", limits="urdf"),
         HOME,
         stations(arguments.rows),
         scene=tm.Scene([plate]),

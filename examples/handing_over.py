@@ -34,7 +34,7 @@ MEETING = np.array([0.0, 0.0, 0.45])  # middle of the bar when it is handed over
 
 def workcell() -> tm.Workcell:
     """Two arms that face each other."""
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([APART, 0.0, 0.0]))
     return tm.Workcell({"giver": (arm, (-APART, 0.0, 0.0)), "taker": (arm, turned)})
 

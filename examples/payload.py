@@ -48,7 +48,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     options = tm.Options(intervals=20, seed=arguments.seed)
-    empty = tm.load_robot("panda", locked_joints={"panda_finger_joint1": 0.04})
+    empty = tm.load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
+    )
     loaded = empty.with_payload(box())
     solutions = {
         "empty": tm.plan(problem(empty), options),

@@ -50,7 +50,9 @@ def box() -> tm.Payload:
 
 def problem() -> tm.Problem:
     """Over the wall with the box, and home without."""
-    robot = tm.load_robot("panda", locked_joints={"panda_finger_joint1": 0.04})
+    robot = tm.load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
+    )
     table = tm.Box("table", size=(0.5, 0.9, 0.04), position=(0.55, 0.0, TOP - 0.02))
     wall = tm.Box("wall", size=(0.3, 0.02, 0.1), position=(0.5, 0.0, TOP + 0.05))
     load, touch = box(), [("box", "table")]

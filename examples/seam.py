@@ -48,7 +48,7 @@ def seam() -> list[tm.ToolArc]:
 
 def problem() -> tm.Problem:
     """To the seam, along its two halves, out beyond it, home."""
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     plate = tm.Box("plate", size=(0.4, 0.8, 0.02), position=(0.5, 0.0, HEIGHT - 0.04))
     down = tm.KeepUpright(NOZZLE, axis=(0, 0, -1), tolerance=CONE)
     first, last = seam()

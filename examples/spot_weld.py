@@ -97,7 +97,7 @@ def door() -> tm.Scene:
 
 def welders(arms: int) -> tuple[tm.Robot, np.ndarray, tuple[str, ...]]:
     """One arm or two side by side, where they begin, and their flanges."""
-    arm = tm.load_robot("ur5").with_payload(gun())
+    arm = tm.load_robot("ur5", limits="urdf").with_payload(gun())
     if arms == 1:
         return arm, HOME, (FLANGE,)
     places = {"left": (0.0, ASIDE, 0.0), "right": (0.0, -ASIDE, 0.0)}

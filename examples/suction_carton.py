@@ -37,7 +37,7 @@ def problem(pull: float) -> tm.Problem:
     cup = tm.StableContact(
         FRAME, middle, FRICTION, RADIUS, mass=MASS, inertia=inertia, adhesion=pull
     )
-    robot = tm.load_robot("ur5").with_payload(load)
+    robot = tm.load_robot("ur5", limits="urdf").with_payload(load)
     return tm.Problem(robot, START, tm.JointGoal(GOAL), constraints=(cup,))
 
 

@@ -33,7 +33,7 @@ CRATE = tm.Box("crate", size=(0.16, 0.16, 0.16), position=(0.0, 0.0, 0.09))
 def workcell() -> tm.Workcell:
     """Two UR5s that face each other, each with a crate of 3 kg."""
     crate = tm.Payload(3.0, "tool0", com=CRATE.position, geometry=[CRATE], name="crate")
-    arm = tm.load_robot("ur5").with_payload(crate)
+    arm = tm.load_robot("ur5", limits="urdf").with_payload(crate)
     turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([APART, 0.0, 0.0]))
     return tm.Workcell({"near": (arm, (-APART, 0.0, 0.0)), "far": (arm, turned)})
 

@@ -28,7 +28,7 @@ def problem() -> tm.Problem:
     post = tm.Cylinder("post", radius=0.05, length=1.0, position=(0.65, 0.15, 0.5))
     table = tm.Box("table", size=(2.0, 2.0, 0.1), position=(0.0, 0.0, -0.06))
     return tm.Problem(
-        tm.load_robot("ur5"),
+        tm.load_robot("ur5", limits="urdf"),
         START,
         tm.JointGoal(GOAL),
         tm.Scene([post, table]),

@@ -43,7 +43,7 @@ def robot() -> tm.Robot:
     load = tm.Payload(
         mass, FRAME, com=(0, 0, center), geometry=[tray, glass], name="tray"
     )
-    return tm.load_robot("ur5").with_payload(load)
+    return tm.load_robot("ur5", limits="urdf").with_payload(load)
 
 
 def problem(*, level: bool) -> tm.Problem:

@@ -67,4 +67,4 @@ def planar3r() -> Robot:
 @pytest.fixture(scope="session")
 def ur5() -> Robot:
     """An industrial arm with six joints."""
-    return load_robot("ur5")
+    return load_robot("ur5", limits="urdf")

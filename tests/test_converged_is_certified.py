@@ -217,7 +217,7 @@ def test_other_methods_are_judged_too(free, method):
 def test_random_clutter(seed):
     """Boxes around a UR5: success is not refuted."""
     rng = np.random.default_rng(seed)
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     ends = ((-1.2, -1.1, 1.2, -1.0, -1.5, 0.0), (1.0, -1.3, 1.4, -1.2, -1.5, 0.6))
     boxes = []
     while len(boxes) < 5:

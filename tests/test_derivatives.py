@@ -112,7 +112,7 @@ PROBLEMS: dict[str, Callable[[], tm.Problem]] = {
         tm.PositionGoal("tip", (4, 1, 0)), scene=BALL, motion_limits=SMOOTH
     ),
     "ur5": lambda: tm.Problem(
-        tm.load_robot("ur5"),
+        tm.load_robot("ur5", limits="urdf"),
         WRIST,
         tm.JointGoal(WRIST + np.array([0.3, 0.2, -0.3, -0.2, -0.3, 0.0])),
     ),

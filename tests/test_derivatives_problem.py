@@ -109,7 +109,7 @@ def assert_derivative(
 
 
 def test_arms_are_as_meant() -> None:
-    panda = load_robot("panda")
+    panda = load_robot("panda", limits="urdf")
     assert panda.n == 8
     assert panda.model.nv == 9
 

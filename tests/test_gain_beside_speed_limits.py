@@ -15,7 +15,7 @@ USUALLY, EXACTLY = 3e-3, 2e-4
 
 def problem():
     """A base that turns as fast as it may, and a wrist whose swing helps it."""
-    robot = tm.load_robot("ur10", friction=0.0)
+    robot = tm.load_robot("ur10", limits="urdf", friction=0.0)
     robot = robot.with_changes(velocity=4.0 * robot.limits.velocity)
     return tm.Problem(robot, START, tm.JointGoal(GOAL), self_collision=False)
 

@@ -157,7 +157,7 @@ def test_among_obstacles_further_starts_are_judged_by_what_the_first_gained(
 
 def test_an_arm_of_many_joints_far_above_its_bound_is_searched_on_from():
     # The straight line leads to 1.219 s, which is 2.8 times the lower bound.
-    arm = tm.load_robot("xarm7", friction=0.0)
+    arm = tm.load_robot("xarm7", limits="urdf", friction=0.0)
     fast = arm.with_changes(velocity=4.0 * np.array(arm.limits.velocity))
     start = [2.4, 1.81, 0.94, 2.61, -1.74, 1.16, 0.94]
     goal = tm.JointGoal([-3.11, 1.37, -0.62, 3.14, 1.75, -1.37, -2.7])
@@ -212,7 +212,7 @@ def test_among_moving_obstacles_other_ways_are_tried():
         motion=tm.ConstantVelocity((0.0249, 0.0876, 0.0161)),
     )
     problem = tm.Problem(
-        tm.load_robot("ur5"),
+        tm.load_robot("ur5", limits="urdf"),
         (2.7384, -1.604, -2.4537, -1.8022, 0.143, -2.4908),
         tm.JointGoal((2.8602, -1.1666, 0.1254, 2.2407, -2.9769, -2.7172)),
         scene=tm.Scene([box, ball]),

@@ -45,12 +45,15 @@ def test_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert names["again"].success
     assert names["cell"].problem is not None
     again = replace(problem, motion_limits=names["limits"], scene=tm.Scene())
-    assert again.motion_limits is names["limits"]
+    found = again.motion_limits.by_joint("acceleration", again.robot.joint_names)
+    assert found.tolist() == [10.0] * again.robot.n
 
 
 def test_the_film_is_of_what_its_example_finds() -> None:
     """It once said 0.67 s of what had become 0.62 s."""
-    arm = tm.load_robot("panda", locked_joints={"panda_finger_joint1": 0.04})
+    arm = tm.load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
+    )
     problem = payload.problem(arm.with_payload(payload.box()))
     found = tm.plan(problem, tm.Options(intervals=20, seed=0))
     said = re.search(r"in its hand: ([\d.]+) s", README.read_text("utf-8"))

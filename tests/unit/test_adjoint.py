@@ -161,7 +161,7 @@ def test_eliminating_the_states_of_collocation_gives_the_adjoint_rows(rng):
 
 def test_a_motion_that_cannot_be_integrated_violates_everything():
     # A light wrist at full torque for a long interval.
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     goal = tm.JointGoal((0.4, -1.0, 0.5, 0.1, 0.2, 0.0))
     nlp = build(tm.Problem(robot, (0.1, -1.2, 0.8, 0.3, 0.5, 0.2), goal), 4)
     z = nlp.transcription.pack(

@@ -35,7 +35,7 @@ STEP = 1e-3
 
 @pytest.fixture(scope="module")
 def ur5():
-    return tm.load_robot("ur5")
+    return tm.load_robot("ur5", limits="urdf")
 
 
 @pytest.mark.parametrize("item", [*IN_V, *IN_A])

@@ -22,7 +22,7 @@ SLOW = """
 import json, resource, sys
 from pathlib import Path
 import tominpmp as tm
-arm = tm.load_robot("ur5", velocity=float(sys.argv[1]))
+arm = tm.load_robot("ur5", limits="urdf", velocity=float(sys.argv[1]))
 start = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0]
 goal = tm.JointGoal([2.7, -0.9, 1.2, 0.1, 0.6, 0.1])
 box = tm.Box("box", size=(0.1, 0.1, 0.1), position=(0.0, 0.0, 1.5),
@@ -87,7 +87,7 @@ def test_instants_between_the_rows_are_bounded_in_number() -> None:
 
 
 def test_distances_of_pairs_far_away_take_little_memory() -> None:
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     far = [tm.Sphere(f"s{k}", radius=0.1, position=(5 + k, 0, 0)) for k in range(40)]
     checker = tm.Problem(
         arm, np.full(6, 0.1), tm.JointGoal(np.zeros(6)), scene=tm.Scene(far)

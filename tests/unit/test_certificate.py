@@ -125,7 +125,7 @@ def planned(method: str = "auto", *, limited: bool = False) -> Solution:
 @cache
 def industrial() -> Solution:
     """A motion of an arm whose speed limits rule."""
-    robot = load_robot("ur5")
+    robot = load_robot("ur5", limits="urdf")
     goal = JointGoal((1.0, -0.6, 0.9, -1.5, 0.4, 1.2))
     return plan(Problem(robot, (-0.8, -1.2, 1.2, -1.0, 0.0, 0.0), goal))
 

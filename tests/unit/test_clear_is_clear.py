@@ -105,7 +105,7 @@ def test_convex_pieces_hold_their_meshes(name: str) -> None:
 
 
 def test_the_least_room_is_what_dense_samples_find(rail: tm.Robot) -> None:
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     problem = tm.Problem(
         arm, [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], tm.JointGoal([2, -0.8, 0.4, 0.3, -1, 1])
     )

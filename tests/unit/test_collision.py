@@ -267,7 +267,7 @@ def test_mesh_that_is_flat(
 
 
 def test_hulls_are_built_once() -> None:
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     scene = Scene([Sphere("o", radius=0.1, position=(1, 1, 1))])
     CollisionChecker(arm, scene, geometry="hull")
     mesh = fixed_link(arm, "forearm_link_0").geometry
@@ -353,7 +353,7 @@ def test_exact_contact(kind: str, gap: float, tmp_path: Path) -> None:
 
 def test_failed_queries_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Coal tells by huge numbers that a tolerance was too tight; here all are huge."""
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     q = np.array([0.1, -1.2, 1.1, 0.3, 0.2, 0.1])
     item = fixed_link(arm, "forearm_link_0")
     middle = placement_of(arm, q, item).act(hull_points(item).mean(axis=0))
@@ -377,7 +377,7 @@ def test_no_failure_gets_through(
 ) -> None:
     """Tolerances at which Coal does fail now and then."""
     monkeypatch.setattr(narrow, "EPA_TOLERANCE", tolerance)
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     q = np.array([0.1, -1.2, 1.1, 0.3, 0.2, 0.1])
     item = fixed_link(arm, "forearm_link_0")
     middle = placement_of(arm, q, item).act(hull_points(item).mean(axis=0))
@@ -427,7 +427,9 @@ def test_ball_sinks_into_a_cylinder_without_a_jump(tmp_path: Path) -> None:
 
 def test_pairs_of_links_that_are_locked_or_fixed() -> None:
     scene = Scene([Sphere("o", radius=0.1, position=(1, 1, 1))])
-    panda = load_robot("panda", locked_joints={"panda_finger_joint1": 0.03})
+    panda = load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.03}
+    )
     names = [name for name, _ in CollisionChecker(panda, scene).pairs]
     assert "panda_link0" not in names  # it does not move
     assert names.count("panda_leftfinger") == 4  # its shapes

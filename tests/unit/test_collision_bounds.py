@@ -32,7 +32,9 @@ DEPTHS = 5e-6
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return load_robot("panda", locked_joints={"panda_finger_joint1": 0.03})
+    return load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.03}
+    )
 
 
 def clutter(rng: np.random.Generator, number: int = 8) -> Scene:
@@ -262,7 +264,7 @@ def test_gradients_at_several_instants(panda: Robot, rng: np.random.Generator) -
 
 
 def test_gradients_between_links(rng: np.random.Generator) -> None:
-    arm, step = load_robot("ur5"), 1e-6
+    arm, step = load_robot("ur5", limits="urdf"), 1e-6
     checker = CollisionChecker(arm, Scene(), self_collision=True, geometry="hull")
     pairs = np.arange(len(checker.pairs))
     errors = []

@@ -102,7 +102,7 @@ def mesh_of(arm: Robot, name: str) -> coal.BVHModelBase:
 
 def test_pieces_of_a_real_link(rng: np.random.Generator) -> None:
     """The forearm of a UR5, whose hull is 37 mm off."""
-    mesh = mesh_of(load_robot("ur5"), "forearm_link_0")
+    mesh = mesh_of(load_robot("ur5", limits="urdf"), "forearm_link_0")
     found = decomposition_cache.pieces_of(mesh)
     assert found is not None
     assert 2 <= len(found.corners) <= MOST_PIECES

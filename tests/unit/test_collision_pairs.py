@@ -28,7 +28,9 @@ def own_pairs(arm: Robot) -> set[frozenset[str]]:
 
 def test_pairs_of_a_panda() -> None:
     """All that its SRDF leaves, but for links that never part."""
-    arm = load_robot("panda", locked_joints={"panda_finger_joint1": 0.03})
+    arm = load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.03}
+    )
     names = [f"panda_link{i}" for i in range(8)]
     names += ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
     assert arm.srdf is not None
@@ -43,7 +45,7 @@ def test_pairs_of_a_panda() -> None:
 
 
 def test_pairs_of_a_ur5() -> None:
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     assert arm.srdf is not None
     disabled = {frozenset(pair) for pair in arm.srdf.disabled_pairs}
     found = own_pairs(arm)
@@ -55,7 +57,7 @@ def test_pairs_of_a_ur5() -> None:
 
 def test_pairs_without_an_srdf() -> None:
     """Neighbours are left out, and what always touches; the fixed base counts."""
-    arm = load_robot("ur10")
+    arm = load_robot("ur10", limits="urdf")
     assert arm.srdf is None
     found = own_pairs(arm)
     chain = ["base_link", "shoulder_link", "upper_arm_link", "forearm_link"]
@@ -106,7 +108,7 @@ def test_links_that_always_touch_are_left_out(tmp_path: Path) -> None:
 
 
 def test_obstacles_go_first() -> None:
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     both = CollisionChecker(arm, FAR, self_collision=True, geometry="hull")
     alone = CollisionChecker(arm, FAR, geometry="hull")
     own = CollisionChecker(arm, Scene(), self_collision=True, geometry="hull")
@@ -122,7 +124,7 @@ def test_obstacles_go_first() -> None:
 
 def folded_ur5() -> tuple[Robot, np.ndarray]:
     """An arm whose forearm lies on its shoulder."""
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     return arm, np.array([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
 
 
@@ -143,7 +145,7 @@ def test_start_that_hits_itself() -> None:
 
 def test_links_keep_no_margin_from_each_other() -> None:
     """Some links are always nearer to each other than an obstacle may be."""
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     q = np.array([0.3, -1.2, 1.0, 0.3, 0.4, 0.0])
     problem = Problem(arm, q, JointGoal(q + 0.1), scene=FAR, margin=0.15)
     own = problem.checker.distances(q[None])[0, problem.checker.obstacle_pairs :]

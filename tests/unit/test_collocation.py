@@ -255,7 +255,7 @@ def test_swift_motions_get_a_grid_that_their_replay_bears():
     """Two finer grids were not enough: every start failed its replay, for 100 s."""
     start = [-0.492, 2.918, 1.347, -2.1, -3.037, 2.053]
     goal = tm.JointGoal([2.45, -3.074, -2.031, -2.455, 1.546, -0.541])
-    problem = tm.Problem(tm.load_robot("ur5"), start, goal)
+    problem = tm.Problem(tm.load_robot("ur5", limits="urdf"), start, goal)
     solution = tm.plan(problem, method="collocation", starts=1, max_iterations=100)
     assert solution.success, solution.message
     smooth = tm.plan(problem, starts=1)

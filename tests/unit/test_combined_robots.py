@@ -29,12 +29,14 @@ HOME = np.array([0.0, -1.2, 1.2, -1.5, -1.5, 0.0])
 
 @pytest.fixture(scope="module")
 def ur5() -> Robot:
-    return load_robot("ur5", effort=0.9 * np.array([150, 150, 150, 28, 28, 28.0]))
+    return load_robot(
+        "ur5", limits="urdf", effort=0.9 * np.array([150, 150, 150, 28, 28, 28.0])
+    )
 
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return load_robot("panda")  # eight joints, and a finger that follows
+    return load_robot("panda", limits="urdf")  # eight joints, and a finger that follows
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +137,9 @@ def test_a_combined_robot_is_a_value(cell: Robot, ur5: Robot, panda: Robot) -> N
 
 
 def test_parts_with_payloads_and_locked_joints(ur5: Robot) -> None:
-    panda = load_robot("panda", locked_joints={"panda_finger_joint1": 0.03})
+    panda = load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.03}
+    )
     loaded = panda.with_payload(Payload(1.0, "panda_hand"))
     cell = combine_robots([("a", ur5, (0, 1, 0)), ("b", loaded, (0, 0, 0))])
     assert cell.locked_joints["b/panda_finger_joint2"] == 0.03

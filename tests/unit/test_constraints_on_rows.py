@@ -22,7 +22,7 @@ DIRECTION = np.array([0.0, 0.6, 0.8])
 
 @pytest.fixture(scope="module")
 def ur5():
-    return tm.load_robot("ur5")
+    return tm.load_robot("ur5", limits="urdf")
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)

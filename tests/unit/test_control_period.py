@@ -443,7 +443,7 @@ def test_knots_near_nodes():
 @pytest.mark.parametrize("control", ["constant", "linear"])
 def test_dry_friction(control):
     """Torques jump where joints turn: between ticks as well as at them."""
-    arm = tm.load_robot("ur5", friction=4.0)
+    arm = tm.load_robot("ur5", limits="urdf", friction=4.0)
     problem = ur5_problem(arm)
     solution = tm.plan(problem, control=control, control_period=0.008)
     assert solution.success and solution.verification.ok

@@ -88,7 +88,10 @@ def test_limits_reach_robot_and_problem(panda: Robot) -> None:
 
 def test_speeds_and_torques_go_before_those_of_the_urdf() -> None:
     """The UR3 of example-robot-data has the torques of a UR10."""
-    assert load_robot("ur3").limits.effort_upper.tolist()[:2] == [330.0, 330.0]
+    assert load_robot("ur3", limits="urdf").limits.effort_upper.tolist()[:2] == [
+        330.0,
+        330.0,
+    ]
     robot = load_robot("ur3", limits="datasheet")
     assert robot.limits.effort_upper.tolist() == [56, 56, 28, 12, 12, 12]
     np.testing.assert_allclose(robot.limits.velocity[3:], 2 * np.pi, rtol=1e-6)
@@ -149,7 +152,20 @@ def test_no_sheet_and_wrong_words() -> None:
     for wrong in ("data sheet", 3, True):
         with pytest.raises(OptionsError, match="expected 'datasheet', 'urdf' or"):
             load_robot("ur5", limits=wrong)
-    assert load_robot("ur5", limits="urdf") == load_robot("ur5")
+
+
+def test_named_robots_have_them_by_default(tmp_path: Path, panda: Robot) -> None:
+    assert load_robot("panda", group="arm") == panda
+    assert load_changed_robot("ur5", RobotOptions()) == load_robot("ur5")
+    assert load_robot("ur5") == load_robot("ur5", limits="datasheet")
+    plain = load_robot("ur5", limits="urdf")
+    assert plain.motion_limits is None and plain != load_robot("ur5")
+    # A file is taken as it is, and so is a robot of which there is no sheet.
+    assert load_robot(plain.urdf_path).motion_limits is None
+    assert load_robot("planar3r") == load_robot("planar3r", limits="urdf")
+    for robot in (plain, load_robot("ur5")):
+        written = robot_table(robot, tmp_path)
+        assert read_robot(Field(written, tmp_path / "s.toml", "robot")) == robot
 
 
 def test_command_line_and_scenarios(tmp_path: Path) -> None:
@@ -191,7 +207,7 @@ def test_motions_keep_them_and_the_lack_of_them_is_told(panda: Robot) -> None:
     t = np.linspace(0.0, motion.duration, 2000)
     limit = panda.motion_limits.by_joint("acceleration", names)
     assert np.all(np.abs(motion(t).a) <= 1.005 * limit)
-    free = tm.plan(panda_problem(load_robot("panda", group="arm"), goal))
+    free = tm.plan(panda_problem(load_robot("panda", limits="urdf", group="arm"), goal))
     peak = free.peak_acceleration
     assert not peak.limited and peak.unit == "rad/s^2" and peak.value > 50.0
     samples = np.abs(free.trajectory(np.linspace(0.0, free.T, 5000)).a)
@@ -231,4 +247,6 @@ def test_robots_are_listed_with_them(panda: Robot) -> None:
     assert [joint["acceleration"] for joint in data["joints"]][:2] == [15.0, 7.5]
     assert data["joints"][0]["effort_rate"] == 1000.0
     assert data["groups"]["hand"] == ["panda_finger_joint1"]
-    assert "acceleration" not in robot_data(load_robot("ur5"))["joints"][0]
+    assert (
+        "acceleration" not in robot_data(load_robot("ur5", limits="urdf"))["joints"][0]
+    )

@@ -23,7 +23,7 @@ def arm(request: pytest.FixtureRequest) -> Robot:
     if name != "geared panda":
         return load_robot(name)
     values = np.arange(1.0, 9.0)
-    return load_robot("panda", damping=values, armature=0.1 * values)
+    return load_robot("panda", limits="urdf", damping=values, armature=0.1 * values)
 
 
 def states(

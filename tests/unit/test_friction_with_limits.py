@@ -84,7 +84,7 @@ def test_acceleration_at_the_stop_is_that_of_the_motion(sign: float) -> None:
 
 
 def test_accelerations_beyond_their_limit_are_still_refused() -> None:
-    robot = tm.load_robot("xarm7")
+    robot = tm.load_robot("xarm7", limits="urdf")
     free = tm.plan(tm.Problem(robot, START, tm.JointGoal(GOAL)))
     assert free.success and free.trajectory is not None
     found = tm.verify(xarm_problem(), free.trajectory)

@@ -33,7 +33,7 @@ END += [2.782771934380834]
 def panda() -> tm.Robot:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return tm.load_robot("panda", locked_joints=FINGERS)
+        return tm.load_robot("panda", limits="urdf", locked_joints=FINGERS)
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -127,7 +127,7 @@ def test_a_group_that_holds_itself(tmp_path: Path) -> None:
 
 def test_bundled_and_example_robots() -> None:
     """One call each; the base of a humanoid stands still."""
-    panda = load_robot("panda", group="panda_arm")
+    panda = load_robot("panda", limits="urdf", group="panda_arm")
     assert panda.n == 7 and panda.locked_joints["panda_finger_joint1"] == 0.001
     talos = load_robot("talos", group="left_arm")
     assert talos.joint_names == tuple(f"arm_left_{i}_joint" for i in range(1, 8))

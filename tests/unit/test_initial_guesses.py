@@ -144,7 +144,7 @@ BALL = tm.Sphere("ball", radius=0.3, position=(3.5, 1.2, 0))
 
 def test_a_path_that_has_to_slow_down_at_once_is_timed():
     """The largest acceleration falls steeply there with the speed ahead."""
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     goal = tm.JointGoal(np.full(arm.n, 0.5))
     system = ProblemFunctions.of(tm.Problem(arm, np.zeros(arm.n), goal))
     steps = np.random.default_rng(64).uniform(-0.6, 0.6, (9, arm.n))

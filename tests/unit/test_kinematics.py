@@ -97,7 +97,7 @@ def test_unknown_frame(planar3r: Robot) -> None:
 
 
 def test_fingers_move_together() -> None:
-    panda = load_robot("panda")
+    panda = load_robot("panda", limits="urdf")
     kinematics = RobotKinematics(panda)
     q = np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.5, 0.7, 0.03])
     hand = kinematics.placement(q, "panda_hand")
@@ -162,7 +162,7 @@ def test_reach_goes_along_each_branch(tmp_path: Path) -> None:
 
 def test_prismatic_joints(tmp_path: Path, planar3r: Robot) -> None:
     assert prismatic_joints(planar3r).tolist() == [False] * 3
-    panda = prismatic_joints(load_robot("panda"))
+    panda = prismatic_joints(load_robot("panda", limits="urdf"))
     assert panda.tolist() == [False] * 7 + [True]
     parts = [link("base", ""), *(link(f"l{i}") for i in range(1, 5))]
     kinds = ("prismatic", "revolute", "continuous", "prismatic")

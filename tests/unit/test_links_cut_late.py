@@ -44,7 +44,7 @@ def cut(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[list[int]]:
 
 
 def straight(robot: tm.Robot | None = None) -> tm.Problem:
-    arm = tm.load_robot("ur5") if robot is None else robot
+    arm = tm.load_robot("ur5", limits="urdf") if robot is None else robot
     return tm.Problem(arm, ENDS[0], tm.JointGoal(ENDS[1]))
 
 
@@ -87,7 +87,7 @@ def test_links_that_touch_are_parted_alike_whatever_was_cut() -> None:
     )
     durations = []
     for early in (False, True):
-        panda = tm.load_robot("panda", locked_joints=fingers)
+        panda = tm.load_robot("panda", limits="urdf", locked_joints=fingers)
         problem = tm.Problem(panda, ends[0], tm.JointGoal(ends[1]))
         if early:
             problem.checker.distances(np.array(ends))
@@ -98,7 +98,7 @@ def test_links_that_touch_are_parted_alike_whatever_was_cut() -> None:
 
 
 def test_hulls_are_never_farther_apart_than_pieces() -> None:
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     checker = CollisionChecker(arm, tm.Scene(), self_collision=True)
     q = np.random.default_rng(3).uniform(-3.0, 3.0, size=(30, 6))
     nearest = []
@@ -118,7 +118,7 @@ def test_hulls_are_never_farther_apart_than_pieces() -> None:
 
 
 def test_starts_clear_by_pieces_and_not_by_hulls_are_taken() -> None:
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     checker = CollisionChecker(arm, tm.Scene(), self_collision=True)
     hulls = checker.with_cut(frozenset())
     rng = np.random.default_rng(5)
@@ -164,7 +164,7 @@ def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
 def test_a_motion_through_itself_is_no_less_so_without_time(
     cut: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     folded = [0.0, -1.0, 3.1, 0.0, 0.0, 0.0]
     blind = tm.Problem(arm, ENDS[0], tm.JointGoal(folded), self_collision=False)
     motion = tm.plan(blind)

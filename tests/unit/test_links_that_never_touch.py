@@ -41,7 +41,7 @@ def rail(folder: Path, reason: str | None, post: str = POST) -> tm.Robot:
 
 def test_pairs_without_a_reason_are_told_of_unless_they_are_neighbours() -> None:
     """The SRDF of the UR5 has no reasons."""
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     never = arm.srdf.never_touch
     assert ("forearm_link", "wrist_2_link") in never
     assert ("forearm_link", "wrist_1_link") not in never
@@ -151,7 +151,7 @@ def test_reports_of_commands_say_so(tmp_path: Path) -> None:
 
 def test_hand_and_forearm_of_a_panda() -> None:
     """Its SRDF disables them as "Default", as they touch where all joints are at 0."""
-    panda = tm.load_robot("panda", locked_joints=FINGERS)
+    panda = tm.load_robot("panda", limits="urdf", locked_joints=FINGERS)
     solution = tm.plan(tm.Problem(panda, STRAIGHT, tm.JointGoal(BENT)))
     assert solution.success
     assert solution.verification.touches == ()
@@ -159,7 +159,7 @@ def test_hand_and_forearm_of_a_panda() -> None:
     said = panda.srdf.path.read_text(encoding="utf-8")
     assert pair.format("Default") in said
     said = said.replace(pair.format("Default"), pair.format("Never"))
-    panda = tm.load_robot("panda", locked_joints=FINGERS, srdf=said)
+    panda = tm.load_robot("panda", limits="urdf", locked_joints=FINGERS, srdf=said)
     solution = tm.plan(tm.Problem(panda, STRAIGHT, tm.JointGoal(BENT)))
     assert solution.success
     ((*names, time),) = solution.verification.touches

@@ -52,7 +52,7 @@ def planned(item, distance=1.0, robot=None, **options) -> tm.Solution:
 
 @pytest.fixture(scope="module")
 def ur5():
-    return tm.load_robot("ur5")
+    return tm.load_robot("ur5", limits="urdf")
 
 
 @pytest.mark.parametrize("item", ITEMS)

@@ -32,7 +32,7 @@ MEGABYTE = 1e6
 
 def crowded(count: int) -> tm.Problem:
     """A UR5 among balls, all of which move and are about as near."""
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     balls = [
         tm.Sphere(

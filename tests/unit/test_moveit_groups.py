@@ -127,7 +127,7 @@ def test_panda_with_fingers_beyond_their_limits(
     )
     fingers = {"panda_finger_joint1": 0.065, "panda_finger_joint2": 0.065}
     paths = files(tmp_path, "panda_arm", {**start, **fingers}, wanted)
-    robot: str | Robot = "panda" if named else load_robot("panda")
+    robot: str | Robot = "panda" if named else load_robot("panda", limits="urdf")
     with pytest.warns(TominpmpWarning, match="locked at 0.065, outside its limits"):
         problem = load_moveit(robot, *paths)
     assert problem.robot.joint_names == tuple(PANDA)
@@ -139,7 +139,7 @@ def test_joints_that_the_user_locked_remain_locked(tmp_path: Path) -> None:
     start = dict(zip(PANDA, READY, strict=True))
     goal = {k: v + 0.1 for k, v in start.items() if k != "panda_joint7"}
     fingers = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
-    robot = load_robot("panda", locked_joints={"panda_joint7": 0.785})
+    robot = load_robot("panda", limits="urdf", locked_joints={"panda_joint7": 0.785})
     paths = files(tmp_path, "arm", {**start, **fingers}, goal)
     problem = load_moveit(robot, *paths)
     assert problem.robot.joint_names == tuple(PANDA[:6])

@@ -36,7 +36,9 @@ def test_conveyor():
 
 def test_payload():
     module = example("payload")
-    empty = tm.load_robot("panda", locked_joints={"panda_finger_joint1": 0.04})
+    empty = tm.load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
+    )
     loaded = empty.with_payload(module.box())
     solution = tm.plan(module.problem(empty), COARSE)
     assert solution.success

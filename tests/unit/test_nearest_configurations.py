@@ -43,7 +43,7 @@ def test_a_configuration_is_led_to_where_the_slowest_joint_has_least_to_go():
 def test_a_posture_that_no_random_start_leads_to_is_found():
     # Of the configurations found at random none is reached on a line in less than
     # 0.88 s; the fastest motion takes 0.81 s and ends elsewhere.
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     start = np.array([1.4697, 2.1336, 0.3214, 2.1879, 1.9678, 1.0154])
     goal = tm.PositionGoal("tool0", (0.1144, 0.1252, 0.0941))
     problem = tm.Problem(robot, start, goal)

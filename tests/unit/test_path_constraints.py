@@ -45,7 +45,7 @@ def fastest(speed: float, angle: float = 2.0) -> float:
 
 
 def panda(goal: tm.Goal, *constraints, **more) -> tm.Problem:
-    robot = tm.load_robot("panda")
+    robot = tm.load_robot("panda", limits="urdf")
     start = robot.group_state("default")
     return tm.Problem(robot, start, goal, constraints=constraints, **more)
 
@@ -152,7 +152,7 @@ def test_a_motion_that_breaks_a_constraint_is_refused():
 
 @pytest.mark.parametrize("item", [tm.ToolSpeed("tip", 0.7), tm.KeepUpright("tip")])
 def test_derivatives_against_differences(item):
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     rng = np.random.default_rng(4)
     item = type(item)(**{**vars(item), "frame": "tool0"}).on(robot)
     step = 1e-6
@@ -171,7 +171,7 @@ def test_derivatives_against_differences(item):
 
 
 def test_the_smooth_value_has_the_sign_of_the_excess():
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     rng = np.random.default_rng(5)
     speed = tm.ToolSpeed("tool0", 0.7).on(robot)
     tilt = tm.KeepUpright("tool0", tolerance=1.5).on(robot)

@@ -32,7 +32,9 @@ SHAPES = (
 
 @pytest.fixture(scope="module")
 def panda() -> Robot:
-    return load_robot("panda", locked_joints={"panda_finger_joint1": 0.03})
+    return load_robot(
+        "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.03}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +96,7 @@ def test_what_the_robot_keeps(panda: Robot, loaded: Robot) -> None:
 
 
 def test_followers_go_on_following() -> None:
-    panda = load_robot("panda")
+    panda = load_robot("panda", limits="urdf")
     loaded = panda.with_payload(Payload(0.1, "panda_leftfinger"))
     assert panda.expansion_matrix is not None
     np.testing.assert_array_equal(loaded.expand(np.ones(8)), panda.expand(np.ones(8)))

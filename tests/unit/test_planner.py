@@ -116,7 +116,7 @@ def test_moving_start_and_goal(planar3r, goal):
 
 
 def test_pose_goal():
-    robot = tm.load_robot("ur5")
+    robot = tm.load_robot("ur5", limits="urdf")
     start = np.array([0.0, -1.2, 1.2, -0.5, -0.8, 0.3])
     pose = RobotKinematics(robot).placement(start + 0.4, "tool0")
     solution = plan_quickly(
@@ -128,7 +128,7 @@ def test_pose_goal():
 
 
 def test_mimic_joints_follow():
-    robot = tm.load_robot("panda")
+    robot = tm.load_robot("panda", limits="urdf")
     start = np.array([0, -0.5, 0, -2, 0, 1.6, 0.8, 0.01])
     shift = np.append(np.full(7, 0.3), 0.02)
     problem = tm.Problem(robot, start, tm.JointGoal(start + shift))

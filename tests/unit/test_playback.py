@@ -297,7 +297,7 @@ def test_end_frame_is_that_of_the_goal_or_the_last() -> None:
     assert end_frame(planar_problem()) == "tip"
     assert end_frame(planar_problem(JointGoal(END))) == "tip"
     locked = {"panda_finger_joint1": 0.03}
-    panda = load_robot("panda", locked_joints=locked)
+    panda = load_robot("panda", limits="urdf", locked_joints=locked)
     problem = Problem(panda, PANDA_HOME, JointGoal(PANDA_HOME))
     assert end_frame(problem) == "panda_hand_tcp"
 

@@ -262,7 +262,7 @@ def test_goal_far_beyond_reach(far: float, planar3r: Robot) -> None:
 
 
 def test_reached_goals_are_fine(rng: np.random.Generator) -> None:
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     kinematics = RobotKinematics(arm)
     for _ in range(20):
         q = rng.uniform(-3.0, 3.0, size=6)

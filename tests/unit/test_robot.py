@@ -134,7 +134,7 @@ def test_group_state_must_name_every_joint(tmp_path: Path) -> None:
 )
 def test_example_arms_have_the_values_of_their_files(name: str, n: int) -> None:
     locked = FINGER if name == "panda" else None
-    arm = load_robot(name, locked_joints=locked)
+    arm = load_robot(name, limits="urdf", locked_joints=locked)
     assert arm.n == arm.model.nq == arm.model.nv == n
     root = ElementTree.parse(arm.urdf_path).getroot()
     elements = {element.get("name"): element for element in root.findall("joint")}
@@ -157,7 +157,7 @@ def test_example_arms_have_the_values_of_their_files(name: str, n: int) -> None:
 
 
 def test_panda_fingers_follow_or_are_locked() -> None:
-    free = load_robot("panda")
+    free = load_robot("panda", limits="urdf")
     assert free.n == 8
     assert free.joint_names[-1] == "panda_finger_joint1"
     assert free.model.nv == 9
@@ -166,7 +166,7 @@ def test_panda_fingers_follow_or_are_locked() -> None:
     # Both fingers rub.
     assert free.damping[-1] == 0.6
 
-    locked = load_robot("panda", locked_joints=FINGER)
+    locked = load_robot("panda", limits="urdf", locked_joints=FINGER)
     assert locked.n == locked.model.nv == 7
     assert dict(locked.locked_joints) == {
         "panda_finger_joint1": 0.03,
@@ -184,7 +184,7 @@ def test_panda_fingers_follow_or_are_locked() -> None:
 
 
 def test_panda_geometry_is_that_of_the_files() -> None:
-    arm = load_robot("panda", locked_joints=FINGER)
+    arm = load_robot("panda", limits="urdf", locked_joints=FINGER)
     names = {g.name for g in arm.collision_model.geometryObjects}
     assert {"panda_link0_0", "panda_leftfinger_0", "panda_rightfinger_0"} <= names
     assert len(names) == 17
@@ -204,8 +204,8 @@ def test_geometry_of_locked_fingers_is_where_the_fingers_are() -> None:
         ]
 
     q = [0.1, -0.2, 0.3, -1.5, 0.4, 1.6, -0.7]
-    locked = fingers(load_robot("panda", locked_joints=FINGER), q)
-    free = fingers(load_robot("panda"), [*q, 0.03])
+    locked = fingers(load_robot("panda", limits="urdf", locked_joints=FINGER), q)
+    free = fingers(load_robot("panda", limits="urdf"), [*q, 0.03])
     for one, other in zip(locked, free, strict=True):
         assert one.isApprox(other, 1e-12)
 
@@ -238,7 +238,9 @@ def test_robot_is_read_only() -> None:
 
 
 def test_robot_survives_pickling() -> None:
-    arm = load_robot("panda", locked_joints=FINGER, effort=50, gravity=(0, 1, 2))
+    arm = load_robot(
+        "panda", limits="urdf", locked_joints=FINGER, effort=50, gravity=(0, 1, 2)
+    )
     text = pickle.dumps(arm)
     assert len(text) < 200_000
     copy = pickle.loads(text)

@@ -24,13 +24,13 @@ FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 
 
 def through_itself(**changes: object) -> tm.Problem:
-    panda = tm.load_robot("panda", locked_joints=FINGERS)
+    panda = tm.load_robot("panda", limits="urdf", locked_joints=FINGERS)
     return tm.Problem(panda, FOLDED, tm.JointGoal(TURNED), **changes)
 
 
 def colliding_on_the_way() -> tm.Problem:
     # Eight times as fast, so that torques rule, and the search begins on coarse grids.
-    ur5 = tm.load_robot("ur5")
+    ur5 = tm.load_robot("ur5", limits="urdf")
     fast = ur5.with_changes(velocity=8.0 * ur5.limits.velocity)
     start, goal = [-1.2, 0.3, 0.9, 2.3, 2.3, -1.5], [1.5, 0.8, -0.7, 1.7, 2.4, -0.1]
     return tm.Problem(fast, start, tm.JointGoal(goal))
@@ -97,7 +97,7 @@ def test_time_that_ends_while_links_are_parted_leaves_a_motion() -> None:
 
 
 def test_an_arm_alone_is_as_fast_as_if_its_links_could_touch() -> None:
-    ur5 = tm.load_robot("ur5")
+    ur5 = tm.load_robot("ur5", limits="urdf")
     ends = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
     watched, blind = (
         tm.plan(tm.Problem(ur5, ends[0], tm.JointGoal(ends[1]), self_collision=own))
@@ -145,7 +145,7 @@ def test_small_arms_with_shapes_still_swing_up(tmp_path: Path) -> None:
 
 
 def test_links_that_hit_at_the_start_are_named_with_what_to_do() -> None:
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     folded = [0.0, -1.0, 3.1, 0.0, 0.0, 0.0]
     with pytest.raises(tm.ProblemError, match="their meshes overlap, too") as caught:
         tm.Problem(arm, folded, tm.JointGoal(np.zeros(6)))

@@ -96,7 +96,7 @@ def ways(solution: tm.Solution) -> np.ndarray:
 @pytest.mark.parametrize(("slack", "left"), [(0.0, 0.8), (0.003, 0.5)])
 def test_joints_with_time_to_spare_go_straight(slack, left):
     """Light joints swing out where that helps by a ten-thousandth of T."""
-    arm = tm.load_robot("ur5")
+    arm = tm.load_robot("ur5", limits="urdf")
     start = [0.3, -1.6, 1.2, -1.4, 0.4, -0.5]
     problem = tm.Problem(arm, start, tm.JointGoal([2.6, -0.6, -1.0, 0.4, 1.1, 0.3]))
     solution = plan_quickly(problem)

@@ -33,7 +33,7 @@ ITEMS = (
 
 @pytest.fixture(scope="module")
 def ur5():
-    return tm.load_robot("ur5")
+    return tm.load_robot("ur5", limits="urdf")
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)

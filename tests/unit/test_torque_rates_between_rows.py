@@ -20,7 +20,7 @@ FINGERS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
 @pytest.fixture(scope="module", params=[5.0, 20.0])
 def planned(request: pytest.FixtureRequest) -> tuple[tm.Solution, np.ndarray]:
     """A motion limited by torque rates alone [1/s], in shares of the torques."""
-    robot = tm.load_robot("panda", locked_joints=FINGERS)
+    robot = tm.load_robot("panda", limits="urdf", locked_joints=FINGERS)
     largest = request.param * robot.limits.effort_upper
     problem = tm.Problem(
         robot,

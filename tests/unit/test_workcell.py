@@ -43,7 +43,7 @@ def cell(planar3r: Robot) -> Workcell:
 @pytest.fixture(scope="module")
 def pair() -> Workcell:
     """Two UR5s that face each other."""
-    arm = load_robot("ur5")
+    arm = load_robot("ur5", limits="urdf")
     turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([1.2, 0.0, 0.0]))
     return Workcell({"one": (arm, (0, 0, 0)), "two": (arm, turned)})
 

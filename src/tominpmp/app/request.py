@@ -122,7 +122,7 @@ class RobotChoice:
     def call(self) -> Call:
         """The call that loads it."""
         options = {
-            "limits": "datasheet" if self.datasheet else None,
+            "limits": "datasheet" if self.datasheet else "urdf",
             "group": self.group,
             "locked_joints": dict(self.locked),
         }

@@ -59,7 +59,8 @@ class RobotOptions:
             beside the URDF file.
         group (NAME): Group of the SRDF file whose joints move; the others are held.
         limits (NAME): datasheet: the limits that the maker publishes, accelerations
-            among them; urdf: those of the file.
+            among them, as by default for a robot given by its name; urdf: those of its
+            file.
         lock (JOINT=VALUE): Hold a joint at a position (rad or m), repeatable.
         gravity (X Y Z): Gravity (m/s^2) instead of the robot's own.
         effort (VALUES): Torque limits (N m or N) instead of the URDF's: one number for

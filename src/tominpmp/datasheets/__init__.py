@@ -135,15 +135,17 @@ def find_datasheet(
 
 
 def published_values(
-    names: Iterable[str | None], joint_names: Sequence[str]
+    names: Iterable[str | None], joint_names: Sequence[str], *, needed: bool = True
 ) -> dict[str, dict[str, float]]:
     """Values of the data sheet of a robot by quantity and joint name.
 
     Raises:
-        OptionsError: If there is no data sheet of it, with those there are.
+        OptionsError: If there is none and one is needed, with those there are.
     """
     names = [name for name in names if name]
     sheet = find_datasheet(names, joint_names)
+    if sheet is None and not needed:
+        return {}
     if sheet is None:
         known = ", ".join(f"{sheet.title} ({sheet.names[0]})" for sheet in datasheets())
         raise OptionsError(

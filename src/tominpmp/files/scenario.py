@@ -89,6 +89,7 @@ import numpy as np
 from tominpmp.arrays import Array, Record
 from tominpmp.checks import instance
 from tominpmp.constraints import PathConstraint
+from tominpmp.datasheets import find_datasheet
 from tominpmp.description.fields import Field
 from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import OVERRIDES, JointTable, Linkage
@@ -651,6 +652,11 @@ def robot_table(
         known = find_robot(robot.name)
     if known is not None and known.urdf == path and path.is_file():
         table["name"], default = robot.name, known.srdf
+        names = robot.name, robot.description.name, path.stem
+        joints = [joint.name for joint in robot.description.joints]
+        if find_datasheet(names, joints) is not None:
+            # All limits are written down below, those of the data sheet too.
+            table["limits"] = "urdf"
     else:
         table["path"] = file("urdf", path, "it was loaded from")
     # What an MJCF file says comes with it.

@@ -514,8 +514,9 @@ class RobotSource:
         says, or what only motion limits have: accelerations and jerks.
 
         Args:
-            limits: "datasheet" for those of the data sheet, too; "urdf" or None for
-                those of the file.
+            limits: "datasheet" for those of the data sheet, too; "urdf" for those of
+                the file; None for the former of a robot asked for by name, if there is
+                a sheet of it.
 
         Raises:
             OptionsError: If limits are none of these, or there is no sheet.
@@ -533,7 +534,10 @@ class RobotSource:
         said = self.semantics
         rotors = {} if said is None else {"armature": said.rotor_inertias}
         moving = [joint.name for joint in joints]
-        sheet = published_values(self.names, moving) if limits == DATASHEET else {}
+        named = limits is None and self.files.name is not None
+        sheet = {}
+        if named or limits == DATASHEET:
+            sheet = published_values(self.names, moving, needed=not named)
         found: dict[str, dict[str, Any]] = {}
         for level in (described, rotors, self.values, sheet, self.stated):
             for quantity, values in level.items():
@@ -781,7 +785,8 @@ def load_robot(
         limits: ``"datasheet"`` for those that the maker publishes (accelerations,
             jerks, torque rates, and speeds and torques instead of the file's); the
             arguments below go before them. See :mod:`tominpmp.datasheets`. ``"urdf"``
-            or None for those of the file.
+            for those of the file. By default those of the data sheet for a robot given
+            by its name, if there is one of it, else those of the file.
         group: Group of the SRDF file, as ``"panda_arm"``, whose joints move; or a
             link, for the chain from the base to it; two links, for the chain from one
             to the other; or names of joints. The others are locked: where
