@@ -17,9 +17,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.datasheets import published_values
+from tominpmp.datasheets import find_datasheet
 from tominpmp.exceptions import (
-    OptionsError,
     ProblemError,
     RobotLoadError,
     SceneError,
@@ -181,11 +180,8 @@ def has_datasheet(source: str) -> bool:
         RobotLoadError: If there is no such robot, or its files are wrong.
     """
     files = _said(source)
-    try:
-        published_values(files.names, [j.name for j in files.description.joints])
-    except OptionsError:
-        return False
-    return True
+    joints = [joint.name for joint in files.description.joints]
+    return find_datasheet(files.names, joints) is not None
 
 
 @dataclass(frozen=True)

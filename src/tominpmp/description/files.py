@@ -21,9 +21,8 @@ _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
 
 # Characters of a path that a message shows, and the most paths that it shows.
 LONGEST_PATH, MOST_PLACES = 400, 20
-# Names with a package, and those with a path that is meant for one machine.
-_PACKAGED = re.compile(r"(package|model)://|\$\(find")
-_ABSOLUTE = re.compile(r"file:|/|[A-Za-z]:[\\/]")
+# Names with a package, or with a path that is meant for one machine.
+_ELSEWHERE = re.compile(r"(package|model|file):|\$\(find|/|[A-Za-z]:[\\/]")
 # How ROS names a package in a path: the file was not expanded to the end.
 _FIND = re.compile(r"^(?:\w+://)?\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)/*")
 
@@ -266,11 +265,9 @@ def missing_resource(name: str, tried: Sequence[Path]) -> str:
     hints = (closest(path.name, _names_in(path.parent)) for path in tried)
     hint = next(filter(None, hints), "")
     places = [shortened(str(path), LONGEST_PATH) for path in tried[:MOST_PLACES]]
-    more = ", ..." if len(tried) > MOST_PLACES else ""
     remedy = "; give the folder that holds the package in package_dirs"
-    return (
-        f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}{more}"
-        + (remedy if _PACKAGED.match(name) or _ABSOLUTE.match(name) else "")
+    return f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}" + (
+        remedy if _ELSEWHERE.match(name) else ""
     )
 
 
@@ -278,10 +275,10 @@ def _in_packages(path: Path) -> list[str]:
     """Names that a path of another machine may have below a package."""
     parts = Path(os.path.normpath(path)).parts
     # Of what is installed the package is known, of what lies in a workspace it is not.
-    first = len(parts) - parts[::-1].index("share") if "share" in parts else 1
-    last = first + 1 if "share" in parts else len(parts) - 1
-    ends = ["/".join(parts[i:]) for i in range(first, last)]
-    return [f"package://{end}" for end in ends if not end.startswith("..")]
+    starts: Iterable[int] = range(1, len(parts) - 1)
+    if "share" in parts[:-1]:
+        starts = [len(parts) - parts[::-1].index("share", 1)]
+    return [f"package://{'/'.join(parts[i:])}" for i in starts if parts[i] != ".."]
 
 
 def _in_any_case(path: Path) -> Path | None:
@@ -349,7 +346,7 @@ def _candidates(
         path = Path(rest if separator else filename)
         # Joining an absolute path to a folder gives that path.
         own = [Path(os.path.normpath(d / path)) for d in (urdf.parent, *package_dirs)]
-        if _ABSOLUTE.match(filename):
+        if _ELSEWHERE.match(filename):
             for name in _in_packages(path):
                 own += _candidates(name, urdf, package_dirs)
         return own

@@ -255,9 +255,13 @@ def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
 def warn_of_points(places: Sequence[str], path: Path) -> None:
     """Warn of shapes that were left out because all their sizes are zero."""
     if places:
-        others = len(places) - 1
-        more = f" and {others} more" if others else ""
-        warn_caller(f"{path}: shapes of no size are left out: {places[0]}{more}")
+        warn_caller(f"{path}: shapes of no size are left out: {first_of(places)}")
+
+
+def first_of(places: Sequence[str]) -> str:
+    """The first of some places, and how many more there are."""
+    others = len(places) - 1
+    return f"{places[0]} and {others} more" if others else places[0]
 
 
 def fixed_joint(

@@ -40,6 +40,7 @@ from tominpmp.description.tree import (
     Mimic,
     Shape,
     UrdfDescription,
+    first_of,
     solid,
     warn_of_points,
 )
@@ -552,11 +553,10 @@ class _UrdfReader:
                 f"{_first(self.turned)}; a URDF file has radians"
             )
         if self.unseen:
-            others = len(self.unseen) - 1
-            more = f" and {others} more" if others else ""
             warn_caller(
-                f"{path}: not shown, as their meshes are not there: {self.unseen[0]}"
-                f"{more}; folders that hold packages are given in package_dirs"
+                f"{path}: not shown, as their meshes are not there: "
+                f"{first_of(self.unseen)}; folders that hold packages are given in "
+                "package_dirs"
             )
 
 
