@@ -247,7 +247,7 @@ def resolve_resource(
         RobotLoadError: If the reference leads out of its package.
     """
     slashed = filename.replace("\\", "/")
-    names = dict.fromkeys((filename, slashed, unquote(slashed)))
+    names = filename, slashed, unquote(slashed)
     paths = [path for name in names for path in _candidates(name, urdf, package_dirs)]
     tried = tuple(dict.fromkeys(paths))
     for path in (*tried, *map(_in_any_case, tried)):
@@ -266,9 +266,8 @@ def missing_resource(name: str, tried: Sequence[Path]) -> str:
     hint = next(filter(None, hints), "")
     places = [shortened(str(path), LONGEST_PATH) for path in tried[:MOST_PLACES]]
     remedy = "; give the folder that holds the package in package_dirs"
-    return f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}" + (
-        remedy if _ELSEWHERE.match(name) else ""
-    )
+    what = f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}"
+    return what + remedy if _ELSEWHERE.match(name) else what
 
 
 def _in_packages(path: Path) -> list[str]:

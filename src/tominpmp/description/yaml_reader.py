@@ -45,7 +45,7 @@ _CORE_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)|!"
 # Tags of xacro and of ROS's loader, with their units in SI units.
 UNITS = {"!degrees": math.pi / 180.0, "!radians": 1.0, "!meters": 1.0}
 UNITS |= {"!millimeters": 1e-3, "!foot": 0.3048, "!inches": 0.0254}
-_ANGLE = re.compile(r"(?:deg|rad)\((.*)\)")
+_ANGLES = {"deg(": "!degrees", "rad(": "!radians"}
 # What stands in them is reckoned if it is no longer than this, so takes no time.
 LONGEST_EXPRESSION = 200
 _OPERATIONS: Any = {ast.Add: operator.add, ast.Sub: operator.sub}
@@ -193,9 +193,8 @@ def _plain(word: str) -> Any:
         return int(word, base)
     if len(word) <= 400 and _FLOAT.fullmatch(word):
         return float(word.replace(".inf", "inf").replace(".nan", "nan").lower())
-    angle = _ANGLE.fullmatch(word)
-    unit = "!degrees" if word.startswith("deg") else "!radians"
-    value = None if angle is None else _in_unit(angle[1], unit)
+    unit = _ANGLES.get(word[:4]) if word.endswith(")") else None
+    value = None if unit is None else _in_unit(word[4:-1], unit)
     return word if value is None else value
 
 

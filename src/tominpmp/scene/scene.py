@@ -94,26 +94,22 @@ class Scene(Record):
         Rows of programs are in the order of the pairs, and the choice of a solver among
         equally good steps depends on it.
         """
-        return self._of(sorted(self.obstacles, key=_whereabouts))
+        ordered = sorted(self.obstacles, key=_whereabouts)
+        return self._altered(obstacles=tuple(ordered))
 
     def at(self, time: float) -> Scene:
         """The scene with all obstacles at rest at their placements of a time [s]."""
         if not self.moving:
             return self
-        return self._of(
-            item if item.motion is None else item.frozen(time)
-            for item in self.obstacles
-        )
+        still = [x if x.motion is None else x.frozen(time) for x in self.obstacles]
+        return self._altered(obstacles=tuple(still))
 
     def resting(self) -> Scene:
         """The scene without the obstacles that move."""
         if not self.moving:
             return self
-        return self._of(item for item in self.obstacles if item.motion is None)
-
-    def _of(self, obstacles: Iterable[Obstacle]) -> Scene:
-        """A scene of obstacles of this one, of which all has been said."""
-        return self._altered(obstacles=tuple(obstacles))
+        still = [item for item in self.obstacles if item.motion is None]
+        return self._altered(obstacles=tuple(still))
 
 
 def as_scene(given: object, name: str) -> Scene:
