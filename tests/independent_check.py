@@ -6,6 +6,8 @@ not made from the file that the library read.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -139,15 +141,23 @@ def _goal_faults(case: Case, q: Array, v: Array) -> list[str]:
     return [text for texts in found for text in texts]
 
 
+def _apart(case: Case, change: Array, columns: Sequence[int]) -> Array:
+    """Distances of joints; those of continuous ones are angles."""
+    turns = np.array([case.arm.bodies[i].kind == "continuous" for i in columns])
+    angle = np.abs((change + np.pi) % (2.0 * np.pi) - np.pi)
+    return np.where(turns, angle, np.abs(change))
+
+
 def _one_goal(case: Case, kind: str, values: dict, q: Array, v: Array) -> list[str]:
     off: dict[str, float] = {}
     speed = v
     if kind == "joint":
-        off["joint"] = np.max(np.abs(q - values["q"]))
+        off["joint"] = np.max(_apart(case, q - values["q"], range(q.size)))
         speed = v if values["v"] is None else v - values["v"]
     elif kind == "joint region":
         columns = [NAMES.index(name) for name in values["joints"]]
-        off["joint"] = np.max(np.abs(q[columns] - values["q"])) - values["tolerance"]
+        apart = _apart(case, q[columns] - values["q"], columns)
+        off["joint"] = np.max(apart) - values["tolerance"]
     else:
         off = _frame_errors(case, kind, values, q)
     found = [f"{kind}: {k} is {x:.2e} off" for k, x in off.items() if x > GOAL]

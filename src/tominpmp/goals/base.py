@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -279,10 +278,6 @@ class Goal(ABC):
     def choices(self) -> tuple[Goal, ...]:
         """Goals of a set, each with all its turns; the alternatives otherwise."""
         return self.alternatives
-
-    def among(self, goals: Sequence[Goal]) -> Goal:
-        """The goal with some of its choices."""
-        return goals[0]
 
     @property
     def members(self) -> tuple[Goal, ...]:

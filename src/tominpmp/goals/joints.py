@@ -101,12 +101,6 @@ class GoalOnJoints(Record, Goal):
         """Whether its alternatives are turns of angles: they are."""
         return True
 
-    def among(self, goals: Sequence[Goal]) -> Goal:
-        """The goal with the turns of some of its alternatives."""
-        kept: Sequence[Any] = goals
-        found: Goal = kept[0]._by(*(q for goal in kept for q in goal.ways))
-        return found
-
     def _rows(self, robot: Robot) -> IntArray:
         """Indices of the joints."""
         if self.joints is None:
@@ -125,6 +119,8 @@ class GoalOnJoints(Record, Goal):
         self: _G, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS
     ) -> _G:
         """The goal with the turns of its angles that are near to a start."""
+        most, n = whole(most, "most", least=1), instance(robot, Robot, "robot").n
+        q, v = (array(x, name, (n,), JOINTS) for x, name in ((q, "q"), (v, "v")))
         rows, limits = self._rows(robot), robot.limits
         angles = self._angles(robot)[rows]
         if not np.any(angles):
@@ -147,7 +143,8 @@ class GoalOnJoints(Record, Goal):
 
     def turns(self, robot: Robot) -> dict[str, int]:
         """Whole turns from the numbers that were given, by joint."""
-        named = robot.joint_names if self.joints is None else self.joints
+        every = instance(robot, Robot, "robot").joint_names
+        named = every if self.joints is None else self.joints
         counts = np.round((self.ways[0] - self.q) / TURN).astype(int).tolist()
         return {name: k for name, k in zip(named, counts, strict=True) if k}
 
@@ -238,6 +235,7 @@ class JointGoal(GoalOnJoints):
 
     def with_state(self, q: Array, v: Array) -> JointGoal:
         """A goal at another configuration and velocity."""
+        q = array(q, "q", (self.q.size,), JOINTS)
         v = array(v, "v", (None,), JOINTS)
         same = np.array_equal(v, self.final_velocity(v.size))
         given = self.q + (q - self.ways[0])
@@ -384,3 +382,9 @@ def _checked_names(joints: Sequence[str], q: Array) -> tuple[str, ...]:
         )
     _check_length("goal.q", q, names)
     return names
+
+
+def joined_turns(goals: Sequence[Any]) -> Goal:
+    """One goal with the turns of several that differ by turns alone."""
+    found: Goal = goals[0]._by(*(q for goal in goals for q in goal.ways))
+    return found

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, Record
+from tominpmp.checks import whole
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
-from tominpmp.goals.joints import GoalOnJoints
+from tominpmp.goals.joints import GoalOnJoints, joined_turns
 from tominpmp.goals.place import GoalResidual, Label, Place
 from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
@@ -144,7 +145,7 @@ class GoalSet(Record, Goal):
 
     def wrapped(self, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS) -> Goal:
         """Each goal with the turns of its angles."""
-        share = max(most // len(self.goals), 1)
+        share = max(whole(most, "most", least=1) // len(self.goals), 1)
         found = tuple(goal.wrapped(robot, q, v, share) for goal in self.goals)
         return self._altered(goals=found)
 
@@ -187,10 +188,6 @@ class AnyGoal(GoalSet):
     def choices(self) -> tuple[Goal, ...]:
         """The goals."""
         return tuple(self.goals)
-
-    def among(self, goals: Sequence[Goal]) -> Goal:
-        """The set of some of them."""
-        return AnyGoal(goals)
 
     @property
     def ends_moving(self) -> bool:
@@ -286,3 +283,8 @@ class AllGoals(GoalSet):
     def prefixed(self, prefix: str, robot: Robot) -> AllGoals:
         """The goals in the names that their parts have beside other robots."""
         return AllGoals([goal.prefixed(prefix, robot) for goal in self.members])
+
+
+def among(goal: Goal, kept: Sequence[Goal]) -> Goal:
+    """The goal with some of its choices alone."""
+    return joined_turns(kept) if goal.turning else AnyGoal(kept)

@@ -17,6 +17,7 @@ from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal
+from tominpmp.goals.sets import among
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot import Robot
@@ -102,12 +103,12 @@ class StateChecks:
         if goal.turning:
             if not kept:
                 raise faults[1]
-            return goal.among(kept), list(dict.fromkeys(messages))
+            return among(goal, kept), list(dict.fromkeys(messages))
         told = [f"goal {k} of {len(goals)}: {fault}" for k, fault in faults.items()]
         if not kept:
             raise ProblemError("; ".join(told), "goal")
         messages += [f"{text}; it is left out" for text in told]
-        return goal.among(kept), messages
+        return among(goal, kept), messages
 
     def clear(self, q: Array, which: str, *, later: bool = False) -> None:
         """Check that a configuration keeps clear, at the "start" or the "goal".
