@@ -33,8 +33,9 @@ demo: setup ## Plan the paper's example; figures and an animation go to out/
 # environment says.
 test test-all: export PYTHONDONTWRITEBYTECODE =
 
-# On all cores, whole files each: what a file plans once serves all its tests.
-PYTEST_ARGS ?= -n auto --dist loadfile
+# On all cores, whole files each: what a file plans once serves all its tests. In their
+# order: files of few and long tests would come last else, and one core would wait.
+PYTEST_ARGS ?= -n auto --dist loadfile --no-loadscope-reorder
 
 .PHONY: test
 test: setup ## Run the tests (PYTEST_ARGS="-k lp -x" to choose)
