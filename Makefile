@@ -33,9 +33,8 @@ demo: setup ## Plan the paper's example; figures and an animation go to out/
 # environment says.
 test test-all: export PYTHONDONTWRITEBYTECODE =
 
-# On all cores, whole files each: what a file plans once serves all its tests. In their
-# order: files of few and long tests would come last else, and one core would wait.
-PYTEST_ARGS ?= -n auto --dist loadfile --no-loadscope-reorder
+# On all cores, whole files each: what a file plans once serves all its tests.
+PYTEST_ARGS ?= -n auto --dist loadfile
 
 .PHONY: test
 test: setup ## Run the tests (PYTEST_ARGS="-k lp -x" to choose)
