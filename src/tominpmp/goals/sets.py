@@ -13,7 +13,7 @@ from tominpmp.arrays import Array, Record
 from tominpmp.checks import whole
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
-from tominpmp.goals.joints import GoalOnJoints, joined_turns
+from tominpmp.goals.joints import joined_turns
 from tominpmp.goals.place import GoalResidual, Label, Place
 from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
@@ -169,8 +169,7 @@ class AnyGoal(GoalSet):
         found: tuple[Goal, ...] = ()
         for item in members:
             # Turns of angles are chosen by the goal that has them.
-            one = isinstance(item, GoalOnJoints)
-            found += (item,) if one else item.alternatives
+            found += (item,) if item.turning else item.alternatives
         if len({item.fixes_velocity for item in found}) > 1:
             raise ProblemError(
                 "goal.goals: with some of them the arm ends at a given joint velocity, "

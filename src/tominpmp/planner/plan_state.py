@@ -84,7 +84,8 @@ class PlanState:
         cut_short: How the present candidate was stopped; None if it was not.
         fallback: The best candidate of a coarse grid, whose last iterate becomes the
             solution if there is no incumbent in the end.
-        first_guesses: The first guess for each goal, which serve where that fails.
+        first_guesses: The first guess for each goal, by its name and with the problem,
+            which serve where that fails.
         complete: Whether all is done that a plan has to do: the end of its time is the
             end of a search that would never end by itself.
         failures: Errors of candidates that have led to no motion.
@@ -106,7 +107,7 @@ class PlanState:
         self.begun: Kept | None = None
         self.cut_short: Status | None = None
         self.fallback: Fallback | None = None
-        self.first_guesses: list[Fallback] = []
+        self.first_guesses: list[tuple[str, Kept, Problem]] = []
         self.complete = False
         self.failures: list[Exception] = []
         self._bounds: list[tuple[Problem, LowerBound]] = []

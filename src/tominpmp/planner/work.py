@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -171,7 +172,8 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     with state.saving():
         for item in feasible or state.kept[-1:]:
             try:
-                last = _as_candidate(work.name, item, initial, status, state)
+                last = _as_candidate(work.name, item, initial, status)
+                last = replace(last, history=tuple(state.records))
                 candidate = last.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
                 state.stopped(again)
@@ -185,13 +187,11 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     return last
 
 
-def _as_candidate(
-    name: str, kept: Kept, initial: Kept, status: Status, state: PlanState
-) -> Candidate:
+def _as_candidate(name: str, kept: Kept, initial: Kept, status: Status) -> Candidate:
     """The candidate of a kept iterate, which is not replayed yet."""
     program, iterate, feasible = kept
     best = iterate if feasible else None
-    result = SlpResult(status, iterate, best, tuple(state.records), program)
+    result = SlpResult(status, iterate, best, (), program)
     begun = initial.program.trajectory(initial.iterate.z)
     return Candidate.of(name, program, begun, result)
 
@@ -210,11 +210,9 @@ def _slowed_down(begun: Kept, feasibility: float) -> Kept | None:
 def _keep_first_guess(state: PlanState, work: Work) -> None:
     """Keep the guess that was the first for its goal, as a last resort."""
     problem, guess = work.system.problem, state.begun
-    if guess is None or any(one.problem is problem for one in state.first_guesses):
-        return
-    candidate = _as_candidate(work.name, guess, guess, Status.FEASIBLE, state)
-    candidate = replace(candidate, history=())
-    state.first_guesses.append(Fallback(candidate, guess, problem))
+    known = any(given is problem for _, _, given in state.first_guesses)
+    if guess is not None and not known:
+        state.first_guesses.append((work.name, guess, problem))
 
 
 def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
@@ -236,27 +234,29 @@ def use_fallback(state: PlanState, status: Status) -> None:
         status: How it was stopped, or FEASIBLE.
     """
     coarse = () if state.fallback is None else (state.fallback,)
+    guesses = (
+        Fallback(_as_candidate(name, kept, kept, status), kept, problem)
+        for name, kept, problem in state.first_guesses
+    )
     failed = state.failures[-1:]
     remark = "".join(KEPT.format(type(error).__name__) for error in failed)
-    best: Candidate | None = None
+    tried: list[Candidate] = []
     with state.saving():
-        for fallback in (*coarse, *state.first_guesses):
+        for fallback in chain(coarse, guesses):
             candidate = replace(fallback.candidate, status=status, remark=remark)
             try:
                 candidate = _time_scaled(fallback, candidate, state.options)
             except (Stop, KeyboardInterrupt) as stop:
                 state.stopped(stop)
-                candidate = replace(candidate, verification=None)
-                best = best or candidate
+                tried.append(replace(candidate, verification=None))
                 break
             except NUMERICAL as error:
                 logger.warning("a guess could not be slowed down: %r", error)
+            tried.append(candidate)
             if candidate.found:
-                best = candidate
                 break
-            best = best or candidate
-    if best is not None and (best.found or not state.candidates):
-        state.candidates.append(best)
+    if tried and (tried[-1].found or not state.candidates):
+        state.candidates.append(tried[-1] if tried[-1].found else tried[0])
 
 
 def _time_scaled(

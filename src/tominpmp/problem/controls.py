@@ -51,10 +51,9 @@ def controls_in(robot: Robot, state: State) -> Array:
 
 def need_smooth(robot: Robot, limits: MotionLimits | None) -> bool:
     """Whether motion limits ask for more than controls that may jump."""
-    given = [] if limits is None else limits._given
-    if robot.kinematic:
-        return given not in ([], [ACCELERATION])
-    return bool(given)
+    if limits is None or not limits.need_smooth:
+        return False
+    return not (robot.kinematic and limits._given == [ACCELERATION])
 
 
 def check_controls(robot: Robot, limits: MotionLimits | None) -> None:
