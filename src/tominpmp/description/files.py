@@ -6,7 +6,7 @@ import difflib
 import os
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import metadata
@@ -247,17 +247,25 @@ def resolve_resource(
         RobotLoadError: If the reference leads out of its package.
     """
     slashed = filename.replace("\\", "/")
-    names = filename, slashed, unquote(slashed)
-    paths = [path for name in names for path in _candidates(name, urdf, package_dirs)]
-    tried = tuple(dict.fromkeys(paths))
-    for path in (*tried, *map(_in_any_case, tried)):
-        try:
-            # Not every existing file will do: reading a device might never end.
-            if path is not None and path.is_file():
-                return path, tried
-        except (OSError, ValueError):
-            continue
-    return None, tried
+    names = dict.fromkeys((filename, slashed, unquote(slashed)))
+    tried: dict[Path, None] = {}
+    for name in names:
+        for path in _candidates(name, urdf, package_dirs):
+            tried[path] = None
+            if _is_file(path):
+                return path, tuple(tried)
+    for other in filter(None, map(_in_any_case, tried)):
+        if _is_file(other):
+            return other, tuple(tried)
+    return None, tuple(tried)
+
+
+def _is_file(path: Path) -> bool:
+    """Whether it can be read; not a device, reading which might never end."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def missing_resource(name: str, tried: Sequence[Path]) -> str:
@@ -338,17 +346,18 @@ def find_package(name: str, path: Path, package_dirs: Sequence[Path]) -> Path:
 
 def _candidates(
     filename: str, urdf: Path, package_dirs: Sequence[Path]
-) -> Iterable[Path]:
+) -> Iterator[Path]:
     filename = _FIND.sub(r"package://\1/", filename)
     scheme, separator, rest = filename.partition("://")
     if not separator or scheme == "file":
         path = Path(rest if separator else filename)
         # Joining an absolute path to a folder gives that path.
-        own = [Path(os.path.normpath(d / path)) for d in (urdf.parent, *package_dirs)]
+        for folder in (urdf.parent, *package_dirs):
+            yield Path(os.path.normpath(folder / path))
         if _ELSEWHERE.match(filename):
             for name in _in_packages(path):
-                own += _candidates(name, urdf, package_dirs)
-        return own
+                yield from _candidates(name, urdf, package_dirs)
+        return
     if scheme not in ("package", "model"):
         raise RobotLoadError(
             f"{urdf}: {brief(filename)}: expected a path, package://, model:// or "
@@ -363,13 +372,15 @@ def _candidates(
         raise RobotLoadError(
             f"{urdf}: {brief(filename)} leads out of its package; refused", urdf
         )
+    for folder in package_dirs:
+        yield folder / package / inside
+    yield from (d / inside for d in package_dirs if d.name == package)
     # A description may be a link into the folder where its package really is.
     above = dict.fromkeys((*urdf.parents, *urdf.resolve().parents))
     ros = _environment_folders("ROS_PACKAGE_PATH")
     ros += [p / "share" for p in _environment_folders("AMENT_PREFIX_PATH")]
-    folders = [d / package for d in package_dirs]
-    folders += [d for d in package_dirs if d.name == package]
-    folders += [d / package for d in (*above, *ros)]
+    yield from (d / package / inside for d in (*above, *ros))
     # A checkout may have another name than the package in it.
-    folders += [d for d in (*package_dirs, *above) if (d / "package.xml").is_file()]
-    return [d / inside for d in folders]
+    for folder in (*package_dirs, *above):
+        if (folder / "package.xml").is_file():
+            yield folder / inside
