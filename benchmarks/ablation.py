@@ -77,13 +77,15 @@ def _without(*names: str) -> Variant:
     return Variant(parts={f"{PLANNER}.improvements.IMPROVEMENTS": left})
 
 
-NEITHER = _without("finer grid", "certificate")
+UNREFINED = Variant({"refine": None})
+NEITHER = UNREFINED | _without("certificate")
 COARSE = Variant(parts={f"{PLANNER}.starts.coarse_grids_apply": _false})
 QUICK = Variant({"effort": "quick"})
 ONCE = Variant({"effort": "quick", "refine": None}) | COARSE
 CONSTANT = Variant({"control": "constant"})
 VARIANTS: dict[str, Variant] = {
     **{f"no {one.name}": _without(one.name) for one in IMPROVEMENTS},
+    "no finer grid": UNREFINED,
     "no finer grid and no certificate": NEITHER,
     "no coarse grids": COARSE,
     "constant accelerations": CONSTANT,

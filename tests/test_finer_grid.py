@@ -11,7 +11,6 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.planner import finer_grid
 from tominpmp.planner.finer_grid import (
     STANDARD_BUDGET,
     RoundStop,
@@ -179,23 +178,6 @@ def test_a_motion_of_segments_becomes_no_slower():
     assert solution.success
     assert solution.T < search.T
     assert len(solution.segments) == 2
-
-
-def test_a_plan_that_is_cut_short_brings_no_more_than_a_longer_one(monkeypatch):
-    """A gain that a whole stage would drop is dropped, and the plan was cut short."""
-
-    def cut_short(options, candidate, *_):
-        before.append(candidate.duration)
-        little = 1.0 - 0.5 * STANDARD_BUDGET.gain
-        motion = candidate.trajectory
-        faster = replace(motion, t=little * motion.t)
-        return replace(candidate, trajectory=faster, status=Status.TIME_LIMIT)
-
-    before = []
-    monkeypatch.setattr(finer_grid, "_refined", cut_short)
-    solution = tm.plan(planar(), **MODES["auto"])
-    assert [solution.T] == before
-    assert solution.status is Status.TIME_LIMIT
 
 
 WAYS = {"passed": ((0.9, 0.6, -0.4), False), "stopped at": ((0.9, 1.2, -0.4), True)}

@@ -15,7 +15,7 @@ import tominpmp as tm
 from tominpmp import stopping
 from tominpmp.linear_programs import make_solver
 from tominpmp.linear_programs.program import LinearProgram
-from tominpmp.planner import coarse_search, descent, finer_grid
+from tominpmp.planner import coarse_search, descent
 from tominpmp.planner.candidate import Candidate
 from tominpmp.solvers.quiet_torques import QuietTorques
 from tominpmp.solvers.trust_region_step import TrustRegionStep
@@ -160,7 +160,7 @@ def test_a_later_stage_that_fails_keeps_the_motion(monkeypatch, error):
     def failing(*arguments):
         raise error
 
-    monkeypatch.setattr(finer_grid, "_refined", failing)
+    monkeypatch.setattr(descent, "on_finer_grids", failing)
     solution = tm.plan(reach(), tm.Options(refine="grid"))
     assert solution.success and solution.verification.ok
     assert "later stage failed" in solution.message

@@ -1,4 +1,4 @@
-"""Options left open: the method, control and solver that fit a problem."""
+"""Options left open: the method, control and solver that fit a problem, and weights."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
 from tominpmp.problem.controls import need_smooth
 
+# Weight of the total variation, as a share of the duration of the guess; chosen on
+# benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
+SMOOTHING_SHARE = 1e-4
 # Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
 LP_SOLVERS = {
     "inverse": "piqp",
@@ -56,6 +59,40 @@ def resolve_options(problem: Problem, options: Options) -> Options:
             "initial_control",
         )
     return replace(options, method=method, lp_solver=lp_solver, control=control)
+
+
+def near_to_it(options: Options, radius: float, iterations: int) -> Options:
+    """Options for a warm start near an optimum: small trust region, few steps.
+
+    Args:
+        options: Options of the plan.
+        radius: Share of the usual trust region.
+        iterations: Upper limit of the iterations.
+    """
+    return replace(
+        options,
+        trust_region=radius * options.trust_region,
+        max_iterations=min(iterations, options.max_iterations),
+    )
+
+
+def total_variation_weight(
+    options: Options, duration: float, *, proximal: bool = False
+) -> float:
+    """Weight of the total variation of the controls [s].
+
+    Among obstacles torques that nothing holds would jump for less than the clock of a
+    controller.
+
+    Args:
+        options: Options of the plan, which may give it.
+        duration: Duration of the motion [s].
+        proximal: Whether proximal steps keep controls quiet enough, as on grids finer
+            than the search's with nothing in the way.
+    """
+    if options.smoothing is not None:
+        return options.smoothing
+    return 0.0 if proximal else SMOOTHING_SHARE * duration
 
 
 def _check_segments(problem: Problem, options: Options) -> None:

@@ -106,12 +106,18 @@ def without_motion(
 def with_remarks(solution: Solution, state: PlanState) -> Solution:
     """A solution with remarks on its motion in its message.
 
-    Which turns of angles it ends with, that it was planned without limits of
-    accelerations, and which links touch though an SRDF says that they never do.
+    Which turns of angles it ends with, that its grid was not refined as asked, that it
+    was planned without limits of accelerations, and which links touch though an SRDF
+    says that they never do.
     """
     if not solution.success or solution.trajectory is None:
         return solution
-    remarks = [_turned(solution.problem, solution.trajectory)]
+    remarks, options = (
+        [_turned(solution.problem, solution.trajectory)],
+        solution.options,
+    )
+    if options.refine == "grid" and options.method in TORQUES_FIXED:
+        remarks.append(f"Its grid was not refined: method {options.method!r} keeps it.")
     if STANDS not in solution.message:
         remarks.append(acceleration_remark(solution.problem, solution.trajectory))
     if solution.verification is not None:

@@ -26,8 +26,8 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.motion.samples import multiples
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS, Options
+from tominpmp.planner.automatic_options import near_to_it, total_variation_weight
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.descent import near_to_it, total_variation_weight
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, made

@@ -1,4 +1,4 @@
-"""Descents: a guess is improved by convex programs, on the grid that is asked for."""
+"""Descents: convex programs improve a guess on the asked grid, then on finer ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.segments import at_rest_on_the_way
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
+from tominpmp.planner.automatic_options import total_variation_weight
 from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.finer_grid import on_finer_grids
 from tominpmp.planner.first_program import Begun, first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
@@ -26,9 +28,6 @@ from tominpmp.status import Status
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Weight of the total variation, as a share of the duration of the guess; chosen on
-# benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
-SMOOTHING_SHARE = 1e-4
 # Gap of programs, as a share of T, where the final configuration is free: looser ones
 # lead to more iterations there.
 FREE_ACCURACY = 1e-6
@@ -123,40 +122,6 @@ def descent_work(
     return Work(system, guess.name, make, repairs, follows=follows)
 
 
-def near_to_it(options: Options, radius: float, iterations: int) -> Options:
-    """Options for a warm start near an optimum: small trust region, few steps.
-
-    Args:
-        options: Options of the plan.
-        radius: Share of the usual trust region.
-        iterations: Upper limit of the iterations.
-    """
-    return replace(
-        options,
-        trust_region=radius * options.trust_region,
-        max_iterations=min(iterations, options.max_iterations),
-    )
-
-
-def total_variation_weight(
-    options: Options, duration: float, *, proximal: bool = False
-) -> float:
-    """Weight of the total variation of the controls [s].
-
-    Among obstacles torques that nothing holds would jump for less than the clock of a
-    controller.
-
-    Args:
-        options: Options of the plan, which may give it.
-        duration: Duration of the motion [s].
-        proximal: Whether proximal steps keep controls quiet enough, as on grids finer
-            than the search's with nothing in the way.
-    """
-    if options.smoothing is not None:
-        return options.smoothing
-    return 0.0 if proximal else SMOOTHING_SHARE * duration
-
-
 def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
     """The motion of a candidate as a guess."""
     found = warm_start(system, candidate.trajectory)
@@ -174,7 +139,7 @@ def descend(
     *,
     effort_tolerance: float = EFFORT_TOLERANCE,
 ) -> Candidate:
-    """Improve a guess with the transcription that the options ask for.
+    """Improve a guess on the grid that the options ask for, then on finer ones.
 
     Args:
         options: Options of the descent.
@@ -214,6 +179,8 @@ def descend(
         callback=state,
         keep=state.keep,
     )
+    if options.refine in ("auto", "grid") and state.options.objective == "time":
+        result = on_finer_grids(result, state)
     return Candidate.of(guess.name, result.program, initial, result)
 
 

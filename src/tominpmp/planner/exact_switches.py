@@ -9,6 +9,7 @@ import numpy as np
 
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, best_of
+from tominpmp.planner.descent import descent_work, guess_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.transcription.bspline import DEGREES
@@ -44,3 +45,11 @@ def with_exact_switches(
 
     work = Work.from_best(state, best, make)
     yield replace(work, self_collision_rows=True, cutoff=cutoff)
+    best = state.incumbent
+    if options.refine != "switching" or best is None or best.layout is None:
+        return
+    # Nothing exact was found: the grid follows the switches instead.
+    system, finer = work.system, replace(options, refine="grid")
+    found = yield descent_work(system, finer, guess_of(system, best), state)
+    if found is not None:
+        state.amend(found, remark=best.remark)

@@ -1,4 +1,4 @@
-"""Finer grids: the grid of the best motion follows its bends.
+"""Finer grids: the last part of a descent, whose grid follows the bends of its motion.
 
 A grid that was chosen before anything was known of the motion costs time where torques
 switch inside an interval, where a quantity reaches its limit at one instant of it only,
@@ -13,15 +13,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.descent import near_to_it, total_variation_weight
+from tominpmp.planner.automatic_options import near_to_it, total_variation_weight
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import KEPT, Schedule, Work
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, solve
@@ -32,7 +28,6 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import Gridded, split_intervals
-from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
@@ -58,7 +53,6 @@ class RefinementBudget:
         worth: A round is worth while if it promises this share of T.
         enough: An iteration goes on while the predicted gain that its last step left is
             more than this share of T: most of the gain comes with the first step.
-        gain: Motions that gain less than this share of T are not worth a replay.
         rounds: Rounds of halving.
         work: Programs of all rounds together, to those of the search. A round that has
             used them up ends with its motion, and is the last.
@@ -68,78 +62,54 @@ class RefinementBudget:
 
     worth: float
     enough: float
-    gain: float
     rounds: int
     work: float
     bends: float
 
 
-STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 5e-4, 5, 1.5, BENDS)
+STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 5, 1.5, BENDS)
 # Where time matters less than T.
-GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
+GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 6, 4.0, 0.99)
 
 
-def on_finer_grid(state: PlanState, options: Options) -> Schedule[None]:
-    """Go on with the best motion on a grid of its own, if that pays.
+def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
+    """Go on with the motion of a descent on grids of its own, if that pays.
 
     Args:
+        result: The outcome of the descent.
         state: The plan.
-        options: Options, which may be other ones than those of the plan.
+
+    Returns:
+        The outcome on the finest grid that was worth it, with the records of both; the
+        same if finer grids bring next to nothing.
     """
-    best = state.incumbent
-    if best is None:
-        return
-    if best.layout is None:
-        if options.refine == "grid":
-            way = f"method {options.method!r}"
-            _remark(state, best, f"It was not refined: that is not done for {way}.")
-        return
-    budget = STANDARD_BUDGET if options.refine == "auto" else GENEROUS_BUDGET
-    made = sum(r.programs for one in state.candidates for r in one.history)
-    programs = max(budget.work * made, LEAST_PROGRAMS)
+    best, options, program = result.best, state.options, result.program
+    if best is None or result.dropped or not isinstance(program, NonlinearProgram):
+        return result
+    usual = options.refine == "auto" and options.effort != "thorough"
+    budget = STANDARD_BUDGET if usual else GENEROUS_BUDGET
+    begun, first = _programs(state.records), len(state.records) - len(result.history)
+    made = begun + sum(_programs(one.history) for one in state.candidates)
+    most = begun + max(budget.work * made, LEAST_PROGRAMS)
 
     def spent() -> bool:
-        return sum(record.programs for record in state.records) >= programs
+        return _programs(state.records) >= most
 
-    enough = RoundStop(budget, best.duration, spent)
-    work = Work.from_best(state, best, partial(_refined, options, best, state, enough))
-    # A motion that is cut short brings as much as one that is not, or is dropped: a
-    # plan with more time would have dropped it.
-    found = yield replace(work, cutoff=(1.0 - budget.gain) * best.duration)
-    if found is None:
-        _remark(state, best, KEPT.format(type(state.failures[-1]).__name__))
-
-
-def _remark(state: PlanState, best: Candidate, remark: str) -> None:
-    """Have the best motion say more of itself."""
-    remark = f"{best.remark} {remark}".strip()
-    state.amend(best, remark=remark)
-
-
-def _refined(
-    options: Options,
-    candidate: Candidate,
-    state: PlanState,
-    enough: RoundStop,
-    system: ProblemFunctions,
-    *more: object,
-) -> Candidate:
-    """A motion on finer grids; the same if that brings next to nothing."""
-    assert candidate.layout is not None  # noqa: S101
-    of, z = candidate.layout.represented(system, candidate.trajectory)
-    best: SlpResult | None = None
-    budget, rows, reached = enough.budget, candidate.rows, candidate.duration
+    few, found = near_to_it(options, RADIUS, MOST_ITERATIONS), result
+    step, stop = trust_regions(few)
     for _ in range(budget.rounds):
+        of, z = program.transcription, best.z
+        assert isinstance(of, Gridded)  # noqa: S101
         split = to_be_split(of, z, budget.bends)
         if not np.any(split):
             break
+        rows = times_of_rows(program, z)
         of, z = split_intervals(of, z, split)
         # A few programs on the new grid, with the rows of distances that there were.
-        few = near_to_it(options, RADIUS, MOST_ITERATIONS)
-        T, free = float(of.cost @ z), system.in_free_space
-        tv_weight = total_variation_weight(options, T, proximal=free)
-        step, stop = trust_regions(few)
-        result = solve(
+        free = of.system.in_free_space
+        tv_weight = total_variation_weight(options, best.duration, proximal=free)
+        enough = RoundStop(budget, best.duration, spent)
+        finer = solve(
             with_rows_at(NonlinearProgram.of(of).at(z), z, rows),
             MinimumTime.of(few, tv_weight),
             z,
@@ -149,24 +119,24 @@ def _refined(
             callback=state,
             keep=state.keep,
         )
-        found, first = result.best, enough.first(result.history)
-        logger.info("%d intervals: promise %.1e", of.intervals, first)
-        if found is None or found.duration >= reached:
+        promise = enough.first(finer.history)
+        logger.info("%d intervals: promise %.1e", of.intervals, promise)
+        if finer.best is None or finer.best.duration >= best.duration:
             break
-        best, reached = result, found.duration
-        if first < FALLS * budget.worth or enough.spent():
+        found, best, program = finer, finer.best, finer.program
+        if promise < FALLS * budget.worth or enough.spent():
             break
-        program = result.program
         assert isinstance(program, NonlinearProgram)  # noqa: S101
-        assert isinstance(program.transcription, Gridded)  # noqa: S101
-        of, z = program.transcription, found.z
-        rows = times_of_rows(program, z)
-    if best is None or reached > (1.0 - budget.gain) * candidate.duration:
-        return candidate
-    history = tuple(state.records)
-    result = replace(best, status=candidate.status, history=history)
-    finer = Candidate.of(candidate.name, result.program, candidate.initial, result)
-    return replace(finer, remark=candidate.remark)
+    if found is result:
+        return result
+    records = state.records[first:]
+    history = tuple(replace(r, iteration=r.iteration - first) for r in records)
+    return replace(found, status=result.status, history=history)
+
+
+def _programs(records: Sequence[IterationRecord]) -> int:
+    """Number of programs that iterations have solved."""
+    return sum(record.programs for record in records)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from tominpmp.options import Options
 from tominpmp.planner.exact_switches import with_exact_switches
-from tominpmp.planner.finer_grid import on_finer_grid
 from tominpmp.planner.optimality import certified
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule
@@ -27,37 +26,26 @@ class Improvement(NamedTuple):
 
     name: str
     wanted: Callable[[Options], bool]
-    improve: Callable[[PlanState, Options], Schedule[None]]
+    improve: Callable[[PlanState], Schedule[None]]
 
 
 IMPROVEMENTS = (
     Improvement(
         "exact switches",
         lambda options: options.refine == "switching",
-        lambda state, _: with_exact_switches(state),
+        with_exact_switches,
     ),
-    Improvement(
-        "finer grid",
-        lambda options: options.refine is not None,
-        on_finer_grid,
-    ),
-    Improvement(
-        "certificate",
-        lambda options: True,
-        lambda state, _: certified(state),
-    ),
+    Improvement("certificate", lambda options: True, certified),
 )
 
 
-def improvements(state: PlanState, options: Options | None = None) -> Schedule[None]:
-    """Improve the incumbent in all ways that options ask for.
+def improvements(state: PlanState) -> Schedule[None]:
+    """Improve the incumbent in all ways that the options ask for.
 
     Args:
         state: The plan.
-        options: The options; by default those of the plan.
     """
-    options = options or state.options
     state.share(1)
     for improvement in IMPROVEMENTS:
-        if improvement.wanted(options):
-            yield from improvement.improve(state, options)
+        if improvement.wanted(state.options):
+            yield from improvement.improve(state)

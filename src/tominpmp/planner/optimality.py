@@ -21,8 +21,8 @@ from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.motion import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.options import Options
+from tominpmp.planner.automatic_options import near_to_it
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.descent import near_to_it
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work

@@ -59,7 +59,10 @@ def thorough_search(state: PlanState) -> Schedule[None]:
     ]
     if not searches:
         return
-    yield from _further_improved(state)
+    before = state.best_duration
+    yield from _with_exact_switches(state)
+    if state.best_duration < before:
+        yield from improvements(state)
     state.complete = True
     most = WAVES if options.max_planning_time is None else MOST_WAVES
     for number, search in itertools.product(range(most), searches):
@@ -68,15 +71,14 @@ def thorough_search(state: PlanState) -> Schedule[None]:
         before = state.best_duration
         yield from search.wave(number)
         if state.best_duration < before:
+            yield from _with_exact_switches(state)
             yield from improvements(state)
-            yield from _further_improved(state)
 
 
-def _further_improved(state: PlanState) -> Schedule[None]:
-    """Improve the best motion by exact switches, and by a finer grid.
+def _with_exact_switches(state: PlanState) -> Schedule[None]:
+    """Place the switches of a small arm with nothing around it exactly.
 
-    Exact switches are for small arms with nothing around them. Their structure is
-    looked at only: other ones come from other starts.
+    Their structure is looked at only: other ones come from other starts.
     """
     best, options = state.incumbent, state.options
     if best is None:
@@ -87,8 +89,6 @@ def _further_improved(state: PlanState) -> Schedule[None]:
     plain = plain and options.refine == "auto"
     if small and plain and not options.control_period:
         yield from with_exact_switches(state, replace(options, starts=1))
-    if options.refine is not None:
-        yield from improvements(state, replace(options, refine="grid"))
 
 
 class Waves:
