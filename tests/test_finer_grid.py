@@ -11,6 +11,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.planner import candidate
 from tominpmp.planner.finer_grid import (
     STANDARD_BUDGET,
     RoundStop,
@@ -302,3 +303,20 @@ def test_a_finer_grid_has_the_rows_of_distances_that_the_motion_rests_on():
     for time in wanted:
         assert np.min(np.abs(own - time)) < 1e-9
     assert with_rows_at(found, there, times).rows.size == found.rows.size
+
+
+# -- one replay ------------------------------------------------------------------------
+
+
+def test_a_descent_is_replayed_once_for_all_its_grids(monkeypatch):
+    usual, replays = candidate.verify, []
+
+    def counted(problem, trajectory, *arguments, **named):
+        replays.append(trajectory.t.size - 1)
+        return usual(problem, trajectory, *arguments, **named)
+
+    monkeypatch.setattr(candidate, "verify", counted)
+    solution = tm.plan(planar(), control="linear", starts=1, effort="quick")
+    finest = solution.trajectory.t.size - 1
+    assert finest > solution.options.intervals
+    assert replays == [finest]
