@@ -53,6 +53,8 @@ class RefinementBudget:
         worth: A round is worth while if it promises this share of T.
         enough: An iteration goes on while the predicted gain that its last step left is
             more than this share of T: most of the gain comes with the first step.
+        gain: Motions that gain less than this share of T are left on their grid: their
+            last steps tell that they are optimal there.
         rounds: Rounds of halving.
         work: Programs of all rounds together, to those of the search. A round that has
             used them up ends with its motion, and is the last.
@@ -62,14 +64,15 @@ class RefinementBudget:
 
     worth: float
     enough: float
+    gain: float
     rounds: int
     work: float
     bends: float
 
 
-STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 5, 1.5, BENDS)
+STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 5e-4, 5, 1.5, BENDS)
 # Where time matters less than T.
-GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 6, 4.0, 0.99)
+GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
 
 
 def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
@@ -96,6 +99,7 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
         return _programs(state.records) >= most
 
     few, found = near_to_it(options, RADIUS, MOST_ITERATIONS), result
+    worth_it = (1.0 - budget.gain) * best.duration
     step, stop = trust_regions(few)
     for _ in range(budget.rounds):
         of, z = program.transcription, best.z
@@ -127,7 +131,7 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
         if promise < FALLS * budget.worth or enough.spent():
             break
         assert isinstance(program, NonlinearProgram)  # noqa: S101
-    if found is result:
+    if best.duration > worth_it:
         return result
     records = state.records[first:]
     history = tuple(replace(r, iteration=r.iteration - first) for r in records)
