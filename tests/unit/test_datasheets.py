@@ -141,6 +141,30 @@ def test_prefixes_and_names() -> None:
     iiwa = [f"lbr_iiwa_joint_{i}" for i in range(1, 8)]
     found = find_datasheet(["lbr_iiwa_14_r820"], iiwa)
     assert found is not None and "acceleration" not in found.values
+    for name, title in (
+        ("m1013", "Doosan M1013"),
+        ("abb_irb1200_7_70", "ABB IRB 1200"),
+        ("abb_irb6640_185_280", "ABB IRB 6640-185/2.8"),
+        ("fanuc_lrmate200id7l", "FANUC LR Mate 200iD/7L"),
+    ):
+        found = find_datasheet([name], six)
+        assert found is not None and found.title == title
+    assert find_datasheet(["irb6640_235_255"], six) is None  # another arm
+    found = find_datasheet(["crx10ia_l"], [f"left_J{i}" for i in range(1, 7)])
+    assert found is not None and found.title == "FANUC CRX-10iA"
+
+
+@pytest.mark.parametrize("name", ["so100", "so101"])
+def test_servos_do_not_start_faster_than_they_can(name: str) -> None:
+    """Planned with its URDF file alone, the SO-101 begins with 94 807 rad/s^2."""
+    robot = load_robot(name, locked_joints={"gripper": 0.0})
+    low, high = robot.limits.position_lower, robot.limits.position_upper
+    middle = (low + high) / 2
+    turn = np.array([0.6, -0.3, 0.3, -0.3, 0.3])
+    goal = tm.JointGoal(middle + turn)
+    solution = tm.plan(tm.Problem(robot, middle, goal, self_collision=False))
+    assert solution.verification.ok, solution.message
+    assert 30.0 < solution.peak_acceleration.value < 39.1
 
 
 def test_no_sheet_and_wrong_words() -> None:
