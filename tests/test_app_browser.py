@@ -22,6 +22,10 @@ client = pytest.importorskip("websockets.sync.client")
 websockets = pytest.importorskip("websockets.exceptions")
 
 PATIENCE = 300.0  # on a loaded machine [s]
+# Clicks a checkbox by what is written beside it.
+SWITCH = """(text) => Array.from(document.querySelectorAll('label'))
+.find((label) => label.innerText.trim() === text)
+.parentElement.parentElement.querySelector('input').click()"""
 
 # Threads and sockets of the server end when they do, not when a test ends.
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
@@ -238,6 +242,14 @@ def test_the_browser_shows_what_a_drag_leads_to(
         shown = headline(f"{after.shown.T:.3f} s")
         assert f"{after.shown.T:.3f} s" in shown
         assert "verified by replay" in headline("verified by replay")
+        # A switch leaves out the dynamics: bars of accelerations, not of torques.
+        view.evaluate(f"({SWITCH})('Kinematic')")
+        assert "\nacceleration\n" in headline("\nacceleration\n")
+        assert awaited(page, after.number + 1).ok
+        request, panel = page.controller.request, page.panel  # type: ignore[attr-defined]
+        assert request.robot.kinematic and request.limits.acceleration == 15.0
+        assert panel._bounded.value and panel._acceleration.visible
+        assert not panel._sliders["effort_scale"].visible
         assert view.complaints() == []
     finally:
         browser.close()

@@ -78,7 +78,7 @@ SPECIAL: dict[str, Any] = {
     "two_ur5": lambda example: example.problem(example.workcell()),
     "payload": lambda example: example.problem(
         tm.load_robot(
-            "panda", locked_joints={"panda_finger_joint1": 0.04}
+            "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
         ).with_payload(example.box())
     ),
     "conveyor": lambda example: example.problem(),

@@ -18,8 +18,8 @@ from tominpmp.app.request import (
     Limits,
     Request,
     RobotChoice,
+    follows_datasheet,
     group_names,
-    has_datasheet,
     loaded,
     new_item,
 )
@@ -49,6 +49,7 @@ REQUESTS = {
     "a pose": replace(PLANAR, goal="pose"),
     "points on the way": replace(PLANAR, via=((3.0, 2.5, 0.0), (4.5, 2.0, 0.0))),
     "a way to a position": replace(PLANAR, via=((3.0, 2.5, 0.0),), goal="position"),
+    "no dynamics": first_request(replace(PLANAR.robot, kinematic=True)),
     "a locked joint": Request(
         robot=RobotChoice("planar3r", locked=(("joint3", -1.0),)),
         frame="tip",
@@ -152,8 +153,31 @@ def test_groups_and_data_sheets_are_known() -> None:
     assert "arm" in group_names("panda")
     assert group_names("planar3r") == ("arm",)
     assert group_names("ur3") == ()
-    assert has_datasheet("panda")
-    assert not has_datasheet("planar3r")
+    panda = known("panda")
+    assert follows_datasheet(panda) is True
+    assert follows_datasheet(replace(panda, limits="urdf")) is False
+    assert follows_datasheet(known("planar3r")) is None
+    path = str(loaded(panda).urdf_path)
+    assert follows_datasheet(RobotChoice(path)) is False
+    assert follows_datasheet(RobotChoice(path, limits="datasheet")) is True
+
+
+@pytest.mark.parametrize("limits", [None, "urdf", "datasheet"])
+def test_robots_have_the_limits_that_the_page_says(limits: str | None) -> None:
+    """The page once planned a Panda with the limits of its URDF file alone."""
+    choice = replace(known("panda"), limits=limits)
+    has_accelerations = loaded(choice).motion_limits is not None
+    assert has_accelerations == follows_datasheet(choice)
+    assert ("limits" in first_request(choice).python()) == (limits is not None)
+
+
+def test_robots_without_dynamics_have_accelerations() -> None:
+    own = first_request(replace(known("so100"), limits="urdf", kinematic=True))
+    assert own.limits.acceleration == 15.0
+    makers = first_request(replace(known("so100"), kinematic=True))
+    assert makers.limits.acceleration is None
+    for request in (own, makers):
+        assert request.problem().robot.kinematic
 
 
 def test_a_handle_is_followed_as_far_as_the_arm_goes() -> None:

@@ -91,6 +91,19 @@ def test_a_motion_past_a_point_passes_it_and_is_told_of() -> None:
     assert any(held.what.startswith("torque of joint") for held in shown.held)
 
 
+def test_a_robot_loses_its_dynamics_and_has_them_again() -> None:
+    """Its motion once was no start: "values that are no numbers"."""
+    session, kinds = Session(), []
+    for kinematic in (True, False):
+        robot = replace(PLANAR.robot, kinematic=kinematic)
+        limits = replace(PLANAR.limits, acceleration=15.0)
+        request = replace(PLANAR, robot=robot, limits=limits)
+        *_, last = session.outcomes(1, request, never)
+        assert last.ok, last.message
+        kinds.append(last.shown.control)
+    assert kinds == ["acceleration", "torque"]
+
+
 def test_what_is_out_of_date_is_left_off(session: Session, second: object) -> None:
     before = session.solution
     looks = []

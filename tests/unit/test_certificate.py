@@ -553,7 +553,7 @@ def test_of_another_robot() -> None:
 
 def test_no_numbers() -> None:
     motion = bang_bang_rail()
-    broken = replace(motion, u=np.full(motion.u.shape, np.nan))
+    broken = replace(motion, v=np.full(motion.v.shape, np.nan))
     with pytest.raises(ProblemError, match="no numbers"):
         certify(rail(), broken)
 

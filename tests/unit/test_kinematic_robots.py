@@ -130,6 +130,21 @@ def test_former_motions_are_taken_over(solution: tm.Solution) -> None:
     assert found.T == pytest.approx(np.sqrt(0.55), rel=1e-4)
 
 
+def test_their_motions_are_judged_by_the_torques_of_a_robot_that_has_them() -> None:
+    """A start without torques was refused: "values that are no numbers"."""
+    limits = tm.MotionLimits(acceleration=15.0)
+    task = {"q_start": [0.5, 1.7, -1.7], "goal": tm.JointGoal([0.9, -1.2, -0.9])}
+    bare, robot = (tm.load_robot("planar3r", kinematic=k) for k in (True, False))
+    kinematic = tm.plan(tm.Problem(robot=bare, motion_limits=limits, **task))
+    problem = tm.Problem(robot=robot, motion_limits=limits, **task)
+    judged = tm.verify(problem, kinematic.trajectory)
+    assert judged.worst["effort"].amount > 10.0
+    assert judged.worst["acceleration"].amount < 0.1
+    found = tm.plan(problem, start=kinematic)
+    assert found.verification.ok and found.T > kinematic.T
+    assert found.T <= 1.002 * tm.plan(problem).T
+
+
 def test_what_holds_the_motion_back(solution: tm.Solution) -> None:
     found = {(item.kind, item.joint): item for item in solution.sensitivities}
     both = [found["acceleration", joint] for joint in ("j1", "j2")]

@@ -349,7 +349,7 @@ def test_motions_of_other_joints_are_refused() -> None:
     motion = rail_motion()
     with pytest.raises(ProblemError, match="joint1"):
         verify(rail_problem(), replace(motion, joint_names=("elbow",)))
-    nan = replace(motion, u=np.full_like(motion.u, np.nan))
+    nan = replace(motion, v=np.full_like(motion.v, np.nan))
     with pytest.raises(ProblemError, match="no numbers"):
         verify(rail_problem(), nan)
 

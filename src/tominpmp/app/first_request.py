@@ -9,10 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.app.request import Item, Limits, Request, RobotChoice, loaded, rounded
+from tominpmp.app.request import (
+    MODERATE,
+    Item,
+    Limits,
+    Request,
+    RobotChoice,
+    loaded,
+    rounded,
+)
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning
 from tominpmp.goals import JointGoal
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.viz.skeleton import end_of
@@ -51,12 +60,16 @@ def first_request(choice: RobotChoice) -> Request:
     """
     made = EXAMPLES.get(choice.source)
     robot = loaded(choice)
+    given = robot.motion_limits
+    free = robot.kinematic and (given is None or given.acceleration is None)
+    own = MODERATE if free else None
     if made is not None and len(made.q_start) == robot.n:
-        return replace(made, robot=choice)
+        limits = replace(made.limits, acceleration=own)
+        return replace(made, robot=choice, limits=limits)
     frame = tool_frame(robot)
     start = _first_free(robot, _starts(robot))
     goal = _first_free(robot, _goals(robot, start))
-    limits = Limits(margin=0.01)
+    limits = Limits(margin=0.01, acceleration=own)
     return Request(robot=choice, frame=frame, q_start=start, q_goal=goal, limits=limits)
 
 
@@ -109,7 +122,8 @@ def _first_free(robot: Robot, candidates: Iterator[Array]) -> tuple[float, ...]:
         for q in candidates:
             with suppress(ProblemError):
                 found: tuple[float, ...] = rounded(q)
-                Problem(robot, found, JointGoal(found))
+                limits = MotionLimits(acceleration=MODERATE)
+                Problem(robot, found, JointGoal(found), motion_limits=limits)
                 return found
     raise RobotLoadError(
         f"no configuration of {robot.name} was found that is clear of itself",

@@ -27,13 +27,14 @@ from tominpmp.app.first_request import ARMS, known
 from tominpmp.app.origins import serve
 from tominpmp.app.planning import Outcome, Shown, plain_name
 from tominpmp.app.request import (
+    MODERATE,
     SIZES,
     Item,
     Limits,
     Request,
     RobotChoice,
+    follows_datasheet,
     group_names,
-    has_datasheet,
     loaded,
     new_item,
 )
@@ -418,8 +419,11 @@ class Panel:
             self._robots.value = source
             self._groups.options = (ALL_JOINTS, *group_names(source))
             self._groups.value = request.robot.group or ALL_JOINTS
-            self._datasheet.visible = has_datasheet(source)
-            self._datasheet.value = request.robot.datasheet
+            sheet = follows_datasheet(request.robot)
+            self._datasheet.visible = sheet is not None
+            self._datasheet.value = bool(sheet)
+            self._kinematic.value = request.robot.kinematic
+            self._sliders["effort_scale"].visible = not request.robot.kinematic
             self._frames.options = loaded(request.robot).frame_names
             self._frames.value = request.frame
             words = {goal: word for word, goal in GOAL_WORDS.items()}
@@ -427,6 +431,7 @@ class Panel:
             for name, slider in self._sliders.items():
                 slider.value = getattr(limits, name)
             self._bounded.value = limits.acceleration is not None
+            self._acceleration.visible = self._bounded.value
         self.refresh_lines()
 
     def refresh_lines(self) -> None:
@@ -448,25 +453,31 @@ class Panel:
         self._robots = gui.add_dropdown("Robot", names, initial_value=source)
         self._groups = gui.add_dropdown("Joints", (ALL_JOINTS,))
         self._datasheet = gui.add_checkbox("Maker's data sheet", False)
+        self._kinematic = gui.add_checkbox("Kinematic", False)
         upload = gui.add_upload_button(
             "Open a URDF file", mime_type=".urdf,.xml,text/xml"
         )
-        choose = self._page.choose
-        self._robots.on_update(by_user(lambda: choose(known(self._robots.value))))
+        self._robots.on_update(by_user(lambda: self._choose(self._robots.value)))
         self._groups.on_update(by_user(self._choose_part))
         self._datasheet.on_update(by_user(self._choose_part))
+        self._kinematic.on_update(by_user(self._choose_part))
         upload.on_upload(by_user(lambda: self._take_file(upload.value)))
+
+    def _choose(self, source: str, **options: Any) -> None:
+        """A robot, with its dynamics or without them."""
+        kinematic = bool(self._kinematic.value)
+        self._page.choose(replace(known(source), kinematic=kinematic, **options))
 
     def _choose_part(self) -> None:
         """The same robot with other joints, or other limits."""
         present = self._request.robot
-        group = None if self._groups.value == ALL_JOINTS else self._groups.value
+        options: dict[str, Any] = {"limits": present.limits}
         sheet = bool(self._datasheet.value)
-        if (group, sheet) != (present.group, present.datasheet):
-            locked = () if group else known(present.source).locked
-            self._page.choose(
-                replace(present, group=group, datasheet=sheet, locked=locked)
-            )
+        if sheet != bool(follows_datasheet(present)):
+            options["limits"] = "datasheet" if sheet else "urdf"
+        if self._groups.value != ALL_JOINTS:
+            options |= {"group": self._groups.value, "locked": ()}
+        self._choose(present.source, **options)
 
     def _take_file(self, file: Any) -> None:
         """Take a robot from a file that was dropped in."""
@@ -475,7 +486,7 @@ class Panel:
         folder = Path(tempfile.mkdtemp(prefix="tominpmp-"))
         path = folder / f"{plain_name(Path(file.name).stem)}.urdf"
         path.write_bytes(file.content)
-        self._page.choose(RobotChoice(str(path)))
+        self._choose(str(path))
 
     # -- ends and points ---------------------------------------------------------------
 
@@ -519,7 +530,7 @@ class Panel:
             "margin": gui.add_slider("Margin [m]", 0.0, 0.1, 0.005, 0.02),
         }
         self._bounded = gui.add_checkbox("Limit accelerations", False)
-        self._acceleration = gui.add_slider("Acceleration", 1.0, 60.0, 0.5, 15.0)
+        self._acceleration = gui.add_slider("Acceleration", 1.0, 60.0, 0.5, MODERATE)
         self._acceleration.visible = False
         for field in (*self._sliders.values(), self._bounded, self._acceleration):
             field.on_update(by_user(self._change_limits))

@@ -62,7 +62,7 @@ def bars(shown: Shown, time: float) -> str:
     row = shown.row(time)
     drawn = ((shown.speed, SPEED_COLOR), (shown.torque, TORQUE_COLOR))
     cells = ["<span></span>"]
-    for word, (_, color) in zip(("speed", "torque"), drawn, strict=True):
+    for word, (_, color) in zip(("speed", shown.control), drawn, strict=True):
         cells.append(_span(f"color:{color};font-weight:600", word))
     for joint, name in enumerate(short_names(shown.joint_names)):
         cells.append(_span(CUT, escape(name), f' title="{escape(name)}"'))

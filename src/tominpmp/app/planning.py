@@ -273,7 +273,7 @@ def _shown(solution: Solution, frame: str, certified: bool) -> Shown:
 def _sampled(shares: Shares) -> list[Held]:
     """Speeds and torques at their limits, by share of the time."""
     found = []
-    for kind, values in (("speed", shares.speed), ("torque", shares.torque)):
+    for kind, values in (("speed", shares.speed), (shares.control, shares.torque)):
         often = np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist()
         found += [
             Held(f"{kind} of {name}", share)

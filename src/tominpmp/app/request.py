@@ -40,6 +40,8 @@ UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 DIGITS = 4
 # More joints than this do not fit on a page, nor can they be planned while one drags.
 MOST_JOINTS = 16
+# Accelerations that arms keep, where one must be given [rad/s^2 or m/s^2].
+MODERATE = 15.0
 # What must hold at the end, beside "joint" the pose of the frame or its position only.
 GOALS = ("joint", "pose", "position")
 
@@ -110,20 +112,24 @@ class RobotChoice:
         source: Name of a robot, or path of a URDF file.
         group: Group of the SRDF file whose joints move; None for all.
         locked: Joints that do not move, and where they are [rad or m].
-        datasheet: Whether the limits are those that the maker publishes.
+        limits: "datasheet" for those that the maker publishes, "urdf" for those of its
+            file, None for the library's choice.
+        kinematic: Whether it is planned without torques.
     """
 
     source: str
     group: str | None = None
     locked: tuple[tuple[str, float], ...] = ()
-    datasheet: bool = False
+    limits: str | None = None
+    kinematic: bool = False
 
     def call(self) -> Call:
         """The call that loads it."""
         options = {
-            "limits": "datasheet" if self.datasheet else "urdf",
+            "limits": self.limits,
             "group": self.group,
             "locked_joints": dict(self.locked),
+            "kinematic": self.kinematic,
         }
         needed = {name: value for name, value in options.items() if value}
         return Call(load_robot, (self.source,), needed)
@@ -173,15 +179,18 @@ def group_names(source: str) -> tuple[str, ...]:
     return tuple(name for name, group in said.groups.groups.items() if group.joints)
 
 
-def has_datasheet(source: str) -> bool:
-    """Whether the limits that the maker publishes are known.
+def follows_datasheet(choice: RobotChoice) -> bool | None:
+    """Whether its limits are those that the maker publishes; None if none are known.
 
     Raises:
         RobotLoadError: If there is no such robot, or its files are wrong.
     """
-    files = _said(source)
-    joints = [joint.name for joint in files.description.joints]
-    return find_datasheet(files.names, joints) is not None
+    source = _said(choice.source)
+    joints = [joint.name for joint in source.description.joints]
+    if find_datasheet(source.names, joints) is None:
+        return None
+    named = source.files.name is not None
+    return named if choice.limits is None else choice.limits == "datasheet"
 
 
 @dataclass(frozen=True)

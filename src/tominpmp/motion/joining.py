@@ -290,8 +290,12 @@ def checked_motion(
 
 
 def controlled(motion: Trajectory, robot: Robot) -> Trajectory:
-    """A motion with what drives it: accelerations as torques of a kinematic robot."""
-    if not robot.kinematic:
+    """A motion with what drives it.
+
+    Accelerations are the torques of a kinematic robot; those that a motion planned
+    without dynamics lacks follow from the robot's.
+    """
+    if not robot.kinematic and not np.all(np.isnan(motion.u)):
         return motion
     return motion.with_torques(RobotDynamics(robot).inverse)
 
