@@ -23,9 +23,9 @@ websockets = pytest.importorskip("websockets.exceptions")
 
 PATIENCE = 300.0  # on a loaded machine [s]
 # Clicks a checkbox by what is written beside it.
-SWITCH = """(text) => Array.from(document.querySelectorAll('label'))
-.find((label) => label.innerText.trim() === text)
-.parentElement.parentElement.querySelector('input').click()"""
+SWITCH = """(text) => document.getElementById(
+Array.from(document.querySelectorAll('label'))
+.find((label) => label.textContent.trim() === text).htmlFor).click()"""
 
 # Threads and sockets of the server end when they do, not when a test ends.
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
