@@ -243,6 +243,15 @@ def test_motions_keep_them_and_the_lack_of_them_is_told(panda: Robot) -> None:
     assert free.message.startswith(free.status.value)
 
 
+@pytest.mark.parametrize(("name", "hinted"), [("ur5", True), ("planar3r", False)])
+def test_a_kinematic_robot_is_told_of_its_sheet(name: str, hinted: bool) -> None:
+    robot = load_robot(load_robot(name).urdf_path, kinematic=True)
+    q = 0.5 * (robot.limits.position_lower + robot.limits.position_upper)
+    with pytest.raises(tm.ProblemError, match="no acceleration limit for") as told:
+        tm.Problem(robot, q, tm.JointGoal(q))
+    assert str(told.value).endswith("; limits='datasheet' has them") == hinted
+
+
 def panda_problem(robot: Robot, goal: tm.JointGoal) -> tm.Problem:
     return tm.Problem(robot, READY, goal)
 

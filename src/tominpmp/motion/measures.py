@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.datasheets import find_datasheet
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.robot import JointLimits
+from tominpmp.robot.robot import datasheet_hint
 
 if TYPE_CHECKING:
     from tominpmp.problem import Problem
@@ -124,7 +124,7 @@ def acceleration_remark(problem: Problem, trajectory: Trajectory) -> str:
     peak = peak_acceleration(problem, trajectory)
     if peak.limited:
         return ""
-    limits, robot = problem.motion_limits, problem.robot
+    limits = problem.motion_limits
     size = f"{peak.value:.0f}" if peak.value >= 100.0 else f"{peak.value:.3g}"
     if limits is None or limits.acceleration is None:
         which = "No acceleration limits"
@@ -132,11 +132,5 @@ def acceleration_remark(problem: Problem, trajectory: Trajectory) -> str:
     else:
         which = f"No acceleration limit for {peak.joint}"
         size = f"{size} {peak.unit}"
-    joints = [joint.name for joint in robot.description.joints]
-    names = robot.name, robot.description.name, robot.description.path.stem
-    sheet = find_datasheet(names, joints)
-    published = {} if sheet is None else sheet.by_joint(joints)
-    hint = ""
-    if peak.joint in published.get("acceleration", {}):
-        hint = "; limits='datasheet' has them"
+    hint = datasheet_hint(problem.robot, peak.joint)
     return f"{which}: the peak is {size}{hint}."

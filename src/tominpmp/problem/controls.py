@@ -21,6 +21,7 @@ from tominpmp.motion_limits import (
     kinds_of,
 )
 from tominpmp.robot import Robot
+from tominpmp.robot.robot import datasheet_hint
 
 
 def control_kind(robot: Robot) -> LimitKind:
@@ -85,6 +86,7 @@ def check_controls(robot: Robot, limits: MotionLimits | None) -> None:
             f"motion_limits: no acceleration limit for {', '.join(joints)}, and a "
             f"kinematic robot needs one: give acceleration={example_values(joints)}, "
             "as MotionLimits or a joint_limits.yaml have it, or load a description "
-            "with its dynamics, without kinematic=True",
+            "with its dynamics, without kinematic=True"
+            f"{datasheet_hint(robot, joints[0])}",
             "motion_limits",
         )
