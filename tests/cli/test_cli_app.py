@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import socket
 import sys
+from pathlib import Path
 
 import pytest
 from command_line import invoke
+
+from tominpmp.app.request import Request
 
 
 def run(*words: str) -> tuple[int, str]:
@@ -33,3 +36,26 @@ def test_a_port_that_is_taken_and_a_robot_that_is_none_are_told() -> None:
     code, told = run("planar4r", "--no-browser")
     assert code == 2
     assert "planar4r" in told
+
+
+def test_a_robot_without_dynamics_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its error offered a flag that the command had not."""
+    pytest.importorskip("viser")
+    shown = []
+
+    class Page:
+        def __init__(self, request: Request, *_: object) -> None:
+            shown.append(request)
+            self.address = "somewhere"
+
+        def wait(self) -> None:
+            pass
+
+    monkeypatch.setattr("tominpmp.app.page.Page", Page)
+    report = Path(__file__).parents[1] / "reports" / "kinematic_no_effort_no_inertia"
+    words = str(report / "robot.urdf"), "--no-browser"
+    code, told = run(*words)
+    assert code == 2 and "--kinematic" in told
+    code, told = run(*words, "--kinematic")
+    assert code == 0, told
+    assert shown[0].problem().robot.kinematic

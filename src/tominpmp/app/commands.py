@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tominpmp.cli.commands import RobotName
@@ -21,11 +21,13 @@ class AppOptions(GeneralOptions):
         host (ADDRESS): Address to serve it at; 0.0.0.0 lets others on the network open
             it. Default: 127.0.0.1.
         no_browser: Do not open the page in the browser.
+        kinematic: Leave out torques, of which the robot's file need say nothing then.
     """
 
     port: int = 8080
     host: str = "127.0.0.1"
     no_browser: bool = False
+    kinematic: bool = False
 
 
 def app(robot: RobotName = "panda", /, *, args: AppOptions = AppOptions()) -> None:
@@ -37,11 +39,11 @@ def app(robot: RobotName = "panda", /, *, args: AppOptions = AppOptions()) -> No
     """
     from tominpmp.app.first_request import first_request, known
     from tominpmp.app.page import Page, import_viser
-    from tominpmp.app.request import RobotChoice
 
     import_viser()
     path = Path(robot)
-    choice = RobotChoice(str(path.resolve())) if path.is_file() else known(robot)
+    choice = known(str(path.resolve()) if path.is_file() else robot)
+    choice = replace(choice, kinematic=args.kinematic)
     page = Page(first_request(choice), args.host, args.port)
     say(f"page  {page.address}  (Ctrl-C ends it)")
     if not args.no_browser:
