@@ -202,6 +202,50 @@ def test_meshes_are_found_and_scaled(tmp_path: Path) -> None:
         assert mesh.aabb_local.width() == pytest.approx(0.1)
 
 
+def test_meshes_to_look_at_may_be_missing() -> None:
+    seen = '<geom type="mesh" mesh="m" contype="0" conaffinity="0"/><geom type="box" '
+    text = changed(
+        ('<geom type="box" ', seen),
+        ("<worldbody>", '<asset><mesh file="m.stl"/></asset><worldbody>'),
+    )
+    with pytest.warns(tm.TominpmpWarning, match="not shown.*body tool .'m'.*package"):
+        arm = tm.load_robot(text, velocity=2)
+    assert sum(len(link.visuals) for link in arm.description.bodies) == 2
+    # Where no <inertial> says what the body weighs, its shapes do.
+    inertial = '<inertial pos="0 0 0.05" mass="1.5" diaginertia="0.01 0.01 0.002"/>'
+    with pytest.raises(tm.RobotLoadError, match="body tool: the mesh 'm"):
+        tm.load_robot(text.replace(inertial, ""), velocity=2)
+
+
+def test_a_body_may_have_several_joints() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    text = changed(
+        (
+            '<joint name="turn"/>',
+            '<joint name="x" type="slide" axis="1 0 0" range="-1 1" actuatorfrcrange='
+            '"-9 9"/><joint axis="1 0 0" actuatorfrcrange="-9 9"/><joint name="turn"/>',
+        ),
+        ('qpos="0.5 0.1"', 'qpos="0.3 0.4 0.5 0.1"'),
+    )
+    arm, model = tm.load_robot(text, velocity=2), mujoco.MjModel.from_xml_string(text)
+    assert (arm.n, len(set(arm.joint_names))) == (4, 4)
+    assert arm.group_state("home").tolist() == [0.3, 0.4, 0.5, 0.1]
+    data, mine, mass = mujoco.MjData(model), arm.model.createData(), np.zeros((4, 4))
+    data.qpos[:] = q = np.array([0.3, 0.4, 0.5, 0.1])
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    assert np.allclose(pin.crba(arm.model, mine, q), mass, rtol=1e-9)
+    pin.framesForwardKinematics(arm.model, mine, q)
+    tool = mine.oMf[arm.frame_id("tool")].translation
+    assert np.allclose(tool, data.body("tool").xpos)
+
+
+def test_a_site_has_sizes_of_its_own() -> None:
+    plane = ' <geom type="plane" size="1 1 0.1"/>'
+    more = f'<site size="0.01"/><site size="1 1"/>{plane}</body></worldbody>'
+    assert tm.load_robot(changed(("</body>\n  </worldbody>", more)), velocity=2).n == 2
+
+
 def test_excluded_pairs_are_not_watched() -> None:
     text = changed(
         (
@@ -221,7 +265,8 @@ def test_what_is_not_read_is_told_of() -> None:
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [
-        ((('<joint name="turn"/>', "<freejoint/>"),), "FreeFlyer.*file without it"),
+        ((('<joint name="turn"/>', "<freejoint/>"),), "upper has a free joint"),
+        ((('<joint name="turn"/>', "<joint type='ball'/>"),), "upper has a ball joint"),
         ((('"turn" class="bigger"', '"turn" class="huge"'),), "no class 'huge'"),
         (
             (('<geom type="plane" size="1 1 0.1"/>', "<replicate count='2'/>"),),
@@ -232,7 +277,7 @@ def test_what_is_not_read_is_told_of() -> None:
                 ('type="box" pos', 'type="mesh" mesh="m" pos'),
                 ("<worldbody>", '<asset><mesh file="m.stl"/></asset><worldbody>'),
             ),
-            "the mesh .*m.stl.* is not there",
+            "body tool: the mesh 'm.stl' is not there; tried .*m.stl",
         ),
         ((('range="-90 90"', 'range="-90"'),), "joint turn: joint range='-90'"),
         ((("<worldbody>", "<body>"), ("</worldbody>", "</body>")), "no joint is left"),

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import frozen_array
-from tominpmp.description.files import resolve_resource
+from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import (
@@ -27,6 +27,7 @@ from tominpmp.description.tree import (
     JointDescription,
     UrdfDescription,
     fresh_name,
+    warn_of_unseen,
 )
 from tominpmp.description.xml_reader import XmlContext, read_xml, to_number, xml_text
 from tominpmp.exceptions import brief, warn_caller
@@ -38,6 +39,8 @@ UNREAD = {"tendon", "equality", "stiffness", "gravcomp"}
 # Actuators, which share their defaults; forces of the first two follow from controls.
 DIRECT = ("motor", "general")
 ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".split())
+# Joints of several degrees of freedom.
+MANY = ("free", "ball")
 # What Pinocchio is told of the compiler; shapes that it can make, with the sizes of
 # each; numbers of attributes, which it does not count.
 COMPILER = {"angle", "eulerseq", "boundmass", "boundinertia", "inertiafromgeom"}
@@ -101,6 +104,9 @@ class _MjcfReader:
             self._add_class(element, self.classes["main"], "main")
         self._fill_in(root, "main")
         self.joints: dict[str, Element] = {}
+        #: Meshes whose files are not there, with what to say of it; shapes left out.
+        self.missing: dict[str, str] = {}
+        self.unseen: list[str] = []
 
     def _include(self, element: Element, seen: set[Path]) -> None:
         """Put the content of included files where they are included."""
@@ -173,11 +179,14 @@ class _MjcfReader:
             name = Path(folder, name.name if strip else name)
             file, tried = resolve_resource(str(name), path, self.folders)
             if file is None:
-                self.context.fail(f"the mesh {brief(str(tried[0]))} is not there")
-            item.set("file", str(file.absolute()))
+                missing = missing_resource(str(name), tried)
+                self.missing[item.get("name", "")] = missing
+            else:
+                item.set("file", str(file.absolute()))
         for item in (*root.findall("asset/mesh"), *root.findall("asset/material")):
             item.attrib.pop("texture", None)
-            asset.append(item)
+            if item.tag != "mesh" or item.get("name") not in self.missing:
+                asset.append(item)
         # Pinocchio reads the first body only, and forgets where it stands.
         world = SubElement(SubElement(plain, "worldbody"), "body", name=WORLD)
         for body in root.findall("worldbody"):
@@ -189,14 +198,16 @@ class _MjcfReader:
         for key in root.findall("keyframe/key[@qpos]"):
             if len(key.get("qpos", "").split()) == len(self.joints):
                 keys.append(key)
+        warn_of_unseen(self.unseen, path)
         if found:
             warn_caller(f"{path}: not read: {', '.join(sorted(found))}")
         return plain
 
     def _make_plain(self, body: Element, names: set[str]) -> None:
         """Name what is in a body, leave out what Pinocchio cannot make, keep joints."""
-        where, counts = f"body {body.get('name')}", PLACEMENT | COUNTS
+        where = f"body {body.get('name')}"
         for child in list(body):
+            counts = PLACEMENT | COUNTS
             tag, kind = child.tag, child.get("type", "sphere")
             if tag == "geom" and kind in SHAPES:
                 count = 1 if "fromto" in child.attrib else SHAPES[kind]
@@ -210,19 +221,54 @@ class _MjcfReader:
                     f"{where} has <{tag}>, which is not read; write "
                     "out the bodies that it makes (mujoco.mj_saveLastXML does)"
                 )
+            if tag == "freejoint" or (tag == "joint" and kind in MANY):
+                self.context.fail(
+                    f"{where} has a {'ball' if kind == 'ball' else 'free'} joint; only "
+                    "joints that turn about one axis or slide along one can be planned "
+                    "for: take it out of the file"
+                )
             if tag in ("body", "joint", "site") and "name" not in child.attrib:
                 child.set("name", fresh_name(f"{body.get('name')}_{tag}", names))
             if tag == "body":
+                child = self._with_one_joint(body, child, names)
                 self._make_plain(child, names)
             elif tag == "joint":
                 self.joints[child.get("name", "")] = Element(tag, child.attrib)
                 for key in ("range", "ref", "actuatorfrcrange"):
                     child.attrib.pop(key, None)
-            elif tag == "geom" and kind not in SHAPES:
+            elif tag == "geom" and (kind not in SHAPES or self._is_unseen(body, child)):
                 body.remove(child)
             elif tag == "geom" and "fromto" not in child.attrib:
                 # Pinocchio turns no shape that has no position.
                 child.set("pos", child.get("pos", "0 0 0"))
+
+    def _with_one_joint(
+        self, parent: Element, body: Element, names: set[str]
+    ) -> Element:
+        """A body of one joint: the first of several is that of one that carries it."""
+        joints = body.findall("joint")
+        if len(joints) < 2:
+            return body
+        outer = Element("body", name=fresh_name(f"{body.get('name')}_carrier", names))
+        for key in PLACEMENT.keys() & body.attrib.keys():
+            outer.set(key, body.attrib.pop(key))
+        parent[[*parent].index(body)] = outer
+        body.remove(joints[0])
+        outer.extend((joints[0], body))
+        return outer
+
+    def _is_unseen(self, body: Element, geom: Element) -> bool:
+        """Whether a shape is one to look at, without weight, and its mesh not there."""
+        missing = self.missing.get(geom.get("mesh", ""))
+        if missing is None:
+            return False
+        weighs = self.compiler.get("inertiafromgeom") == "true" or (
+            body.find("inertial") is None and geom.get("mass") != "0"
+        )
+        if weighs or not geom.get("contype") == geom.get("conaffinity") == "0":
+            self.context.fail(f"body {body.get('name')}: the mesh {missing}")
+        self.unseen.append(f"body {body.get('name')} ({brief(geom.get('mesh'))})")
+        return True
 
     def finished(
         self, joint: JointDescription, efforts: Mapping[str, Range]

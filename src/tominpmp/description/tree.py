@@ -258,6 +258,15 @@ def warn_of_points(places: Sequence[str], path: Path) -> None:
         warn_caller(f"{path}: shapes of no size are left out: {first_of(places)}")
 
 
+def warn_of_unseen(places: Sequence[str], path: Path) -> None:
+    """Warn of shapes to look at that were left out as their meshes are not there."""
+    if places:
+        warn_caller(
+            f"{path}: not shown, as their meshes are not there: {first_of(places)}; "
+            "folders that hold packages are given in package_dirs"
+        )
+
+
 def first_of(places: Sequence[str]) -> str:
     """The first of some places, and how many more there are."""
     others = len(places) - 1

@@ -40,9 +40,9 @@ from tominpmp.description.tree import (
     Mimic,
     Shape,
     UrdfDescription,
-    first_of,
     solid,
     warn_of_points,
+    warn_of_unseen,
 )
 from tominpmp.description.xml_reader import (
     MAX_NUMBER,
@@ -535,6 +535,7 @@ class _UrdfReader:
         """
         path, unread = self.context.path, mistakes(self.root, "robot")
         warn_of_points(self.points, path)
+        warn_of_unseen(self.unseen, path)
         for element in (*self.root.findall("link"), *self.root.findall("joint")):
             where = f"{element.tag} {element.get('name', '').strip()}"
             for part in (element, *element.findall("inertial")):
@@ -551,12 +552,6 @@ class _UrdfReader:
             warn_caller(
                 f"{path}: position limits of many turns, which look like degrees: "
                 f"{_first(self.turned)}; a URDF file has radians"
-            )
-        if self.unseen:
-            warn_caller(
-                f"{path}: not shown, as their meshes are not there: "
-                f"{first_of(self.unseen)}; folders that hold packages are given in "
-                "package_dirs"
             )
 
 
