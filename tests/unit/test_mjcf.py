@@ -241,9 +241,9 @@ def test_a_body_may_have_several_joints() -> None:
 
 
 def test_a_site_has_sizes_of_its_own() -> None:
-    plane = ' <geom type="plane" size="1 1 0.1"/>'
-    more = f'<site size="0.01"/><site size="1 1"/>{plane}</body></worldbody>'
-    assert tm.load_robot(changed(("</body>\n  </worldbody>", more)), velocity=2).n == 2
+    box = 'size="0.03 0.03 0.05"/>'
+    text = changed((box, f'{box}<site size="0.01"/><site size="1 1"/>'))
+    assert tm.load_robot(text, velocity=2).n == 2
 
 
 def test_excluded_pairs_are_not_watched() -> None:
