@@ -186,7 +186,7 @@ def test_meshes_are_found_and_scaled(tmp_path: Path) -> None:
     (tmp_path / "assets").mkdir()
     trimesh.creation.box((100.0, 100.0, 100.0)).export(tmp_path / "assets" / "b.stl")
     text = changed(
-        ('type="box" pos="0 0 0.1" size="0.03 0.03 0.05"', 'type="mesh" mesh="b"'),
+        ('type="box" pos="0 0 0.1" size="0.03 0.03 0.05"', 'type="box" mesh="b"'),
         ("<worldbody>", '<asset><mesh file="b.stl"/></asset><worldbody>'),
         ('angle="degree"', 'meshdir="assets"'),
         ("<motor ctrl", '<mesh scale="0.001 0.001 0.002"/><motor ctrl'),

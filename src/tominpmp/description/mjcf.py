@@ -209,6 +209,9 @@ class _MjcfReader:
         for child in list(body):
             counts = PLACEMENT | COUNTS
             tag, kind = child.tag, child.get("type", "sphere")
+            if tag == "geom" and "mesh" in child.attrib:
+                # A shape that MuJoCo fits to a mesh is that mesh.
+                kind = child.attrib["type"] = "mesh"
             if tag == "geom" and kind in SHAPES:
                 count = 1 if "fromto" in child.attrib else SHAPES[kind]
                 # There may be more, of defaults that serve several shapes.
@@ -225,7 +228,7 @@ class _MjcfReader:
                 self.context.fail(
                     f"{where} has a {'ball' if kind == 'ball' else 'free'} joint; only "
                     "joints that turn about one axis or slide along one can be planned "
-                    "for: take it out of the file"
+                    "for: take the joint, or the body, out of the file"
                 )
             if tag in ("body", "joint", "site") and "name" not in child.attrib:
                 child.set("name", fresh_name(f"{body.get('name')}_{tag}", names))
