@@ -164,6 +164,24 @@ def test_mesh_in_a_checkout_of_another_name(tmp_path: Path) -> None:
     assert mesh_file(read_urdf(path)) == str(expected)
 
 
+def test_packages_are_known_by_their_manifests(tmp_path: Path) -> None:
+    expected = tmp_path / "maker" / "arms" / "a.obj"
+    name = "package://maker_arms/a.obj"
+    elsewhere = write(tmp_path, mesh(name), "else/where/sample.urdf")
+    for folder in ("maker/arms", "maker/config"):
+        write(
+            tmp_path, f"<n><name>maker_{folder[6:]}</name></n>", f"{folder}/package.xml"
+        )
+    with pytest.raises(RobotLoadError, match="package_dirs"):
+        read_urdf(elsewhere, [tmp_path])
+    write_tetrahedron(expected)
+    # In a folder that is given, in a folder of such a one, beside the own package.
+    for folder in (tmp_path / "maker", tmp_path):
+        assert mesh_file(read_urdf(elsewhere, [folder])) == str(expected)
+    beside = write(tmp_path, mesh(name), "maker/config/urdf/sample.urdf")
+    assert mesh_file(read_urdf(beside)) == str(expected)
+
+
 @pytest.mark.parametrize(
     ("variable", "below"), [("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")]
 )

@@ -23,6 +23,8 @@ _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
 LONGEST_PATH, MOST_PLACES = 400, 20
 # Names with a package, or with a path that is meant for one machine.
 _ELSEWHERE = re.compile(r"(package|model|file):|\$\(find|/|[A-Za-z]:[\\/]")
+# The name of a package in its manifest.
+_NAMED = re.compile(r"<name>\s*(\S+?)\s*</name>")
 # How ROS names a package in a path: the file was not expanded to the end.
 _FIND = re.compile(r"^(?:\w+://)?\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)/*")
 
@@ -233,12 +235,13 @@ def resolve_resource(
     """Find a file that a description refers to.
 
     ``package://NAME/REST`` and ``$(find NAME)/REST`` are looked for in the given
-    folders (which hold packages, or are the package), in the folders above the
-    description and in those of ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``; so is
-    the path of another machine, ``/.../share/NAME/REST`` or ``file://`` before it, if
-    it is not there. Other names are relative to the description, then to the given
-    folders. Failing that, backslashes are those of Windows, ``%20`` is a space, and
-    letters may be large or small, as long as that fits one file.
+    folders (which are the package, or hold it, also in a folder of theirs), in those
+    above the description, beside its own package, and in those of
+    ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``; so is the path of another machine,
+    ``/.../share/NAME/REST`` or ``file://`` before it, if it is not there. Other names
+    are relative to the description, then to the given folders. Failing that,
+    backslashes are those of Windows, ``%20`` is a space, and letters may be large or
+    small, as long as that fits one file.
 
     Returns:
         The file, ``None`` if there is none, and the paths tried.
@@ -257,6 +260,7 @@ def resolve_resource(
     for other in filter(None, map(_in_any_case, tried)):
         if _is_file(other):
             return other, tuple(tried)
+    _packages_in.cache_clear()
     return None, tuple(tried)
 
 
@@ -328,15 +332,10 @@ def find_package(name: str, path: Path, package_dirs: Sequence[Path]) -> Path:
     Raises:
         RobotLoadError: If there is none.
     """
-    own = f"<name>{name}</name>"
     for folder in _candidates(f"package://{name}/.", path, package_dirs):
-        manifest = folder / "package.xml"
-        named = folder.name == name or (
-            manifest.is_file()
-            and own in "".join(manifest.read_text("utf-8", "replace").split())
-        )
-        if named and folder.is_dir():
+        if name in (folder.name, _package_name(folder)) and folder.is_dir():
             return folder
+    _packages_in.cache_clear()
     raise RobotLoadError(
         f"{path}: there is no folder of the package {brief(name)}; give the folder "
         "that holds it in package_dirs",
@@ -380,7 +379,34 @@ def _candidates(
     ros = _environment_folders("ROS_PACKAGE_PATH")
     ros += [p / "share" for p in _environment_folders("AMENT_PREFIX_PATH")]
     yield from (d / package / inside for d in (*above, *ros))
-    # A checkout may have another name than the package in it.
-    for folder in (*package_dirs, *above):
+    # Folders may have other names than the packages in them: those given, those in
+    # them and two below, the one that the description is in, and those beside it.
+    own = [folder for folder in above if (folder / "package.xml").is_file()]
+    depths = [(folder, 2) for folder in package_dirs]
+    for folder, depth in (*depths, *((folder.parent, 1) for folder in own)):
+        if package in (named := _packages_in(folder, depth)):
+            yield named[package] / inside
+    for folder in (*package_dirs, *own):
         if (folder / "package.xml").is_file():
             yield folder / inside
+
+
+@cache
+def _packages_in(folder: Path, depth: int) -> dict[str, Path]:
+    """Packages in a folder and so far below it, by their names; as it was once."""
+    found: dict[str, Path] = {}
+    for level in range(1, depth + 1):
+        for manifest in sorted(folder.glob("*/" * level + "package.xml")):
+            found.setdefault(_package_name(manifest.parent), manifest.parent)
+    return found
+
+
+def _package_name(folder: Path) -> str:
+    """Name that the manifest in a folder gives; empty if there is none."""
+    manifest = folder / "package.xml"
+    try:
+        text = manifest.read_text("utf-8", "replace") if manifest.is_file() else ""
+    except (OSError, ValueError):
+        return ""
+    found = _NAMED.search(text)
+    return found[1] if found else ""
