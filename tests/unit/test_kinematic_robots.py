@@ -276,6 +276,11 @@ def test_plots_and_pages_show_accelerations(
             )
         ),
         (
+            lambda: tm.smooth(planned(arm())),
+            tm.ProblemError,
+            "kinematic robot without torques",
+        ),
+        (
             lambda: tm.combine_robots(
                 [("a", arm(), [0, 0, 0]), ("b", tm.load_robot("planar3r"), [9, 0, 0])],
                 gravity=[0.0, 0.0, -9.81],

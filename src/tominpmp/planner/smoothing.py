@@ -49,8 +49,8 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         are. If none is found, the solution as it was, and its message says so.
 
     Raises:
-        ProblemError: If there is no motion that keeps all constraints, or the problem
-            has segments.
+        ProblemError: If there is no motion that keeps all constraints, the problem has
+            segments, or the robot is kinematic.
         OptionsError: If the slack is not a share >= 0.
     """
     instance(solution, Solution, "solution")
@@ -59,6 +59,10 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     if solution.trajectory is None or not solution.success:
         raise ProblemError(
             f"there is no motion to smooth: {solution.message}", "solution"
+        )
+    if solution.problem.robot.kinematic:
+        raise ProblemError(
+            "solution is of a kinematic robot without torques", "solution"
         )
     count = len(solution.problem.segments)
     if count:
