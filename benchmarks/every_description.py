@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.every_robot import count_processor_time, plan_little
+from tominpmp.description.xacro_files import is_xacro
 from tominpmp.description.xml_reader import read_xml
 from tominpmp.exceptions import TominpmpError, TominpmpWarning
 
@@ -43,10 +44,11 @@ def kind_of(path: Path) -> str:
         # A URDF file that is broken counts; other XML files are not ours.
         return "urdf" if path.suffix.lower() == ".urdf" else ""
     if root.tag == "mujoco":
-        return "mjcf" if root.find(".//joint") is not None else ""
+        moves = root.find(".//joint") is not None or root.find(".//include") is not None
+        return "mjcf" if moves and root.find("worldbody") is not None else ""
     if root.tag != "robot" or path.suffix.lower() == ".xml":
         return ""
-    if not any(element.tag.startswith("xacro:") for element in root.iter()):
+    if not is_xacro(root, path):
         is_part = path.suffix.lower() == ".xacro" and root.find("link") is None
         return "" if is_part else "urdf"
     # A file of macros only, or a robot without a name, is included by another.

@@ -215,6 +215,10 @@ def test_accelerations_and_jerks_of_a_urdf_file_are_limits(tmp_path: Path) -> No
     text = one_joint(limit=limit.format('deceleration="5"'))
     robot = load_robot(write(tmp_path, text))
     assert robot.motion_limits == tm.MotionLimits(acceleration={"j1": 5.0})
+    # Drake's files have them with a prefix; what else has one is another program's.
+    text = one_joint(limit=limit.format('drake:acceleration="6" x:velocitys="1"'))
+    robot = load_robot(write(tmp_path, text))
+    assert robot.motion_limits == tm.MotionLimits(acceleration={"j1": 6.0})
     text = one_joint(limit=limit.format('acceleration="0"'))
     assert load_robot(write(tmp_path, text)).motion_limits is None
     for wrong in ('acceleration="-1"', 'jerk="fast"'):

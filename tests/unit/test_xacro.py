@@ -125,7 +125,7 @@ def test_packages_are_looked_for_in_folders(arm: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ('<link name="$(arg none)"/><xacro:if value="0"/>', "'?none'? has no value"),
+        ('<link name="$(arg none)"/><xacro:if value="0"/>', "'none' has no value"),
         ("<xacro:unknown_macro/>", "unknown macro name"),
         ('<xacro:include filename="none.xacro"/>', "none.xacro"),
         ('<xacro:if value="${1/0}"/>', "division by zero"),
@@ -135,6 +135,17 @@ def test_packages_are_looked_for_in_folders(arm: Path, tmp_path: Path) -> None:
 def test_faults_are_told(tmp_path: Path, body: str, message: str) -> None:
     with pytest.raises(tm.RobotLoadError, match=message):
         expand(tmp_path, body)
+
+
+def test_macros_left_over_are_told_of(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    urdf = (Path(__file__).parents[2] / "docs" / "static" / "arm.urdf").read_text()
+    file.write_text(urdf.replace("</robot>", "<xacro:grey/></robot>"))
+    with pytest.warns(tm.TominpmpWarning, match="arm.urdf: not read: xacro:grey"):
+        assert tm.load_robot(file).n == 4
+    # Expressions are expanded without a macro, too.
+    file.write_text(urdf.replace('upper="2.9"', 'upper="${2 * 0.7}"'))
+    assert tm.load_robot(file).limits.position_upper[0] == 1.4
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,7 @@ MANY_TURNS, DEGREES = 30.0, 720.0
 # The parsers recurse into the tree; humanoids have some hundred links.
 MAX_LINKS = 2000
 SHAPES = (*SIZES, "mesh")
-# Limits of joints that yourdfpy does not read.
+# Limits of joints that yourdfpy does not read; Drake has its prefix before them.
 MOTION = ("acceleration", "deceleration", "jerk")
 # How alike a name must be to be taken for a mistake, from 0 to 1.
 ALIKE = 0.8
@@ -297,7 +297,8 @@ def mistakes(element: Element, where: str) -> list[str]:
 
 
 def _nearly(name: str, known: Sequence[str]) -> str | None:
-    if name in known:
+    # Names with a prefix are those of another program.
+    if name in known or ":" in name:
         return None
     close = difflib.get_close_matches(name.lower()[:80], known, n=1, cutoff=ALIKE)
     return close[0] if close else None
@@ -476,7 +477,11 @@ class _UrdfReader:
             context.fail(f"{where}: the axis {axis} has no direction")
         self._look_at_ends(joint)
         limit = element.find("limit")
-        more = {key: context.limit(limit, key, where) for key in MOTION}
+        told = () if limit is None else limit.attrib
+        more = {
+            key: context.limit(limit, key if key in told else f"drake:{key}", where)
+            for key in MOTION
+        }
         limits = {**vars(joint.limit), **more}
         for key, value in limits.items():
             if key not in ("lower", "upper") and value < 0.0:
