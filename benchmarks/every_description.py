@@ -4,8 +4,9 @@ All files below the folder that are URDF, xacro or MJCF are loaded as they are: 
 parts (xacro files without a robot of their own, MJCF files without bodies) are left
 out. What loads is moved by a tenth of a radian, as by ``benchmarks.every_robot``.
 What a file does not say has to be given for all at once, or is the reason why it does
-not load: MJCF files have no limits of speed, so ``--velocity`` is theirs. Run it on
-your own collection:
+not load: MJCF files have no limits of speed, so ``--velocity`` is theirs, and with
+``--acceleration`` what has no dynamics is planned without torques. Run it on your own
+collection:
 
     python -m benchmarks.every_description FOLDER
     python -m benchmarks.every_description FOLDER --package-dir FOLDER --limit 60
@@ -56,7 +57,12 @@ def kind_of(path: Path) -> str:
 
 
 def measure(
-    path: Path, folder: Path, limit: float, given: Mapping[str, Any], speed: float
+    path: Path,
+    folder: Path,
+    limit: float,
+    given: Mapping[str, Any],
+    speed: float,
+    acceleration: float | None = None,
 ) -> dict[str, object] | None:
     """A row of the sheet; None if the file describes no robot.
 
@@ -66,6 +72,8 @@ def measure(
         limit: Longest time of planning [s].
         given: Arguments of ``load_robot`` for all files.
         speed: Speed of joints of files that cannot have any [rad/s or m/s].
+        acceleration: Acceleration of those without dynamics [rad/s^2 or m/s^2]; None if
+            they are not to load.
     """
     kind = kind_of(path)
     if not kind:
@@ -78,7 +86,13 @@ def measure(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TominpmpWarning)
         try:
-            found = plan_little(path, limit, **more)
+            try:
+                found = plan_little(path, limit, **more)
+            except TominpmpError as error:
+                if acceleration is None or "kinematic=True" not in str(error):
+                    raise
+                row["kind"] = f"{kind}, kinematic"
+                found = plan_little(path, limit, acceleration, kinematic=True, **more)
         except TominpmpError as error:
             if kind == "xacro" and "has no <link>" in str(error):
                 return None  # macros only: a part of others
@@ -103,6 +117,9 @@ def main() -> int:
         "--velocity", type=float, default=2.0, help="speed of joints of MJCF files"
     )
     parser.add_argument(
+        "--acceleration", type=float, help="of joints of files without dynamics"
+    )
+    parser.add_argument(
         "--limit", type=float, default=20.0, help="seconds of the processor a robot"
     )
     parser.add_argument("--csv", type=Path, default=Path("out/every_description.csv"))
@@ -114,7 +131,8 @@ def main() -> int:
     sheet = Sheet(arguments.csv, COLUMNS)
     given = {"package_dirs": [folder, *arguments.package_dir]}
     for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in ENDINGS):
-        row = measure(path, folder, arguments.limit, given, arguments.velocity)
+        speed, acceleration = arguments.velocity, arguments.acceleration
+        row = measure(path, folder, arguments.limit, given, speed, acceleration)
         if row is not None:
             sheet.add(row)
     shown = (*COLUMNS[:8], "why")

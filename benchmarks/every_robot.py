@@ -90,20 +90,27 @@ def load(name: str | Path, **given: Any) -> Any:
     return tm.load_robot(name, locked_joints=dict.fromkeys(stuck, 0.0), **given)
 
 
-def pose(robot: Any) -> tm.Problem:
+def pose(robot: Any, acceleration: float | None = None) -> tm.Problem:
     """The first problem whose start and goal touch nothing and can be held.
 
     Where links touch at all places, they are let.
 
+    Args:
+        robot: The robot.
+        acceleration: Limit of all joints [rad/s^2 or m/s^2]; None for those it has.
+
     Raises:
         TominpmpError: If there is none.
     """
+    limits: dict[str, Any] = {}
+    if acceleration is not None:
+        limits = {"motion_limits": tm.MotionLimits(acceleration=acceleration)}
     for place in PLACES:
         start, goal = ends(robot, place)
         with contextlib.suppress(ProblemError):
-            return tm.Problem(robot, start, tm.JointGoal(goal))
+            return tm.Problem(robot, start, tm.JointGoal(goal), **limits)
     start, goal = ends(robot, None)
-    return tm.Problem(robot, start, tm.JointGoal(goal), self_collision=False)
+    return tm.Problem(robot, start, tm.JointGoal(goal), self_collision=False, **limits)
 
 
 def measure(name: str, limit: float) -> dict[str, object]:
@@ -115,12 +122,15 @@ def measure(name: str, limit: float) -> dict[str, object]:
         return row | {"status": type(error).__name__, "message": str(error)[:300]}
 
 
-def plan_little(name: str | Path, limit: float, **given: Any) -> dict[str, object]:
+def plan_little(
+    name: str | Path, limit: float, acceleration: float | None = None, **given: Any
+) -> dict[str, object]:
     """Load a robot and move it a little: what became of it.
 
     Args:
         name: What ``load_robot`` takes.
         limit: Longest time of planning [s].
+        acceleration: As for :func:`pose`.
         **given: Further arguments of ``load_robot``.
 
     Raises:
@@ -131,7 +141,7 @@ def plan_little(name: str | Path, limit: float, **given: Any) -> dict[str, objec
     robot = load(name, **given)
     row["joints"] = robot.n
     try:
-        problem = pose(robot)
+        problem = pose(robot, acceleration)
     except TominpmpError as error:
         return row | {"status": type(error).__name__, "message": str(error)[:300]}
     row["pairs"] = len(problem.checker.pairs)
