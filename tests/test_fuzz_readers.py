@@ -17,6 +17,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,39 @@ URDF = """<robot name="sample">
 <mimic joint="j1" multiplier="-1" offset="0.1"/>
 <limit lower="-3" upper="3" effort="10" velocity="3"/></joint>
 </robot>
+"""
+
+XACRO = """<robot name="made" xmlns:xacro="http://wiki.ros.org/xacro">
+<xacro:arg name="prefix" default="a_"/><xacro:property name="mass" value="${2 * 1.5}"/>
+<xacro:macro name="arm" params="name parent:=base upper:=^|1 *more">
+<joint name="$(arg prefix)${name}" type="revolute"><parent link="${parent}"/>
+<child link="${name}_link"/><xacro:insert_block name="more"/>
+<limit lower="${-pi / 2}" upper="${upper}" effort="10" velocity="${radians(90)}"/>
+</joint><link name="${name}_link"><inertial><mass value="${mass}"/>
+<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.3"/></inertial></link>
+</xacro:macro>
+<link name="base"/><xacro:arm name="j1"><axis xyz="0 0 1"/></xacro:arm>
+<xacro:if value="${mass > 1 and '$(arg prefix)' == 'a_'}">
+<xacro:arm name="j2" parent="j1_link" upper="2"><axis xyz="0 1 0"/></xacro:arm>
+</xacro:if></robot>
+"""
+
+MJCF = """<mujoco model="sample"><compiler angle="degree" autolimits="true"/>
+<default><joint damping="1" armature="0.1"/><default class="big">
+<geom type="capsule" size="0.05 0.1"/></default></default>
+<asset><mesh name="part" file="part.stl" scale="1 1 1"/></asset>
+<worldbody><geom type="plane" size="1 1 0.1"/><body name="one" pos="0 0 0.1">
+<joint name="j1" axis="0 0 1" range="-90 90"/><geom class="big" fromto="0 0 0 0.4 0 0"/>
+<site name="eye" size="0.01"/><body name="two" pos="0.5 0 0" euler="0 30 0">
+<inertial mass="1" pos="0 0 0.1" diaginertia="0.1 0.1 0.1"/>
+<joint name="j2" type="slide" axis="1 0 0" range="0 1" ref="0.1"/>
+<joint name="j3" axis="0 1 0" range="-90 90" frictionloss="0.1"/>
+<geom type="mesh" mesh="part"/><geom type="box" size="0.1 0.1 0.1" contype="0"/>
+</body></body></worldbody>
+<actuator><motor joint="j1" gear="60" ctrlrange="-1 1"/>
+<position joint="j2" kp="9" forcerange="-9 9"/><general joint="j3" gainprm="5"
+ctrlrange="-2 2"/></actuator><contact><exclude body1="one" body2="two"/></contact>
+<keyframe><key name="home" qpos="0 0.1 0.2"/></keyframe></mujoco>
 """
 
 SRDF = """<robot name="sample"><group name="arm"><joint name="j1"/></group>
@@ -282,6 +316,7 @@ def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
     scenario, robot = tm.ScenarioError, tm.RobotLoadError
     table = [
         Reader("urdf.urdf", URDF.encode(), load_robot, robot),
+        Reader("arm.xml", MJCF.encode(), load_robot, robot),
         Reader(
             "srdf.srdf",
             SRDF.encode(),
@@ -316,6 +351,8 @@ def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
         Reader("mesh.stl", stl(), lambda p: tm.Mesh("m", path=p), tm.SceneError),
         Reader("mesh.obj", OBJ, lambda p: tm.Mesh("m", path=p), tm.SceneError),
     ]
+    if find_spec("xacrodoc") is not None:
+        table.append(Reader("arm.xacro", XACRO.encode(), load_robot, robot))
     return {reader.name: reader for reader in table}
 
 
@@ -328,10 +365,13 @@ def readers(
 
 
 NAMES = (
-    "urdf.urdf", "srdf.srdf", "scenario.toml", "moveit_scene.yaml",
+    "urdf.urdf", "arm.xml", "srdf.srdf", "scenario.toml", "moveit_scene.yaml",
     "moveit_request.yaml", "limits.yaml", "motion_limits.yaml", "motion.csv",
     "motion.npz", "motion.json", "motion.yaml", "mesh.stl", "mesh.obj",
+    *(("arm.xacro",) if find_spec("xacrodoc") is not None else ()),
 )  # fmt: skip
+# What reads robots reads all of these.
+ROBOTS = {"urdf.urdf", "arm.xml", "arm.xacro"}
 # Formats of which most damages leave a sound file.
 FORGIVING = {"motion.csv": 0.2, "mesh.stl": 0.05, "mesh.obj": 0.1, "srdf.srdf": 0.1}
 
@@ -405,7 +445,7 @@ def test_files_of_other_readers(
         if other.name == name:
             continue
         # A description says nothing of joints that it does not know; JSON is YAML.
-        alike = {name, other.name} == {"urdf.urdf", "srdf.srdf"} or (
+        alike = {name, other.name} <= {*ROBOTS, "srdf.srdf"} or (
             (name, other.name) == ("motion.yaml", "motion.json")
         )
         assert refused(table[name], folder / name, other.content) or alike

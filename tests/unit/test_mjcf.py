@@ -282,6 +282,24 @@ def test_what_is_not_read_is_told_of() -> None:
         ((('range="-90 90"', 'range="-90"'),), "joint turn: joint range='-90'"),
         ((("<worldbody>", "<body>"), ("</worldbody>", "</body>")), "no joint is left"),
         ((('mass="2"', 'mass="two"'),), "body upper: inertial mass='two'"),
+        ((('mass="2"', 'mass="-2"'),), "inertial mass=-2, expected at least 0"),
+        ((('armature="0.02"', 'armature="x"'),), "joint armature='x', expected a num"),
+        ((('gear="60"', 'gear="x"'),), "motor gear='x', expected numbers"),
+        ((('name="slide"', 'name="turn"'),), "two joints are named 'turn'"),
+        (
+            (("<worldbody>", "<asset><mesh name='m'/></asset><worldbody>"),),
+            "read: Only",
+        ),
+        (
+            (
+                (
+                    '<inertial pos="0 0 0.15" mass="2" diaginertia="0.02 0.02 0.004"/>',
+                    "",
+                ),
+                ('size="0.04"', 'size="0"'),
+            ),
+            "inertia of link upper is no number",
+        ),
         ((('pos="0 0 0.2"', 'pos="0 0"'),), "body pos='0 0', expected 3 numbers"),
         ((('size="0.03 0.03 0.05"', 'size="0.03"'),), "geom size='0.03', expected 3"),
         ((("-80 80", "-inf inf"),), "actuatorfrcrange='-inf inf'"),

@@ -188,6 +188,11 @@ class _ModelReader:
         """The links by their names, without shapes: of the joints, then of frames."""
         links = {self.main[0]: LinkDescription(self.main[0])}
         for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
+            if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():
+                raise RobotLoadError(
+                    f"{self.path}: mass, centre or inertia of link {name} is no number",
+                    self.path,
+                )
             com, inertia = frozen_array(own.lever), frozen_array(own.inertia)
             links[name] = LinkDescription(name, float(own.mass), com, inertia)
         self._add_frames()

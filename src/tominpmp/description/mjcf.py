@@ -21,6 +21,7 @@ import pinocchio as pin
 from tominpmp.arrays import frozen_array
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.from_pinocchio import describe_model
+from tominpmp.description.model import one_line
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import (
     WORLD,
@@ -30,7 +31,7 @@ from tominpmp.description.tree import (
     warn_of_unseen,
 )
 from tominpmp.description.xml_reader import XmlContext, read_xml, to_number, xml_text
-from tominpmp.exceptions import brief, warn_caller
+from tominpmp.exceptions import brief, shortened, warn_caller
 
 # Elements that make bodies in ways that Pinocchio does not know, and those that count
 # and are not read; attributes of the latter kind.
@@ -47,7 +48,9 @@ COMPILER = {"angle", "eulerseq", "boundmass", "boundinertia", "inertiafromgeom"}
 ROUND, SOLID = {"sphere": 1, "capsule": 2, "cylinder": 2}, {"box": 3, "ellipsoid": 3}
 SHAPES = {"mesh": 0, **ROUND, **SOLID}
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
-COUNTS = {"mass": 1, "axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6}
+COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6}
+# And of those that are not below zero.
+AMOUNTS = {"mass": 1, "armature": 1, "damping": 1, "frictionloss": 1}
 
 Range = tuple[float, float]
 
@@ -162,7 +165,7 @@ class _MjcfReader:
                 solid = pin.buildGeomFromMJCF(model, file, kinds.COLLISION)
                 return model, solid, pin.buildGeomFromMJCF(model, file, kinds.VISUAL)
             except Exception as error:
-                self.context.fail(f"cannot be read: {brief(str(error), 300)}")
+                self.context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
 
     def _plain(self) -> Element:
         """A file that says the same, and that Pinocchio can read."""
@@ -207,7 +210,7 @@ class _MjcfReader:
         """Name what is in a body, leave out what Pinocchio cannot make, keep joints."""
         where = f"body {body.get('name')}"
         for child in list(body):
-            counts = PLACEMENT | COUNTS
+            counts = PLACEMENT | COUNTS | AMOUNTS
             tag, kind = child.tag, child.get("type", "sphere")
             if tag == "geom" and "mesh" in child.attrib:
                 # A shape that MuJoCo fits to a mesh is that mesh.
@@ -218,7 +221,8 @@ class _MjcfReader:
                 child.set("size", " ".join(child.get("size", "").split()[:count]))
                 counts = counts | {"size": count}
             for key in counts.keys() & child.attrib.keys():
-                self.context.numbers(child, key, where, (0.0,) * counts[key])
+                low = 0.0 if key == "size" or key in AMOUNTS else None
+                self.context.numbers(child, key, where, (0.0,) * counts[key], low)
             if tag in MAKERS:
                 self.context.fail(
                     f"{where} has <{tag}>, which is not read; write "
@@ -236,6 +240,10 @@ class _MjcfReader:
                 child = self._with_one_joint(body, child, names)
                 self._make_plain(child, names)
             elif tag == "joint":
+                if child.get("name") in self.joints:
+                    self.context.fail(
+                        f"two joints are named {brief(child.get('name'))}"
+                    )
                 self.joints[child.get("name", "")] = Element(tag, child.attrib)
                 for key in ("range", "ref", "actuatorfrcrange"):
                     child.attrib.pop(key, None)
@@ -307,12 +315,20 @@ class _MjcfReader:
         low, high = self.context.numbers(element, name, where, (0.0, 0.0))
         return low, high
 
+    def _first(self, actuator: Element, name: str) -> float:
+        """The first number of an attribute, by default one."""
+        number = to_number((actuator.get(name, "").split() or ["1"])[0])
+        if math.isnan(number):
+            text, where = brief(actuator.get(name)), f"{actuator.tag} {name}"
+            self.context.fail(f"{where}={text}, expected numbers")
+        return number
+
     def efforts(self) -> dict[str, Range]:
         """What actuators can do at most, at each joint where that is limited."""
         sums: dict[str, Any] = {}
         for actuator in self.root.findall("actuator/*"):
             ends = np.array(self._range(actuator, "forcerange", "forcelimited"))
-            gain, gear = (_first(actuator, name) for name in ("gainprm", "gear"))
+            gain, gear = (self._first(actuator, name) for name in ("gainprm", "gear"))
             direct = actuator.get("biastype", "none") == "none"
             if direct and actuator.tag in DIRECT:
                 control = np.array(self._range(actuator, "ctrlrange", "ctrllimited"))
@@ -326,11 +342,6 @@ class _MjcfReader:
             if math.isfinite(high - low):
                 found[name] = low, high
         return found
-
-
-def _first(actuator: Element, name: str) -> float:
-    """The first number of an attribute, by default one."""
-    return to_number((actuator.get(name, "").split() or ["1"])[0])
 
 
 def _kind(element: Element) -> str:

@@ -130,7 +130,7 @@ def build_geometry(
             except Exception as error:  # whatever a mesh reader may raise
                 raise RobotLoadError(
                     f"{description.path}: the geometry cannot be read: "
-                    f"{_message(error)}",
+                    f"{one_line(error)}",
                     description.path,
                 ) from error
             colour = np.array(GREY if shape.colour is None else shape.colour)
@@ -189,7 +189,7 @@ def _warn_of_units(geometry: pin.GeometryModel, path: Path) -> None:
             return
 
 
-def _message(error: Exception) -> str:
+def one_line(error: Exception) -> str:
     """One line of what a C++ library says, without the place in its sources."""
     return " ".join(str(error).rpartition("message:")[2].split())
 

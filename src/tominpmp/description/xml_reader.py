@@ -145,7 +145,7 @@ class XmlContext:
                 f"{where}: {element.tag} {attribute}={text[:80]!r}, expected {wanted} "
                 f"of at most {MAX_NUMBER:g} in size"
             )
-        if low is not None and min(values) < low:
+        if low is not None and min(values, default=low) < low:
             self.fail(
                 f"{where}: {element.tag} {attribute}={min(values):g}, expected at "
                 f"least {low:g}"
