@@ -49,8 +49,8 @@ ROUND, SOLID = {"sphere": 1, "capsule": 2, "cylinder": 2}, {"box": 3, "ellipsoid
 SHAPES = {"mesh": 0, **ROUND, **SOLID}
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6}
-# And of those that are not below zero.
-AMOUNTS = {"mass": 1, "armature": 1, "damping": 1, "frictionloss": 1}
+# Attributes of one number that is not below zero, of any size.
+AMOUNTS = ("mass", "armature", "damping", "frictionloss")
 
 Range = tuple[float, float]
 
@@ -210,7 +210,7 @@ class _MjcfReader:
         """Name what is in a body, leave out what Pinocchio cannot make, keep joints."""
         where = f"body {body.get('name')}"
         for child in list(body):
-            counts = PLACEMENT | COUNTS | AMOUNTS
+            counts = PLACEMENT | COUNTS
             tag, kind = child.tag, child.get("type", "sphere")
             if tag == "geom" and "mesh" in child.attrib:
                 # A shape that MuJoCo fits to a mesh is that mesh.
@@ -221,8 +221,12 @@ class _MjcfReader:
                 child.set("size", " ".join(child.get("size", "").split()[:count]))
                 counts = counts | {"size": count}
             for key in counts.keys() & child.attrib.keys():
-                low = 0.0 if key == "size" or key in AMOUNTS else None
+                low = 0.0 if key == "size" else None
                 self.context.numbers(child, key, where, (0.0,) * counts[key], low)
+            for key in (k for k in AMOUNTS if k in child.attrib):
+                if not 0.0 <= to_number(child.get(key, "")) < math.inf:
+                    what = f"{where}: {tag} {key}={brief(child.get(key))}"
+                    self.context.fail(f"{what}, expected a number from 0 on")
             if tag in MAKERS:
                 self.context.fail(
                     f"{where} has <{tag}>, which is not read; write "
