@@ -49,7 +49,7 @@ def kind_of(path: Path) -> str:
         return "mjcf" if moves and root.find("worldbody") is not None else ""
     if root.tag != "robot" or path.suffix.lower() == ".xml":
         return ""
-    if not is_xacro(root, path):
+    if not is_xacro(root):
         is_part = path.suffix.lower() == ".xacro" and root.find("link") is None
         return "" if is_part else "urdf"
     # A file of macros only, or a robot without a name, is included by another.

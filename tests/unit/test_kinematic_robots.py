@@ -278,7 +278,7 @@ def test_plots_and_pages_show_accelerations(
         (
             lambda: tm.smooth(planned(arm())),
             tm.ProblemError,
-            "kinematic robot without torques",
+            "kinematic robot: no torques",
         ),
         (
             lambda: tm.combine_robots(

@@ -284,8 +284,6 @@ def test_what_is_not_read_is_told_of() -> None:
         ((('mass="2"', 'mass="two"'),), "body upper: inertial mass='two'"),
         ((('mass="2"', 'mass="-2"'),), "mass='-2', expected a number from 0"),
         ((('armature="0.02"', 'armature="x"'),), "joint armature='x', expected"),
-        ((('gear="60"', 'gear="x"'),), "motor gear='x', expected numbers"),
-        ((('name="slide"', 'name="turn"'),), "two joints are named 'turn'"),
         (
             (("<worldbody>", "<asset><mesh name='m'/></asset><worldbody>"),),
             "read: Only",

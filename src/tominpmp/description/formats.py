@@ -14,10 +14,7 @@ from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.urdf import read_urdf
 from tominpmp.description.xacro_files import expanded, is_xacro
 from tominpmp.description.xml_reader import MAX_BYTES, parse_xml
-from tominpmp.exceptions import OptionsError, RobotLoadError, brief, warn_caller
-
-# Elements that a warning names.
-MOST = 5
+from tominpmp.exceptions import OptionsError, RobotLoadError, brief
 
 
 def read_description(
@@ -48,16 +45,11 @@ def read_description(
         raise OptionsError(message, "xacro_args")
     text = read_bytes(path, MAX_BYTES, RobotLoadError) if text is None else text
     root = parse_xml(text, path)
-    if is_xacro(root, path):
+    if is_xacro(root):
         root = parse_xml(expanded(text, path, package_dirs, args), path)
     elif args:
         message = f"{path} is no xacro file: it has no arguments"
         raise OptionsError(message, "xacro_args")
-    left = sorted({e.tag for e in root.iter() if e.tag.startswith("xacro:")})
-    if left:
-        warn_caller(
-            f"{path}: not read: {', '.join(left[:MOST])}, which nothing defines"
-        )
     if root.tag == "mujoco":
         return describe_mjcf(root, path, package_dirs)
     description = read_urdf(path, package_dirs, root)

@@ -244,10 +244,6 @@ class _MjcfReader:
                 child = self._with_one_joint(body, child, names)
                 self._make_plain(child, names)
             elif tag == "joint":
-                if child.get("name") in self.joints:
-                    self.context.fail(
-                        f"two joints are named {brief(child.get('name'))}"
-                    )
                 self.joints[child.get("name", "")] = Element(tag, child.attrib)
                 for key in ("range", "ref", "actuatorfrcrange"):
                     child.attrib.pop(key, None)
@@ -319,20 +315,12 @@ class _MjcfReader:
         low, high = self.context.numbers(element, name, where, (0.0, 0.0))
         return low, high
 
-    def _first(self, actuator: Element, name: str) -> float:
-        """The first number of an attribute, by default one."""
-        number = to_number((actuator.get(name, "").split() or ["1"])[0])
-        if math.isnan(number):
-            text, where = brief(actuator.get(name)), f"{actuator.tag} {name}"
-            self.context.fail(f"{where}={text}, expected numbers")
-        return number
-
     def efforts(self) -> dict[str, Range]:
         """What actuators can do at most, at each joint where that is limited."""
         sums: dict[str, Any] = {}
         for actuator in self.root.findall("actuator/*"):
             ends = np.array(self._range(actuator, "forcerange", "forcelimited"))
-            gain, gear = (self._first(actuator, name) for name in ("gainprm", "gear"))
+            gain, gear = (_first(actuator, name) for name in ("gainprm", "gear"))
             direct = actuator.get("biastype", "none") == "none"
             if direct and actuator.tag in DIRECT:
                 control = np.array(self._range(actuator, "ctrlrange", "ctrllimited"))
@@ -346,6 +334,11 @@ class _MjcfReader:
             if math.isfinite(high - low):
                 found[name] = low, high
         return found
+
+
+def _first(actuator: Element, name: str) -> float:
+    """The first number of an attribute, by default one."""
+    return to_number((actuator.get(name, "").split() or ["1"])[0])
 
 
 def _kind(element: Element) -> str:

@@ -34,24 +34,18 @@ from tominpmp.exceptions import (
 
 # Attributes that lead from a generator, or an error, to the code that runs it.
 FRAMES = ("gi_frame", "cr_frame", "ag_frame", "f_back", "tb_frame", "tb_next")
-# Elements of xacro; others are macros, which a file that has none of these cannot have.
-_WORDS = "arg attribute call element if include insert_block macro property unless"
-OWN = {f"xacro:{word}" for word in _WORDS.split()}
 # Of what xacro tells, a warning has as many characters.
 LONGEST_WARNING = 1000
 # xacro keeps its state in its modules.
 _LOCK = threading.Lock()
 
 
-def is_xacro(root: Element, path: Path) -> bool:
-    """Whether a file is to be expanded.
-
-    Of macros alone a file was expanded before, unless its name says otherwise.
-    """
-    tags = {element.tag for element in root.iter() if element.tag.startswith("xacro:")}
-    written = (value for element in root.iter() for value in element.attrib.values())
-    return bool(tags & OWN or (tags and path.suffix == ".xacro")) or any(
-        "${" in value for value in written
+def is_xacro(root: Element) -> bool:
+    """Whether there is anything of xacro in a file."""
+    return any(
+        element.tag.startswith("xacro:")
+        or any("${" in value for value in element.attrib.values())
+        for element in root.iter()
     )
 
 

@@ -61,9 +61,7 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
             f"there is no motion to smooth: {solution.message}", "solution"
         )
     if solution.problem.robot.kinematic:
-        raise ProblemError(
-            "solution is of a kinematic robot without torques", "solution"
-        )
+        raise ProblemError("solution is of a kinematic robot: no torques", "solution")
     count = len(solution.problem.segments)
     if count:
         raise ProblemError(
