@@ -119,6 +119,26 @@ def test_dynamics_are_those_of_mujoco() -> None:
         assert np.allclose(bias, data.qfrc_bias, rtol=1e-9)
 
 
+def test_shapes_give_the_weight_that_they_have_in_mujoco(tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    inertial = '<inertial pos="0 0 0.05" mass="1.5" diaginertia="0.01 0.01 0.002"/>'
+    seen = '<geom size="0.05" pos="0.2 0 0" contype="0" conaffinity="0"/>'
+    text = changed((inertial, seen))
+    arm, model = tm.load_robot(text, velocity=2), mujoco.MjModel.from_xml_string(text)
+    data, mine, mass = mujoco.MjData(model), arm.model.createData(), np.zeros((2, 2))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    assert np.allclose(pin.crba(arm.model, mine, np.zeros(2)), mass, rtol=1e-9)
+    # Of meshes it is not known, and none is invented.
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "b.stl")
+    text = text.replace("<worldbody>", '<asset><mesh file="b.stl"/></asset><worldbody>')
+    text = text.replace(seen, '<geom type="mesh" mesh="b"/>')
+    with pytest.warns(tm.TominpmpWarning, match="link tool behind joint slide has no"):
+        arm = tm.load_robot(text, velocity=2, package_dirs=[tmp_path])
+    assert arm.model.inertias[2].mass == 0.0
+    assert sum(len(link.visuals) for link in arm.description.bodies) == 3
+
+
 def test_keyframes_are_group_states() -> None:
     arm = tm.load_robot(MJCF, velocity=2.0)
     assert list(arm.srdf.group_states) == ["home"]

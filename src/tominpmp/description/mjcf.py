@@ -36,7 +36,8 @@ from tominpmp.exceptions import brief, shortened, warn_caller
 # Elements that make bodies in ways that Pinocchio does not know, and those that count
 # and are not read; attributes of the latter kind.
 MAKERS = {"attach", "composite", "flexcomp", "frame", "replicate"}
-UNREAD = {"tendon", "equality", "stiffness", "gravcomp"}
+UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass"}
+UNREAD |= {"inertiagrouprange"}
 # Actuators, which share their defaults; forces of the first two follow from controls.
 DIRECT = ("motor", "general")
 ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".split())
@@ -156,12 +157,14 @@ class _MjcfReader:
         Raises:
             RobotLoadError: If Pinocchio cannot read the file.
         """
-        content, kinds = xml_text(self._plain()), pin.GeometryType
+        plain, kinds = self._plain(), pin.GeometryType
+        shown, weighing = xml_text(plain), xml_text(_weighing(plain))
         with tempfile.TemporaryDirectory() as name:
-            file = str(Path(name, "robot.xml"))
-            Path(file).write_bytes(content)
+            file, other = str(Path(name, "robot.xml")), str(Path(name, "weights.xml"))
+            Path(file).write_bytes(shown)
+            Path(other).write_bytes(weighing)
             try:
-                model = pin.buildModelFromMJCF(file)
+                model = pin.buildModelFromMJCF(other)
                 solid = pin.buildGeomFromMJCF(model, file, kinds.COLLISION)
                 return model, solid, pin.buildGeomFromMJCF(model, file, kinds.VISUAL)
             except Exception as error:
@@ -334,6 +337,24 @@ class _MjcfReader:
             if math.isfinite(high - low):
                 found[name] = low, high
         return found
+
+
+def _weighing(root: Element) -> Element:
+    """Leave of the shapes of bodies those whose weight Pinocchio knows.
+
+    It takes what is to be looked at for weightless, and each mesh for a kilogram. A
+    body whose meshes weigh has no mass, which is told where it is needed.
+    """
+    for body in root.iter("body"):
+        geoms = body.findall("geom")
+        meshes = [geom for geom in geoms if geom.get("type") == "mesh"]
+        unknown = any(geom.get("mass") != "0" for geom in meshes)
+        for geom in geoms:
+            if unknown or geom in meshes:
+                body.remove(geom)
+            for name in ("contype", "conaffinity"):
+                geom.attrib.pop(name, None)
+    return root
 
 
 def _first(actuator: Element, name: str) -> float:
