@@ -13,7 +13,7 @@ from cli_samples import (
 )
 
 BAD = {
-    "unknown robot": ("plan planer3r --start 1 --goal 1", "Did you mean planar3r"),
+    "unknown robot": ("plan planer3r --start 1 --goal 1", "did you mean planar3r"),
     "missing file": ("plan ./no.urdf --start 1 --goal 1", "no.urdf"),
     "no number": ("plan planar3r --start 1,x,2 --goal 1,1,1", "'x' is not a number"),
     "a word too many": (

@@ -59,7 +59,7 @@ def test_example_robots_have_the_names_of_their_loader(
 
 def test_unknown_name_lists_the_known_and_the_close_ones() -> None:
     with pytest.raises(
-        RobotLoadError, match=r"Did you mean .*panda.*Known names: .*ur5"
+        RobotLoadError, match=r"did you mean .*panda.*Known names: .*ur5"
     ):
         find_robot("pandra")
 

@@ -137,14 +137,6 @@ def test_faults_are_told(tmp_path: Path, body: str, message: str) -> None:
         expand(tmp_path, body)
 
 
-def test_expressions_are_enough(tmp_path: Path) -> None:
-    pytest.importorskip("xacrodoc", reason="the extra xacro is not installed")
-    urdf = (Path(__file__).parents[2] / "docs" / "static" / "arm.urdf").read_text()
-    assert 'upper="2.9"' in urdf
-    robot = tm.load_robot(urdf.replace('upper="2.9"', 'upper="${2 * 0.7}"'))
-    assert robot.limits.position_upper[0] == 1.4
-
-
 @pytest.mark.parametrize(
     "expression",
     [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 import sys
@@ -139,14 +138,12 @@ def manipulators_first(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def _unknown_name(name: str, known: Iterable[str]) -> str:
-    names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
-    hint = f" Did you mean {' or '.join(close)}?" if close else ""
+    names, hint = sorted(known), ""
     if _example_folder() is None:
-        hint += " The package example-robot-data, which brings more, is not installed."
+        hint = " The package example-robot-data, which brings more, is not installed."
     return (
-        f"there is no robot {brief(name)}.{hint} Known names: {', '.join(names)}; "
-        "or give the path of a .urdf file"
+        f"there is no robot {brief(name)}{closest(name, names)}.{hint} "
+        f"Known names: {', '.join(names)}; or give the path of a .urdf file"
     )
 
 

@@ -42,11 +42,7 @@ _LOCK = threading.Lock()
 
 def is_xacro(root: Element) -> bool:
     """Whether there is anything of xacro in a file."""
-    return any(
-        element.tag.startswith("xacro:")
-        or any("${" in value for value in element.attrib.values())
-        for element in root.iter()
-    )
+    return any(element.tag.startswith("xacro:") for element in root.iter())
 
 
 class _Arguments(dict[str, str]):
