@@ -77,7 +77,7 @@ from tominpmp.robot import load_robot
             robot(*map(link, "abc"), joint("j", "a", "b"), joint("j", "b", "c")),
             "two joints named 'j'",
         ),
-        (one_joint(kind="floating"), "joint j1 is floating"),
+        (one_joint(kind="floating"), "joint j1 is floating.*make it fixed"),
         (one_joint(kind="planar"), "joint j1 is planar"),
         (one_joint(kind="ball"), "joint j1 has the unknown type 'ball'"),
         (one_joint(axis="0 0 0"), "joint j1: the axis .* has no direction"),

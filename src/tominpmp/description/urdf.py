@@ -467,7 +467,7 @@ class _UrdfReader:
         if kind in ("floating", "planar"):
             context.fail(
                 f"{where} is {kind}; only revolute, continuous, prismatic and fixed "
-                "joints can be planned for"
+                "joints can be planned for: make it fixed"
             )
         if kind not in ("revolute", "continuous", "prismatic"):
             context.fail(f"{where} has the unknown type {brief(kind)}")
