@@ -209,6 +209,17 @@ def test_requests_of_moveit(tmp_path: Path) -> None:
     files[1].write_text(REQUEST.replace("max_acceleration_scaling_factor: 0.5", ""))
     with pytest.raises(tm.TominpmpError, match="no acceleration limit for j1, j2"):
         tm.load_moveit(URDF, *files, kinematic=True)
+    limits = tmp_path / "joint_limits.yaml"
+    limits.write_text("joint_limits: {j1: {max_acceleration: 4}, j2: {max_jerk: 9}}")
+    with pytest.raises(tm.TominpmpError, match="no acceleration limit for j2,"):
+        tm.load_moveit(URDF, *files, kinematic=True, joint_limits=limits)
+    limits.write_text(
+        "joint_limits: {j1: {max_acceleration: 4}, j2: {max_acceleration: 4}}"
+    )
+    problem = tm.load_moveit(URDF, *files, kinematic=True, joint_limits=limits)
+    assert tm.plan(problem).T == pytest.approx(0.5**0.5, rel=1e-5)
+    with pytest.raises(tm.ProblemError, match="joint_limits is given"):
+        tm.load_moveit(arm(), *files, joint_limits=limits)
     with pytest.raises(tm.ProblemError, match="kinematic is True"):
         tm.load_moveit(tm.load_robot("planar3r"), *files, kinematic=True)
 

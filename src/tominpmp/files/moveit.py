@@ -42,6 +42,7 @@ from tominpmp.exceptions import (
     brief,
     warn_caller,
 )
+from tominpmp.files.limits import MoveItLimits, load_joint_limits, load_limited_robot
 from tominpmp.files.records import blaming
 from tominpmp.files.scene_text import is_scene_text, parse_scene_text
 from tominpmp.goals import (
@@ -56,7 +57,7 @@ from tominpmp.goals import (
     RegionGoal,
 )
 from tominpmp.problem import Problem
-from tominpmp.robot import Robot, RobotSource, load_robot, read_source
+from tominpmp.robot import Robot, RobotSource, read_source
 from tominpmp.scene import Box, Cylinder, Mesh, Obstacle, Scene, Sphere, rotation_matrix
 
 # Beyond as many keys a warning names no more.
@@ -574,6 +575,7 @@ def load_moveit(
     margin: float = 0.0,
     self_collision: bool | None = None,
     kinematic: bool = False,
+    joint_limits: str | Path | None = None,
 ) -> Problem:
     """Load a problem from a MoveIt planning scene and a motion plan request.
 
@@ -597,6 +599,9 @@ def load_moveit(
             :class:`~tominpmp.problem.Problem`.
         kinematic: Whether the robot is loaded without its dynamics, as by
             :func:`~tominpmp.robot.load_robot`; one that is loaded has to be so already.
+        joint_limits: MoveIt's ``joint_limits.yaml``, whose limits go before those of
+            the robot's files; accelerations that a kinematic robot needs are there. The
+            request says how they are scaled.
 
     Returns:
         The problem. Joints of the start state that the robot lacks, and locked ones
@@ -606,11 +611,13 @@ def load_moveit(
         ScenarioError: If a file is wrong, or the problem in it, as by a start in
             collision; with the file and the key in it.
         RobotLoadError: If the robot cannot be loaded.
-        ProblemError: If the margin is wrong.
+        ProblemError: If the margin is wrong, or limits are given for a robot that is
+            loaded.
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
     state, start = request.get("start_state"), _start_values(request, "position")
-    arm = _grouped_robot(robot, request, start, kinematic)
+    moveit = None if joint_limits is None else load_joint_limits(joint_limits)
+    arm = _grouped_robot(robot, request, start, kinematic, moveit)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
     _warn_of_unread(request, _unread(request, REQUEST))
@@ -676,12 +683,18 @@ def _grouped_robot(
     request: Field,
     start: Mapping[str, float],
     kinematic: bool,
+    limits: MoveItLimits | None,
 ) -> Robot:
     """The robot with the joints locked that the request does not move."""
     if not isinstance(robot, Robot):
-        source = read_source(robot)
-        locks = _locks(request, start, source)
-        return load_robot(source, locked_joints=locks, kinematic=kinematic)
+        locked = _locks(request, start, read_source(robot))
+        more = {"locked_joints": locked, "kinematic": kinematic}
+        return load_limited_robot(limits, robot, {}, **more)
+    if limits is not None:
+        raise ProblemError(
+            "joint_limits is given, expected None for a robot that is loaded",
+            "joint_limits",
+        )
     if kinematic and not robot.kinematic:
         raise ProblemError(
             "kinematic is True, expected False or a robot that is kinematic: "
