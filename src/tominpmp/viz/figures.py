@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, optional
+from tominpmp.description.paths import checked_ending
+from tominpmp.exceptions import optional
 from tominpmp.files.writing import write_file
+from tominpmp.notebook import COLORS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,16 +27,9 @@ BEYOND_COLOR = "#f6e3e1"
 GOAL_COLOR = "#1d8a50"
 LIMIT_LOOK: Any = {"color": LIMIT_COLOR, "linewidth": 0.8, "linestyle": "--"}
 
-# Okabe and Ito's colours, which the colour-blind tell apart, without their yellow and
-# with a few more for arms of many joints.
+# Those of notebooks, with a few more for arms of many joints.
 PALETTE = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#cc79a7",
-    "#56b4e9",
-    "#e69f00",
-    "#5b4b8a",
+    *COLORS,
     "#8c564b",
     "#2f6f4f",
     "#a2142f",
@@ -94,17 +88,11 @@ def finish(figure: Figure, path: str | Path | None) -> Figure:
     """
     if path is None:
         return figure
-    ending = checked_path(path).suffix.lower().removeprefix(".")
-    known = sorted(figure.canvas.get_supported_filetypes())
-    if ending not in known:
-        raise ProblemError(
-            f"{path}: figures are not written as {ending or 'files without ending'}; "
-            f"there are: {', '.join(known)}",
-            "path",
-        )
+    known = [f".{kind}" for kind in sorted(figure.canvas.get_supported_filetypes())]
+    kind = checked_ending(path, known, "figures are not written as").removeprefix(".")
     # Without a date the same motion gives the same file.
-    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(ending)
-    write_file(path, lambda file: figure.savefig(file, format=ending, metadata=undated))
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+    write_file(path, lambda file: figure.savefig(file, format=kind, metadata=undated))
     return figure
 
 

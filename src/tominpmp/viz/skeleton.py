@@ -71,7 +71,6 @@ class Skeleton:
         placements: Placements joint_to_world, homogeneous, by instant and joint of the
             model (0 is the world), shape (m, joints, 4, 4).
         end: Positions of the end frame [m], shape (m, 3).
-        end_frame: Its name.
         chains: Positions of the joints from the base to each end of the robot, the end
             frame last, each of shape (m, k, 3) [m].
         arms: Number of the robot of a workcell that each chain belongs to, from 0.
@@ -79,7 +78,6 @@ class Skeleton:
 
     placements: Array
     end: Array
-    end_frame: str
     chains: tuple[Array, ...]
     arms: tuple[int, ...] = ()
 
@@ -170,7 +168,7 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
         at_end = model.frames[index].parentJoint == joint
         tip = points_of(index if at_end else _tip(robot, joint))
         chains.append(np.concatenate([origins, tip[:, None]], axis=1))
-    return Skeleton(placements, points_of(index), frame, tuple(chains), tuple(arms))
+    return Skeleton(placements, points_of(index), tuple(chains), tuple(arms))
 
 
 def _base(robot: Robot, arm: str) -> Array:
