@@ -18,6 +18,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array
+from tominpmp.collision.shapes import mesh_arrays
 from tominpmp.stopping import check
 
 # A mesh is not cut if its hull is this close to it, and else cut until the pieces are
@@ -68,11 +69,7 @@ class _Part:
 
 def decompose(mesh: Any) -> Pieces | None:
     """Cut a mesh of Coal into convex pieces; None if it is flat."""
-    vertices = np.array(mesh.vertices(), dtype=np.float64)
-    corners = np.array(
-        [[t[0], t[1], t[2]] for t in map(mesh.tri_indices, range(mesh.num_tris))],
-        dtype=np.int64,
-    )
+    vertices, corners = mesh_arrays(mesh)
     measure = Measure(mesh, vertices[corners])
     whole = measure.part(vertices[corners])
     if whole is None:

@@ -61,6 +61,14 @@ def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:
     return mesh
 
 
+def mesh_arrays(mesh: Any) -> tuple[Array, IntArray]:
+    """Vertices of a mesh of Coal, shape (k, 3) [m], and corners, shape (l, 3)."""
+    triangles = map(mesh.tri_indices, range(mesh.num_tris))
+    corners = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
+    vertices = np.array(mesh.vertices(), dtype=np.float64).reshape(-1, 3)
+    return vertices, corners.reshape(-1, 3)
+
+
 def is_mesh(shape: Any) -> bool:
     """Whether a shape is a set of triangles without order."""
     return isinstance(shape, coal.BVHModelBase)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.shapes import obstacle_shape
+from tominpmp.collision.shapes import is_mesh, mesh_arrays, obstacle_shape
 from tominpmp.exceptions import RobotLoadError, SceneError, warn_caller
 from tominpmp.robot import Robot
 from tominpmp.scene import (
@@ -353,11 +353,8 @@ def native_surface(geometry: Any) -> Surface | None:
     kind = type(geometry).__name__
     if kind in SOLIDS:
         return SOLIDS[kind](geometry)
-    if kind.startswith("BVHModel"):
-        triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
-        faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-        vertices = np.array(geometry.vertices(), dtype=np.float64)
-        return Surface(vertices.reshape(-1, 3), faces.reshape(-1, 3))
+    if is_mesh(geometry):
+        return Surface(*mesh_arrays(geometry))
     if kind.startswith("Convex"):
         points = [geometry.point(i) for i in range(geometry.num_points)]
         return _surface(trimesh.convex.convex_hull(np.array(points)))
@@ -431,8 +428,7 @@ def geometry_bodies(
 def _body_surface(item: pin.GeometryObject) -> Surface | None:
     """Surface of a geometry object, with the colours in its file unless overridden."""
     surface = native_surface(item.geometry)
-    mesh = type(item.geometry).__name__.startswith("BVHModel")
-    if surface is None or item.overrideMaterial or not mesh:
+    if surface is None or item.overrideMaterial or not is_mesh(item.geometry):
         return surface
     colored = _colored_mesh(item.meshPath)
     if colored is None:
