@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -426,17 +427,7 @@ def _mesh(path: str, surface: Surface, color: Sequence[float]) -> Any:
     return body
 
 
-class _Sent(NamedTuple):
-    """A command of Meshcat, as the viewer reads it."""
-
-    command: Command
-
-    def lower(self) -> Command:
-        """The command."""
-        return self.command
-
-
-def _copies(path: str, bodies: Sequence[Body], opacity: float, poses: Array) -> _Sent:
+def _copies(path: str, bodies: Sequence[Body], opacity: float, poses: Array) -> Any:
     """A command that shows copies of bodies, which share geometry and material.
 
     Args:
@@ -461,4 +452,5 @@ def _copies(path: str, bodies: Sequence[Body], opacity: float, poses: Array) -> 
     group = {"uuid": path, "type": "Group", "children": children}
     metadata = {"version": 4.5, "type": "Object"}
     whole = {"metadata": metadata, **data, "object": group}
-    return _Sent({"type": "set_object", "path": path, "object": whole})
+    command = {"type": "set_object", "path": path, "object": whole}
+    return SimpleNamespace(lower=lambda: command)
