@@ -20,6 +20,9 @@ from tominpmp.robot import Robot
 # taken to slide, as rails of kilometres or without ends do.
 LEAST_LENGTH, LONGEST_TRAVEL = 1e-3, 10.0
 
+LOCAL = pin.ReferenceFrame.LOCAL
+WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
 
 class FrameMotion(NamedTuple):
     """Velocity of a frame's origin, with derivatives.
@@ -76,21 +79,11 @@ class RobotKinematics:
         Returns:
             Shape (6, n).
         """
-        reference = (
-            pin.ReferenceFrame.LOCAL
-            if local
-            else pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
-        jacobian = pin.computeFrameJacobian(
-            self.robot.model,
-            self._data,
-            self.robot.expand(q),
-            self.robot.frame_id(frame),
-            reference,
-        )
+        robot, axes = self.robot, LOCAL if local else WORLD
+        index, row = robot.frame_id(frame), robot.expand(q)
+        jacobian = pin.computeFrameJacobian(robot.model, self._data, row, index, axes)
         # Pinocchio drops the second dimension of arms with a single joint.
-        jacobian = np.reshape(jacobian, (6, -1))
-        return self.robot.reduce_tangent(jacobian)
+        return robot.reduce_tangent(np.reshape(jacobian, (6, -1)))
 
     def motion(self, q: Array, v: Array, frame: str) -> FrameMotion:
         """Linear velocity of a frame's origin, with derivatives.
@@ -106,9 +99,7 @@ class RobotKinematics:
             robot.model, data, robot.expand(q), v_model, np.zeros(robot.model.nv)
         )
         index = robot.frame_id(frame)
-        by_q, by_v = pin.getFrameVelocityDerivatives(
-            robot.model, data, index, pin.ReferenceFrame.LOCAL
-        )
+        by_q, by_v = pin.getFrameVelocityDerivatives(robot.model, data, index, LOCAL)
         # Pinocchio drops the second dimension of arms with a single joint.
         by_q, by_v = np.reshape(by_q, (6, -1)), np.reshape(by_v, (6, -1))
         rotation = pin.updateFramePlacement(robot.model, data, index).rotation
@@ -175,12 +166,7 @@ def endless_joints(robot: Robot) -> BoolArray:
 
 
 def _slides(model: pin.Model, joint: int) -> bool:
-    kind = str(model.joints[joint].shortname())
-    return kind.startswith("JointModelP")
-
-
-LOCAL = pin.ReferenceFrame.LOCAL
-WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    return str(model.joints[joint].shortname()).startswith("JointModelP")
 
 
 class Placements(NamedTuple):

@@ -41,7 +41,7 @@ class Placements:
                 self._column[joint] = item.idx_v
                 self.moves[joint] = self.moves[self._parents[joint]]
                 self.moves[joint, item.idx_v] = True
-            cross = _cross(self._turn[joint])
+            cross = pin.skew(self._turn[joint])
             parts = [rotation, rotation @ cross, rotation @ cross @ cross]
             self._basis[joint] = np.array(parts).reshape(3, 9)
             self._way[joint] = rotation @ self._slide[joint]
@@ -150,12 +150,6 @@ class Placements:
             out[:, hang, column] = rate * half[:, column, None]
             drift[:, hang] += out[:, hang, column]
         return out
-
-
-def _cross(axis: Array) -> Array:
-    """Matrix of the cross product with an axis."""
-    x, y, z = axis
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 class MovingObstacles:
