@@ -84,8 +84,6 @@ class AxisFixed(KeepUpright):
         ProblemError: If a vector is zero, or the tolerance no angle above zero.
     """
 
-    axis: Direction = default((0.0, 0.0, 1.0))
-    direction: Direction = default((0.0, 0.0, 1.0))
     tolerance: Angle = 0.01
 
     quantity = "deviation of the axis"
