@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from tominpmp.constraints.base import (
 )
 from tominpmp.constraints.friction import Ways, signs
 from tominpmp.dynamics import Dynamics
-from tominpmp.motion_limits import EFFORT, EFFORT_RATE, SIDES, LimitKind
+from tominpmp.motion_limits import EFFORT_RATE, SIDES, LimitKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +83,11 @@ class MotorLimit(Constraint):
 
     Attributes:
         motors: The torques.
+        kind: The kind of limit: of torques, or of a kinematic robot's accelerations.
     """
 
     motors: Motors
+    kind: LimitKind
 
     order = 2
     curable = True
@@ -96,9 +98,9 @@ class MotorLimit(Constraint):
         return self.kind_name.replace("effort", "torque")
 
     @property
-    @abstractmethod
     def kind_name(self) -> str:
         """Name of the kind of limit."""
+        return self.kind.name
 
     @property
     @abstractmethod
@@ -159,20 +161,9 @@ class MotorLimit(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class TorqueLimit(MotorLimit):
-    """Torques within their limits, as shares of them: u_l <= u <= u_u (3).
-
-    Attributes:
-        kind: The kind of limit: of torques, or of a kinematic robot's accelerations.
-    """
-
-    kind: LimitKind = EFFORT
+    """Torques within their limits, as shares of them: u_l <= u <= u_u (3)."""
 
     field = "u"
-
-    @property
-    def kind_name(self) -> str:
-        """Name of the kind of limit."""
-        return self.kind.name
 
     @property
     def of_joints(self) -> IntArray:
@@ -205,17 +196,10 @@ class TorqueOverSpeed(MotorLimit):
     """Torques within bounds that depend on the speed, as shares of the bounds.
 
     Attributes:
-        kind: The kind of limit.
         by_speed: The bounds, by the index of the joint.
     """
 
-    kind: LimitKind
     by_speed: Mapping[int, Any]
-
-    @property
-    def kind_name(self) -> str:
-        """Name of the kind of limit."""
-        return self.kind.name
 
     @property
     def of_joints(self) -> IntArray:
@@ -268,10 +252,10 @@ class TorqueRate(MotorLimit):
         limit: Their limits, shape (k,) [N m/s or N/s].
     """
 
+    kind: LimitKind = field(default=EFFORT_RATE, init=False)
     joints: IntArray
     limit: Array
 
-    kind_name = EFFORT_RATE.name
     order = 3
 
     @property
