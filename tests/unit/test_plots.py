@@ -363,7 +363,7 @@ def test_figures_are_written(motions: Motions, ending: str, tmp_path: Path) -> N
 
 def test_wrong_arguments(motions: Motions, tmp_path: Path) -> None:
     problem, held, _ = motions
-    with pytest.raises(ProblemError, match=r"not written as xyz; there are: .*png"):
+    with pytest.raises(ProblemError, match=r"not written as \.xyz; there are: .*png"):
         plot_trajectory(problem, held, tmp_path / "figure.xyz")
     with pytest.raises(ScenarioError, match="No such file or directory"):
         plot_trajectory(problem, held, tmp_path / "nowhere" / "figure.png")
