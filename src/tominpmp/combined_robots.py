@@ -7,7 +7,6 @@ the robots are self-collisions of the whole.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -20,7 +19,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan
-from tominpmp.checks import plain_vector, split_pose
+from tominpmp.checks import split_pose, vector
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.selection import links_of
@@ -31,7 +30,7 @@ from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import Robot
 from tominpmp.robot.robot import assembled
-from tominpmp.scene import Scene, is_rotation, rotation_matrix
+from tominpmp.scene import Scene, rotation_matrix
 
 # Name, robot and where its base is: a placement base_to_world or a position [m].
 Part: TypeAlias = "tuple[str, Robot, pin.SE3 | ArrayLike]"
@@ -123,19 +122,17 @@ def base_placement(name: str, base: object, field: str = "robots") -> pin.SE3:
         ProblemError: If it is neither.
     """
     pose = split_pose(base)
-    given = (plain_vector(base), np.eye(3)) if pose is None else pose
-    position, rotation = (array_or_nan(part) for part in given)
-    if rotation.shape == (4,):
-        with contextlib.suppress(SceneError):  # told of below, as all that is wrong
-            rotation = rotation_matrix(rotation)
-    right = position.shape == (3,) and bool(np.all(np.isfinite(position)))
-    if not (right and rotation.shape == (3, 3) and is_rotation(rotation)):
+    position, rotation = (base, np.eye(3)) if pose is None else pose
+    try:
+        place = vector(position, "position", "three coordinates [m]", 3)
+        turn = rotation_matrix(array_or_nan(rotation))
+    except (ProblemError, SceneError) as error:
         raise ProblemError(
             f"{field}: the base of {brief(name)} is {brief(base)}, expected a "
             "pinocchio.SE3, another pose or three finite coordinates [m]",
             field,
-        )
-    return pin.SE3(np.array(rotation), np.array(position))
+        ) from error
+    return pin.SE3(np.array(turn), np.array(place))
 
 
 def _common_gravity(robots: Mapping[str, Robot]) -> Array:
