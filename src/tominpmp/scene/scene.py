@@ -99,15 +99,11 @@ class Scene(Record):
 
     def at(self, time: float) -> Scene:
         """The scene with all obstacles at rest at their placements of a time [s]."""
-        if not self.moving:
-            return self
         still = [x if x.motion is None else x.frozen(time) for x in self.obstacles]
         return self._altered(obstacles=tuple(still))
 
     def resting(self) -> Scene:
         """The scene without the obstacles that move."""
-        if not self.moving:
-            return self
         still = [item for item in self.obstacles if item.motion is None]
         return self._altered(obstacles=tuple(still))
 
