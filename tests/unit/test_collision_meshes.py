@@ -428,7 +428,7 @@ def test_octree(ball: Robot, rng: np.random.Generator) -> None:
         ({"heights": np.zeros(3)}, "two rows and columns at least"),
         ({"heights": np.zeros((1, 3))}, "two rows and columns at least"),
         ({"heights": np.full((2, 2), np.nan)}, "no finite number"),
-        ({"heights": "abc"}, "no finite number"),
+        ({"heights": "abc"}, "heights is not made of numbers"),
         ({"heights": np.zeros((300, 300))}, "more than"),
         ({"size": (1, 0)}, "two positive extents"),
         ({"size": 1.0}, "two positive extents"),

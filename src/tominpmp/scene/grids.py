@@ -10,18 +10,12 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, BoolArray, Converted, array_or_nan
 from tominpmp.checks import number, wrong
 from tominpmp.exceptions import ProblemError
+from tominpmp.scene.motion import finite_numbers
 from tominpmp.scene.obstacles import Length, Obstacle, obstacle
 
 # More cells would take minutes.
 MAX_CELLS = 2_500
 MAX_POINTS = 5_000_000
-
-
-def _numbers(value: Any, name: str) -> Array:
-    array = array_or_nan(value)
-    if not np.all(np.isfinite(array)):
-        raise ProblemError(f"{name} holds what is no finite number")
-    return array
 
 
 def _points(value: Any, name: str) -> Array:
@@ -35,7 +29,7 @@ def _points(value: Any, name: str) -> Array:
     return points
 
 
-Numbers: TypeAlias = Annotated[Converted[ArrayLike, Array], _numbers]
+Numbers: TypeAlias = Annotated[Converted[ArrayLike, Array], finite_numbers]
 Points: TypeAlias = Annotated[Converted[ArrayLike, Array], _points]
 
 

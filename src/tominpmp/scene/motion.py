@@ -21,6 +21,7 @@ from tominpmp.arrays import (
     Converted,
     IntArray,
     Record,
+    array_or_nan,
     default,
     frozen_array,
     real_array,
@@ -173,7 +174,7 @@ def checked_placement(value: Placement, name: str = "start") -> Placement:
 # -- motions by numbers ----------------------------------------------------------------
 
 
-def _numbers(value: Any, name: str) -> Array:
+def finite_numbers(value: Any, name: str) -> Array:
     """Check finite numbers of any shape."""
     try:
         found = real_array(value)
@@ -185,21 +186,23 @@ def _numbers(value: Any, name: str) -> Array:
     return found
 
 
-def _triple(value: Any, name: str, unit: str) -> Array:
-    found = _numbers(value, name)
-    if found.shape != (3,):
-        raise wrong(value, name, f"three numbers [{unit}]")
+def triple(value: Any, name: str, content: str) -> Array:
+    """Check three finite numbers; what they are is said in words."""
+    found = array_or_nan(value)
+    if found.shape != (3,) or not np.all(np.isfinite(found)):
+        raise wrong(value, name, f"three finite {content}")
     return found
 
 
 Velocity: TypeAlias = Annotated[
-    Converted[VectorLike, Array], partial(_triple, unit="m/s")
+    Converted[VectorLike, Array], partial(triple, content="numbers [m/s]")
 ]
 AngularVelocity: TypeAlias = Annotated[
-    Converted[VectorLike, Array], partial(_triple, unit="rad/s")
+    Converted[VectorLike, Array], partial(triple, content="numbers [rad/s]")
 ]
 PivotOrNone: TypeAlias = Annotated[
-    Converted[VectorLike | None, Array | None], optional(partial(_triple, unit="m"))
+    Converted[VectorLike | None, Array | None],
+    optional(partial(triple, content="coordinates [m]")),
 ]
 Begin: TypeAlias = Annotated[
     float, partial(number, expected="a time >= 0 [s]", least=0.0)
@@ -287,7 +290,7 @@ class ConstantVelocity(Motion):
 
 def _checked_times(value: Any, name: str) -> Array:
     """Check times of waypoints."""
-    times = _numbers(value, name)
+    times = finite_numbers(value, name)
     if times.ndim != 1 or not times.size:
         raise ProblemError(f"{name} has shape {times.shape}, expected one time or more")
     if times[0] != 0.0:
@@ -330,11 +333,11 @@ def _matrices(given: Array) -> Array:
 
 Times: TypeAlias = Annotated[Converted[ArrayLike, Array], _checked_times]
 NumbersOrNone: TypeAlias = Annotated[
-    Converted[ArrayLike | None, Array | None], optional(_numbers)
+    Converted[ArrayLike | None, Array | None], optional(finite_numbers)
 ]
 RotationsOrNone: TypeAlias = Annotated[
     Converted[RotationLike | None, Array | None],
-    optional(lambda value, name: _numbers(plain_rotation(value), name)),
+    optional(lambda value, name: finite_numbers(plain_rotation(value), name)),
 ]
 
 

@@ -31,7 +31,6 @@ from tominpmp.checks import (
     plain_rotation,
     plain_vector,
     split_pose,
-    wrong,
 )
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.motion import (
@@ -40,8 +39,7 @@ from tominpmp.scene.motion import (
     Placement,
     Twist,
     as_motion,
-    checked_stretches,
-    checked_times,
+    triple,
 )
 from tominpmp.scene.rotations import rotation_matrix
 
@@ -68,15 +66,8 @@ else:
     obstacle = dataclass(frozen=True, kw_only=True, eq=False)
 
 
-def _triple(value: Any, name: str, content: str) -> Array:
-    array = array_or_nan(value)
-    if array.shape != (3,) or not np.all(np.isfinite(array)):
-        raise wrong(value, name, f"three finite {content} [m]")
-    return array
-
-
 def _edges(value: Any, name: str) -> Array:
-    size = _triple(value, name, "edge lengths")
+    size = triple(value, name, "edge lengths [m]")
     for axis, edge in zip("xyz", size.tolist(), strict=True):
         _length(edge, f"{name} along {axis}")
     return size
@@ -84,7 +75,7 @@ def _edges(value: Any, name: str) -> Array:
 
 _length = partial(number, expected="a positive length [m]", above=0.0)
 Position: TypeAlias = Annotated[
-    Converted[VectorLike | PoseLike, Array], partial(_triple, content="coordinates")
+    Converted[VectorLike | PoseLike, Array], partial(triple, content="coordinates [m]")
 ]
 Turn: TypeAlias = Annotated[
     Converted[RotationLike | None, Array], lambda value, _: rotation_matrix(value)
@@ -174,13 +165,11 @@ class Obstacle(Record):
         Raises:
             SceneError: If a function that moves it gives no placement.
         """
-        times = checked_times(times)
         with self._named():
             return (self.motion or REST).poses(times, self._start)
 
     def twists(self, times: Array) -> Twist:
         """Velocities at times [s], shape (m,), in the axes of the world."""
-        times = checked_times(times)
         with self._named():
             return (self.motion or REST).twists(times, self._start)
 
@@ -190,7 +179,6 @@ class Obstacle(Record):
         Returns:
             Of the origin [m/s] and of the rotation [rad/s], shape (m,) each.
         """
-        begin, end = checked_stretches(begin, end)
         with self._named():
             return (self.motion or REST).speed_bounds(begin, end, self._start)
 
