@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -18,24 +18,22 @@ if TYPE_CHECKING:
 
 Method = Literal["auto", "inverse", "collocation", "adjoint", "penalty"]
 Control = Literal["auto", "constant", "linear", "spline"]
-METHODS = ("auto", "inverse", "collocation", "adjoint", "penalty")
-STEP_RULES = ("adaptive", "paper")
-GRIDS = ("cosine", "uniform")
-CONTROLS = ("auto", "constant", "linear", "spline")
-OBJECTIVES = ("time", "feasible")
-EFFORTS = ("quick", "standard", "thorough")
-ENERGIES = ("torque_squared", "work")
-REFINEMENTS = ("auto", "grid", "switching")
-LP_SOLVERS = ("auto", "highs", "piqp")
+StepRule = Literal["adaptive", "paper"]
+Grid = Literal["cosine", "uniform"]
+Objective = Literal["time", "feasible"]
+Effort = Literal["quick", "standard", "thorough"]
+Energy = Literal["torque_squared", "work"]
+Refinement = Literal["auto", "grid", "switching"]
+EFFORTS = get_args(Effort)
 CHOICES = {
-    "method": METHODS,
-    "step_rule": STEP_RULES,
-    "control": CONTROLS,
-    "grid": GRIDS,
-    "objective": OBJECTIVES,
+    "method": get_args(Method),
+    "step_rule": get_args(StepRule),
+    "control": get_args(Control),
+    "grid": get_args(Grid),
+    "objective": get_args(Objective),
     "effort": EFFORTS,
-    "energy": ENERGIES,
-    "refine": (*REFINEMENTS, None),
+    "energy": get_args(Energy),
+    "refine": (*get_args(Refinement), None),
 }
 # Whole numbers, and the least that each may be.
 WHOLE = {"intervals": 4, "max_iterations": 1, "processes": 1, "seed": 0, "starts": 1}
@@ -187,14 +185,14 @@ class Options(Record):
 
     method: Method = "auto"
     intervals: int = 40
-    grid: Literal["cosine", "uniform"] = "cosine"
+    grid: Grid = "cosine"
     control: Control = "auto"
-    objective: Literal["time", "feasible"] = "time"
-    effort: Literal["quick", "standard", "thorough"] = "standard"
+    objective: Objective = "time"
+    effort: Effort = "standard"
     energy_weight: float = 0.0
-    energy: Literal["torque_squared", "work"] = "torque_squared"
+    energy: Energy = "torque_squared"
     slack: float | None = None
-    refine: Literal["auto", "grid", "switching"] | None = "auto"
+    refine: Refinement | None = "auto"
     smoothing: float | None = None
     starts: int | None = None
     seed: int = 0
@@ -207,7 +205,7 @@ class Options(Record):
     limit_tolerance: float = 5e-3
     contact_tolerance: float = 1e-5
     trust_region: float = 0.3
-    step_rule: Literal["adaptive", "paper"] = "adaptive"
+    step_rule: StepRule = "adaptive"
     control_step: float = 0.05
     time_step: float = 0.01
     initial_duration: float | None = None

@@ -17,7 +17,7 @@ from cli_samples import (
 )
 
 from tominpmp.cli.front import COMMANDS, EXAMPLES
-from tominpmp.options import LP_SOLVERS, METHODS
+from tominpmp.options import CHOICES
 
 
 def test_help_names_every_command_on_a_line(run: Run) -> None:
@@ -52,7 +52,7 @@ def test_help_of_plan_groups_all_options(run: Run) -> None:
         "General",
         "Examples",
     ]
-    for name in (*METHODS, *LP_SOLVERS):
+    for name in (*CHOICES["method"], "highs", "piqp"):
         assert re.search(rf"\b{name}\b", text), name
     for code in (0, 1, 2, 130):
         assert re.search(rf"^    {code} +\w", text, re.MULTILINE), code

@@ -10,16 +10,7 @@ import numpy as np
 import pytest
 
 from tominpmp.exceptions import OptionsError
-from tominpmp.options import (
-    CONTROLS,
-    EFFORTS,
-    ENERGIES,
-    GRIDS,
-    LP_SOLVERS,
-    METHODS,
-    STEP_RULES,
-    Options,
-)
+from tominpmp.options import CHOICES, Options
 
 NO_NUMBERS = ["1", None, [1.0], np.ones(2), 1j, object(), True]
 NOT_POSITIVE = [0, 0.0, -1.0, np.nan, np.inf, -np.inf]
@@ -76,13 +67,13 @@ BAD = {
 
 # Values that each option takes, with what it makes of them.
 GOOD = {
-    "method": [(value, value) for value in METHODS],
+    "method": [(value, value) for value in CHOICES["method"]],
     "intervals": [(4, 4), (np.int64(500), 500)],
-    "grid": [(value, value) for value in GRIDS],
-    "control": [(value, value) for value in CONTROLS],
+    "grid": [(value, value) for value in CHOICES["grid"]],
+    "control": [(value, value) for value in CHOICES["control"]],
     "objective": [("time", "time"), ("feasible", "feasible")],
-    "effort": [(value, value) for value in EFFORTS],
-    "energy": [(value, value) for value in ENERGIES],
+    "effort": [(value, value) for value in CHOICES["effort"]],
+    "energy": [(value, value) for value in CHOICES["energy"]],
     "energy_weight": [(0, 0.0), (1e-3, 1e-3)],
     "slack": [(None, None), (0, 0.0), (0.01, 0.01)],
     "smoothing": [(None, None), (0, 0.0), (np.float32(0.5), 0.5)],
@@ -93,13 +84,13 @@ GOOD = {
     "tolerance": [(1e-12, 1e-12), (np.array(0.5), 0.5)],
     "feasibility": [(1e-3, 1e-3)],
     "trust_region": [(10, 10.0)],
-    "step_rule": [(value, value) for value in STEP_RULES],
+    "step_rule": [(value, value) for value in CHOICES["step_rule"]],
     "control_step": [(0.05, 0.05)],
     "time_step": [(0.01, 0.01)],
     "control_period": [(None, None), (0.004, 0.004)],
     "initial_duration": [(None, None), (1.5, 1.5)],
     "initial_control": [(None, None)],
-    "lp_solver": [(value, value) for value in (*LP_SOLVERS, "clarabel")],
+    "lp_solver": [(value, value) for value in ("auto", "highs", "piqp", "clarabel")],
     "processes": [(1, 1), (8, 8)],
     "refine": [(None, None), ("grid", "grid"), ("switching", "switching")],
     "goal_tolerance": [(1, 1.0), (1e-3, 1e-3)],
@@ -140,7 +131,7 @@ def test_good_values(name: str) -> None:
 
 
 def test_choices_are_listed() -> None:
-    with pytest.raises(OptionsError, match=f"one of: {', '.join(METHODS)}$"):
+    with pytest.raises(OptionsError, match=f"one of: {', '.join(CHOICES['method'])}$"):
         Options(method="newton")  # type: ignore[arg-type]
 
 
