@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import count
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,21 +26,13 @@ STDOUT = "-"
 MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json", ".mcap")
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
-# Options that name a file beside the motion: what it holds, how it must end, and what
-# writes it.
-FILES: dict[str, tuple[str, Sequence[str], Callable[[Solution, Path], object]]] = {
-    "plot": ("plot", PLOT_ENDINGS, lambda found, path: found.plot(path)),
-    "html": ("page", PAGE_ENDINGS, lambda found, path: found.play(path)),
-    "certificate": (
-        "certificate plot",
-        PLOT_ENDINGS,
-        lambda found, path: found.plot_certificate(path),
-    ),
-    "sensitivities": (
-        "sensitivities plot",
-        PLOT_ENDINGS,
-        lambda found, path: found.sensitivities.plot(path),
-    ),
+# Options that name a file beside the motion: what it holds, how it must end, and the
+# method of a solution that writes it.
+FILES = {
+    "plot": ("plot", PLOT_ENDINGS, "plot"),
+    "html": ("page", PAGE_ENDINGS, "play"),
+    "certificate": ("certificate plot", PLOT_ENDINGS, "plot_certificate"),
+    "sensitivities": ("sensitivities plot", PLOT_ENDINGS, "sensitivities.plot"),
 }
 
 
@@ -102,10 +95,10 @@ class OutputFiles:
         elif self.to_stdout:
             with self._rescued(solution, Path(DEFAULT_MOTION)):
                 found = self._stream(solution)
-        for field, (kind, _, write) in FILES.items():
+        for field, (kind, _, method) in FILES.items():
             path = getattr(self.options, field)
             if path is not None:
-                write(solution, path)
+                attrgetter(method)(solution)(path)
                 written[kind] = str(path)
         return written, found
 
