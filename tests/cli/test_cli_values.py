@@ -11,6 +11,7 @@ from cli_samples import Run
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import join_lists
 from tominpmp.cli.problem import joint_values, obstacle, positions, velocities
 from tominpmp.exceptions import OptionsError, SceneError
@@ -43,7 +44,9 @@ def test_degrees_are_for_joints_that_turn(slider: Robot) -> None:
     base = np.array([0.25, 1.0])
     read = positions("swing=-180", "--goal", slider, base=base, degrees=True)
     np.testing.assert_allclose(read, [0.25, -math.pi], rtol=1e-15)
-    read = velocities("slide=2,swing=180", "--start-velocity", slider, degrees=True)
+    given = ProblemOptions(start_velocity="slide=2,swing=180", degrees=True)
+    read = velocities(given, "start_velocity", slider)
+    assert read is not None
     np.testing.assert_allclose(read, [2.0, math.pi], rtol=1e-15)
 
 

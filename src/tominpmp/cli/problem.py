@@ -181,16 +181,6 @@ def positions(
     return scenario.positions(Typed(table, key=name), robot, base)
 
 
-def velocities(text: str, name: str, robot: Robot, *, degrees: bool = False) -> Array:
-    """Read joint velocities: numbers in joint order, or pairs; other joints rest.
-
-    Raises:
-        OptionsError: If they are wrong.
-    """
-    values = joint_pairs(words(text), name) if "=" in text else vector(text, name)
-    return scenario.vector(Typed(_in_si(values, robot, degrees), key=name), robot)
-
-
 def obstacle(text: str) -> Obstacle:
     """Read an obstacle: ``KIND:NAME:KEY=VALUE:...``, with its fields as keys.
 
@@ -426,7 +416,7 @@ def _typed_problem(
         )
     scene = _obstacles(args, robot)
     q_start = positions(args.start, "--start", robot, degrees=args.degrees)
-    v_start = _velocities(args, "start_velocity", robot)
+    v_start = velocities(args, "start_velocity", robot)
     goal, limits = _goal(args, robot, q_start), _limits(problem_args, robot)
     try:
         return Problem(
@@ -455,7 +445,7 @@ def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
     text = args.goal_velocity
     if args.goal is not None:
         q = positions(args.goal, "--goal", robot, base=q_start, degrees=args.degrees)
-        return JointGoal(q, _velocities(args, "goal_velocity", robot), wrap=_wrap(args))
+        return JointGoal(q, velocities(args, "goal_velocity", robot), wrap=_wrap(args))
     if args.wrap is not None:
         raise OptionsError("--wrap is about the joints of a --goal", "--wrap")
     v = None if text is None else np.array(vector(text, "--goal-velocity"))
@@ -472,12 +462,19 @@ def _wrap(args: ProblemOptions) -> bool | list[str]:
     return [name.strip() for name in str(args.wrap).split(",")]
 
 
-def _velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
-    """The joint velocities of an option; None where it is not given."""
-    text = getattr(args, name)
+def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
+    """The joint velocities of an option; None where it is not given.
+
+    Numbers in joint order, or pairs; other joints rest.
+
+    Raises:
+        OptionsError: If they are wrong.
+    """
+    text, flag = getattr(args, name), _flag(name)
     if text is None:
         return None
-    return velocities(text, _flag(name), robot, degrees=args.degrees)
+    values = joint_pairs(words(text), flag) if "=" in text else vector(text, flag)
+    return scenario.vector(Typed(_in_si(values, robot, args.degrees), key=flag), robot)
 
 
 def _refuse(what: str, args: RobotOptions, keep: Collection[str] = ()) -> None:
