@@ -21,16 +21,8 @@ from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
 from tominpmp.status import IterationRecord, Status
-from tominpmp.verification.limit_violations import (
-    LimitViolation,
-    on_segment,
-)
-from tominpmp.verification.replay import (
-    TIME_STEP,
-    Replay,
-    planned,
-    torque_pieces,
-)
+from tominpmp.verification.limit_violations import LimitViolation
+from tominpmp.verification.replay import TIME_STEP, Replay, planned, torque_pieces
 from tominpmp.verification.stages import Stage, stages_of
 from tominpmp.verification.verification import judge
 
@@ -100,7 +92,7 @@ def explain(
     everywhere = _everywhere(problem, outcomes, found)
     stages = stages_of(problem, least.trajectory)
     clauses = [
-        on_segment(item.segment, item.span)
+        item.place
         + _clause(stages[(item.segment or 1) - 1], least.trajectory, item)
         + (" in every start tried" if item.name in everywhere else "")
         for item in found

@@ -57,7 +57,16 @@ class LimitViolation:
 
     def __str__(self) -> str:
         """The violation and its segment, in words."""
-        return on_segment(self.segment, self.span) + self.clause
+        return self.place + self.clause
+
+    @property
+    def place(self) -> str:
+        """Begin of a sentence about its segment; empty for a motion of one segment."""
+        if self.segment is None:
+            return ""
+        span = self.span
+        when = "" if span is None else f" ({span[0]:.3f} to {span[1]:.3f} s)"
+        return f"on segment {self.segment}{when}, "
 
     @property
     def clause(self) -> str:
@@ -89,19 +98,6 @@ class LimitViolation:
             f"joint {self.name} is {amount} {side} its {self.kind} limit at "
             f"{self.time:.3f} s"
         )
-
-
-def on_segment(number: int | None, span: tuple[float, float] | None) -> str:
-    """Begin of a sentence about a segment; empty for a motion of one segment.
-
-    Args:
-        number: Number of the segment, from 1; None for a motion of one segment.
-        span: Begin and end of the segment [s], if known.
-    """
-    if number is None:
-        return ""
-    when = "" if span is None else f" ({span[0]:.3f} to {span[1]:.3f} s)"
-    return f"on segment {number}{when}, "
 
 
 def limit_violations(
