@@ -149,7 +149,7 @@ def test_tube_keeps_its_distance_from_the_line(rng: np.random.Generator) -> None
 
 
 def test_obstacle_without_a_shape() -> None:
-    with pytest.raises(SceneError, match="'thing': a Obstacle cannot be drawn"):
+    with pytest.raises(SceneError, match="'thing': there is no collision shape"):
         obstacle_surface(Obstacle("thing"))
 
 

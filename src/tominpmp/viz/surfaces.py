@@ -21,18 +21,9 @@ from scipy import sparse
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.shapes import is_mesh, mesh_arrays, obstacle_shape
-from tominpmp.exceptions import RobotLoadError, SceneError, warn_caller
+from tominpmp.exceptions import RobotLoadError, warn_caller
 from tominpmp.robot import Robot
-from tominpmp.scene import (
-    Box,
-    Capsule,
-    Cylinder,
-    HeightField,
-    Mesh,
-    Obstacle,
-    OcTree,
-    Sphere,
-)
+from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree
 
 # Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle.
 AROUND = 40
@@ -213,7 +204,7 @@ def obstacle_surface(obstacle: Obstacle) -> Surface:
     """Surface of an obstacle in its own axes.
 
     Raises:
-        SceneError: If its type has no surface.
+        SceneError: If its type has no shape.
     """
     if isinstance(obstacle, Mesh):
         return Surface(obstacle.points, np.array(obstacle.triangles))
@@ -222,14 +213,8 @@ def obstacle_surface(obstacle: Obstacle) -> Surface:
     if isinstance(obstacle, OcTree):
         places = zip(*obstacle.boxes, strict=True)
         return joined([moved(box(size), placed(at)) for at, size in places])
-    if isinstance(obstacle, Box | Sphere | Cylinder | Capsule):
-        found = native_surface(obstacle_shape(obstacle))
-        if found is not None:
-            return found
-    raise SceneError(
-        f"obstacle {obstacle.name!r}: a {type(obstacle).__name__} cannot be drawn",
-        obstacle.name,
-    )
+    solid = obstacle_shape(obstacle)
+    return SOLIDS[type(solid).__name__](solid)
 
 
 def _prism(corners: Array) -> Surface:
