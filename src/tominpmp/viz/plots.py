@@ -57,11 +57,10 @@ MOST_PAIRS = 8
 
 def _quantities(problem: Problem, state: State) -> list[tuple[str, JointBounds, Array]]:
     """Positions, velocities and controls with their names and limits."""
-    controls = controls_in(problem.robot, state)
-    names, values = ("position", "velocity", "torque"), (state.q, state.v, controls)
-    if problem.robot.kinematic:
-        names = (*names[:2], "acceleration")
-    return list(zip(names, joint_limits(problem)[: len(names)], values, strict=True))
+    values = state.q, state.v, controls_in(problem.robot, state)
+    limits = joint_limits(problem)[: len(values)]
+    names = [item.kind.name.replace("effort", "torque") for item in limits]
+    return list(zip(names, limits, values, strict=True))
 
 
 def plot_trajectory(
