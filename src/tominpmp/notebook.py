@@ -89,24 +89,23 @@ def _share_curves(name: str, t: Array, values: Array, largest: Array) -> str:
     return curves(f"{name} over its limit", t, share, (-1.0, 1.0))
 
 
-def skeletons(title: str, arms: Mapping[str, Array], up: int = 2) -> str:
+def skeletons(title: str, arms: Mapping[str, Array]) -> str:
     """A panel with stick figures.
 
     Args:
         title: What is drawn.
         arms: Ends of the sticks, shape (k, 2, 3) [m], by what they are; the last one is
             in colour.
-        up: The axis of the world that points upwards.
     """
     points = np.concatenate([arm.reshape(-1, 3) for arm in arms.values()])
-    flat = np.ptp(points[:, up]) < 1e-6
-    axes = (0, 1) if flat else (int(np.argmax(np.ptp(points[:, :2], axis=0))), up)
-    seen = points[:, list(axes)]
+    flat = np.ptp(points[:, 2]) < 1e-6
+    axes = [0, 1] if flat else [int(np.argmax(np.ptp(points[:, :2], axis=0))), 2]
+    seen = points[:, axes]
     low, extent = seen.min(axis=0), max(float(np.ptp(seen, axis=0).max()), 1e-6)
     scale = (HEIGHT - 4 * EDGE) / extent
     parts = []
     for number, arm in enumerate(arms.values(), 1):
-        ends = (arm[:, :, list(axes)] - low) * scale
+        ends = (arm[:, :, axes] - low) * scale
         ends = np.stack([2 * EDGE + ends[..., 0], HEIGHT - EDGE - ends[..., 1]], axis=2)
         color = COLORS[0] if number == len(arms) else GREY
         parts += [_line(stick, color, width=3.0) for stick in ends]
@@ -153,16 +152,14 @@ def outcome_card(
         motion: The trajectory; None if there is none.
         limits: ``JointLimits`` of the robot.
     """
-    lines = textwrap.wrap(message, 60)
-    rows: list[tuple[str, object]] = [("", line) for line in lines]
+    rows: list[tuple[str, object]] = [("", x) for x in textwrap.wrap(message, 60)]
     rows += [fact for fact in facts if fact[1] != ""]
     if motion is None:
         return card(title, table((), rows))
     t = np.linspace(0.0, motion.duration, 200)
     state = motion(t)
     effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
-    speeds = _share_curves("speed", t, state.v, limits.velocity)
-    panels = [speeds]
+    panels = [_share_curves("speed", t, state.v, limits.velocity)]
     if not np.all(np.isnan(state.u)):
         panels.append(_share_curves("torque", t, state.u, effort))
     return card(title, *panels, table((), rows))
