@@ -126,11 +126,9 @@ class ClearanceConstraint(Constraint):
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
         """Missing clearance in units of the length, shape (m, count)."""
-        times = states.t if self.moving else None
-        return self.values(states.q, attention, times)
+        return self.values(states.q, attention, states.t)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Derivatives of distances."""
-        times = states.t if self.moving else None
-        by_q, by_t = self.derivatives_at(states.q, at, which, times)
+        by_q, by_t = self.derivatives_at(states.q, at, which, states.t)
         return Partials(at, by_q=by_q, by_t=by_t if self.moving else None)
