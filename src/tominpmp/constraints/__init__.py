@@ -7,9 +7,7 @@ from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.coupling import JointCoupling
 from tominpmp.constraints.final import Arrival, GoalReached
 from tominpmp.constraints.held_load import FirmGrasp
-from tominpmp.constraints.joint_limits import (
-    JointLimit,
-)
+from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.constraints.orientation import AxisFixed, KeepOrientation, KeepUpright
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.stable_contact import StableContact
