@@ -83,13 +83,10 @@ class Tolerances:
     def __post_init__(self) -> None:
         """Check every tolerance."""
         for item in fields(self):
-            value = getattr(self, item.name)
-            found = number_or_nan(value)
-            if not found >= 0.0:
-                raise OptionsError(
-                    f"tolerance {item.name} is {brief(value)}, expected a number >= 0",
-                    item.name,
-                )
+            given, expected = getattr(self, item.name), "a tolerance >= 0"
+            found = number(
+                given, item.name, expected, 0.0, infinite=True, error=OptionsError
+            )
             object.__setattr__(self, item.name, found)
 
 
