@@ -131,7 +131,7 @@ class Obstacle(Record):
     def _take_pose(self) -> None:
         """Convert a point with x, y and z to a position, or a pose to both fields."""
         self._keep(position=plain_vector(self.position))
-        pose = None if _is_point(self.position) else split_pose(self.position)
+        pose = split_pose(self.position)
         if pose is None:
             return
         turned = self.rotation is not None and not np.array_equal(
@@ -186,10 +186,6 @@ class Obstacle(Record):
         """The obstacle at rest at its placement of a time [s]."""
         R, p = self.poses(np.array([number(time, "time", "a time [s]")]))
         return replace(self, motion=None, rotation=R[0], position=p[0])
-
-
-def _is_point(value: object) -> bool:
-    return array_or_nan(value).shape == (3,)
 
 
 @obstacle
