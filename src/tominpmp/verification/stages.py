@@ -93,14 +93,15 @@ class Stage:
 
 
 def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
-    """The segments of a motion; a single one without times of their ends.
+    """The segments of a motion; a single one without the times of all their ends.
 
     Args:
         problem: The problem.
         trajectory: The motion, with the times at which its segments end.
     """
     phases, segments, T = problem.phases, problem.segments, trajectory.duration
-    if not segments or trajectory.segment_ends is None:
+    ends = trajectory.segment_ends
+    if ends is None or len(ends) != len(segments):
         return (Stage(0, 1, problem, 0.0, T, T),)
     each = zip(phases, segments, spans_of(trajectory, segments), strict=True)
     return tuple(

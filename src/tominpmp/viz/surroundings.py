@@ -18,10 +18,10 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.kinematics import FrameMotions
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.problem.segments import Segment
 from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
 from tominpmp.scene import Box, HeightField, Mesh, Obstacle
+from tominpmp.verification.stages import Stage, stages_of
 from tominpmp.viz.surfaces import obstacle_surface, placed
 
 # A board is at least so many times as wide as thick, in both directions.
@@ -88,18 +88,13 @@ def things(problem: Problem, trajectory: Trajectory, times: Array) -> list[Thing
         trajectory: Its motion.
         times: Instants, which may go on after its end [s], shape (m,).
     """
-    ends = trajectory.segment_ends
-    known = ends is not None and ends.size == len(problem.segments)
-    segments = problem.segments if known else ()
-    ends = np.asarray(ends if segments else [trajectory.duration])
-    spans = np.column_stack([np.concatenate([[0.0], ends[:-1]]), ends])
-    scenes = [item.scene for item in (problem.phases if segments else (problem,))]
+    stages = stages_of(problem, trajectory)
     inside = np.minimum(times, trajectory.duration)
-    within = (spans[:, :1] <= inside) & (inside <= spans[:, 1:])
     shown: list[Thing] = []
     names: Counter[str] = Counter()
-    for scene, now in zip(scenes, within, strict=True):
-        for obstacle in scene:
+    for stage in stages:
+        now = (stage.begin <= inside) & (inside <= stage.end)
+        for obstacle in stage.problem.scene:
             before = next((one for one in shown if one.shape == obstacle), None)
             if before is not None:
                 before.there[now] = True
@@ -110,19 +105,16 @@ def things(problem: Problem, trajectory: Trajectory, times: Array) -> list[Thing
             rotations, positions = obstacle.poses(times)
             places = placed(positions, rotations)
             shown.append(Thing(name, obstacle, places, now.copy()))
-    return shown + _loads(problem.robot, trajectory, segments, spans, inside)
+    return shown + _loads(problem, trajectory, stages, inside)
 
 
 def _loads(
-    robot: Robot,
-    trajectory: Trajectory,
-    segments: Sequence[Segment],
-    spans: Array,
-    times: Array,
+    problem: Problem, trajectory: Trajectory, stages: Sequence[Stage], times: Array
 ) -> list[Thing]:
     """The shapes of all loads."""
-    runs: dict[tuple[str, tuple[Obstacle, ...]], list[tuple[Array, Payload]]] = {}
-    for span, segment in zip(spans, segments, strict=False):
+    runs: dict[tuple[str, tuple[Obstacle, ...]], list[tuple[Stage, Payload]]] = {}
+    segments = problem.segments if len(stages) == len(problem.segments) else ()
+    for stage, segment in zip(stages, segments, strict=False):
         payload = segment.payload
         if payload is not None and payload.geometry:
             # However it is held, it is one body.
@@ -130,15 +122,15 @@ def _loads(
                 replace(item, position=np.zeros(3), rotation=np.eye(3))
                 for item in payload.geometry
             )
-            runs.setdefault((payload.name, bare), []).append((span, payload))
+            runs.setdefault((payload.name, bare), []).append((stage, payload))
     found = []
     for (name, shapes), carried in runs.items():
         places = np.empty((len(shapes), times.size, 4, 4))
-        for number, (span, payload) in enumerate(carried):
+        for number, (stage, payload) in enumerate(carried):
             # It is where it was put down last, or where it will be picked up first.
-            mine = (times >= span[0]) | (number == 0)
-            held = trajectory(np.clip(times[mine], *span)).q
-            frames = frame_places(robot, held, payload.frame)
+            mine = (times >= stage.begin) | (number == 0)
+            held = trajectory(np.clip(times[mine], stage.begin, stage.end)).q
+            frames = frame_places(problem.robot, held, payload.frame)
             for shape, own in zip(payload.geometry, places, strict=True):
                 own[mine] = frames @ placed(shape.position, shape.rotation)
         there = np.ones(times.size, dtype=bool)
