@@ -28,7 +28,6 @@ class Outcome:
     """What an initial guess led to."""
 
     trajectory: Trajectory
-    status: Status = Status.INFEASIBLE
     violations: dict[str, float] = field(default_factory=lambda: {"torque": 1.0})
     history: tuple[IterationRecord, ...] = (RECORD, RECORD)
 

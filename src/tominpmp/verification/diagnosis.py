@@ -48,10 +48,6 @@ class Outcome(Protocol):
     """Result of an iteration from one initial guess."""
 
     @property
-    def status(self) -> Status:
-        """End of the iteration."""
-
-    @property
     def trajectory(self) -> Trajectory:
         """The best motion."""
 
