@@ -87,12 +87,10 @@ def _solve(
         if limit is not None:
             limit = max(limit - (time.perf_counter() - begin), LEAST_TIME)
         chosen = replace(chosen, callback=progress, max_planning_time=limit)
-        former = (
-            {} if args.start_from is None else {"start": load_motion(args.start_from)}
-        )
+        former = None if args.start_from is None else load_motion(args.start_from)
         progress.phase("planning")
         present().check()
-        return plan(problem, chosen, **former)
+        return plan(problem, chosen, former)
 
 
 def _write(solution: Solution, files: OutputFiles) -> bool:
