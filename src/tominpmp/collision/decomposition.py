@@ -21,9 +21,7 @@ from tominpmp.arrays import Array
 from tominpmp.collision.shapes import mesh_arrays
 from tominpmp.stopping import check
 
-# A mesh is not cut if its hull is this close to it, and else cut until the pieces are
-# this close to it [m].
-CLOSE_HULL = 3e-3
+# A mesh is cut until the pieces are this close to it [m].
 CLOSE_PIECES = 5e-3
 # Largest number of pieces; fewer are taken if they are within this factor of the best.
 MOST_PIECES = 8
@@ -74,20 +72,19 @@ def decompose(mesh: Any) -> Pieces | None:
     whole = measure.part(vertices[corners])
     if whole is None:
         return None
-    best = found = [whole]
-    if whole.excess > CLOSE_HULL:
-        steps = [found]
-        while len(found) < MOST_PIECES and _worst(found) > CLOSE_PIECES:
-            found = _cut_worst(found, measure)
-            if len(found) == len(steps[-1]):
-                break
-            steps.append(found)
-            if len(steps) > PATIENCE and _worst(found) > PROGRESS * min(
-                map(_worst, steps[:-PATIENCE])
-            ):
-                break
-        enough = max(CLOSE_PIECES, NEARLY * min(map(_worst, steps)))
-        best = next(parts for parts in steps if _worst(parts) <= enough)
+    found = [whole]
+    steps = [found]
+    while len(found) < MOST_PIECES and _worst(found) > CLOSE_PIECES:
+        found = _cut_worst(found, measure)
+        if len(found) == len(steps[-1]):
+            break
+        steps.append(found)
+        if len(steps) > PATIENCE and _worst(found) > PROGRESS * min(
+            map(_worst, steps[:-PATIENCE])
+        ):
+            break
+    enough = max(CLOSE_PIECES, NEARLY * min(map(_worst, steps)))
+    best = next(parts for parts in steps if _worst(parts) <= enough)
     pieces = tuple(part.hull.points[part.hull.vertices] for part in best)
     inward = measure.inward([part.hull for part in best])
     return Pieces(pieces, _worst(best), inward)
