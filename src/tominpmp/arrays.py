@@ -171,6 +171,7 @@ def record_line(record: Any) -> str:
     for item in fields(record):
         value = getattr(record, item.name, None)
         if item.repr and value is not item.default:
+            value = dict(value) if isinstance(value, MappingProxyType) else value
             made = item.default_factory
             default = item.default if made is MISSING else made()
             if not _same(value, default):
@@ -179,15 +180,11 @@ def record_line(record: Any) -> str:
 
 
 def _same(value: object, default: object) -> bool:
-    if isinstance(value, MappingProxyType):
-        value = dict(value)
     return type(value) is type(default) and comparable(value) == comparable(default)
 
 
 def in_brief(value: object) -> str:
     """Show a value of a record: long arrays by their shape."""
-    if isinstance(value, MappingProxyType):
-        value = dict(value)
     if isinstance(value, np.ndarray) and value.size > FEW_NUMBERS:
         return f"<array of shape {value.shape}>"
     if isinstance(value, np.ndarray):
