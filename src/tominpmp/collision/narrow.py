@@ -44,12 +44,11 @@ class NarrowPhase:
         second: IntArray,
         obstacles: MovingObstacles | None = None,
     ) -> None:
-        balls = [body for body in bodies if isinstance(body.shape, coal.Sphere)]
         round_pairs = any(isinstance(body.shape, coal.Cylinder) for body in bodies)
         geometry = pin.GeometryModel()
         for index, body in enumerate(bodies):
             shape = body.shape
-            if round_pairs and body in balls:
+            if round_pairs and isinstance(shape, coal.Sphere):
                 # Coal measures the depth of a ball in a cylinder only radially.
                 shape = coal.Capsule(shape.radius, 0.0)
             joint = body.joint if body.joint < model.njoints else 0
