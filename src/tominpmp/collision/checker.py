@@ -223,9 +223,6 @@ class CollisionChecker(PairDistances):
             Whether each is free; a configuration is checked when it is asked for.
         """
         rows = self.robot.expand(q)
-        if not self.pairs:
-            yield from (True for _ in rows)
-            return
         # A sampler asks ten thousands of times with the very same margin.
         if self._guard is None or self._guard[0] is not margin:
             limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
