@@ -124,7 +124,9 @@ class Planner:
         self.motion = True
         self.error: BaseException | None = None
 
-    def __call__(self, problem: Problem, options: Options) -> Solution:
+    def __call__(
+        self, problem: Problem, options: Options, start: object = None
+    ) -> Solution:
         self.problem, self.options = problem, options
         if self.error is not None:
             raise self.error
