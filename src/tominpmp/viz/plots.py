@@ -22,6 +22,7 @@ from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.status import IterationRecord
 from tominpmp.viz import figures
 from tominpmp.viz.motion_plot import plot_motion
+from tominpmp.viz.shares import Shares, shares_of_limits
 from tominpmp.viz.skeleton import check_motions
 
 if TYPE_CHECKING:
@@ -149,10 +150,8 @@ def plot_on_axes(
     quantities = _quantities(problem, state)
     drawn = [(f"{name} [{item.kind.unit}]", part) for name, item, part in quantities]
     if len(given) == 1:
-        name, torque, values = quantities[-1]
-        largest = np.maximum(np.abs(torque.lower), torque.upper)
-        share = values / np.where(largest > 0.0, largest, np.inf)
-        drawn = [(f"{name} over its limit", share)]
+        shares = shares_of_limits(problem, trajectory, times)
+        drawn = [(f"{shares.control} over its limit", shares.torque)]
         for at in (-1.0, 1.0):
             _show_limit(given[0], at)
     for panel, (title, values) in zip(given, drawn, strict=True):
@@ -305,17 +304,17 @@ def plot_certificate(
     """
     check_motions(problem, [trajectory])
     instance(certificate, Certificate, "certificate")
-    robot, n = problem.robot, problem.robot.n
-    limits = _limits_shown(certificate.active, robot.joint_names)
+    n, times = problem.robot.n, curves(trajectory)[0]
+    shares = shares_of_limits(problem, trajectory, times)
+    limits = _limits_shown(certificate.active, shares.joint_names)
     # Heights in inches: of a joint each, of the bars, of the Hamiltonian.
     heights = [*[0.95] * n, 0.2 * max(len(limits), 1) + 0.15, 1.0]
     kept = "kept" if certificate.ok else "NOT kept"
-    control = "acceleration" if robot.kinematic else "torque"
     with figures.styled():
         figure = figures.new_figure(9.0, sum(heights) + 1.3)
         axes = figure.subplots(n + 2, 1, squeeze=False, height_ratios=heights)[:, 0]
         for joint in range(n):
-            _plot_joint(axes[joint], problem, trajectory, certificate, joint)
+            _plot_joint(axes[joint], shares, certificate, joint)
         _plot_limits(axes[n], limits)
         hamiltonian = certificate.hamiltonian
         axes[n + 1].axhline(0.0, color="#9aa5b1", linewidth=0.8)
@@ -334,7 +333,9 @@ def plot_certificate(
             f"{100 * certificate.sign_share:.1f} % of the time"
         )
         handles = [
-            figures.line_key(f"{control} / limit (left)", color=figures.color(0)),
+            figures.line_key(
+                f"{shares.control} / limit (left)", color=figures.color(0)
+            ),
             figures.line_key("switching function (right, reversed)", **SWITCHING_LOOK),
             figures.area_key(
                 "sign not obeyed", facecolor=figures.LIMIT_COLOR, alpha=0.18
@@ -473,22 +474,15 @@ def _spread_first_iterations(panel: Axes, longest: int) -> None:
 
 
 def _plot_joint(
-    panel: Axes,
-    problem: Problem,
-    trajectory: Trajectory,
-    certificate: Certificate,
-    joint: int,
+    panel: Axes, shares: Shares, certificate: Certificate, joint: int
 ) -> None:
     """Torque and switching function of a joint."""
-    middle, half = (float(part[joint]) for part in effort_range(problem))
-    times, state = curves(trajectory)
-    control = controls_in(problem.robot, state)[:, joint]
-    panel.plot(times, (control - middle) / (half or 1.0), color=figures.color(joint))
+    panel.plot(shares.t, shares.torque[:, joint], color=figures.color(joint))
     for sign in (-1.0, 1.0):
         _show_limit(panel, sign, 2.0 * sign)
     panel.set_ylim(-BEYOND, BEYOND)
     panel.set_yticks([-1.0, 0.0, 1.0])
-    name, t = problem.robot.joint_names[joint], certificate.t
+    name, t = shares.joint_names[joint], certificate.t
     panel.set_ylabel(name, **_name_look(name, joint))
     wrong_sides = np.flatnonzero(~certificate.obeys[:, joint])
     spans = [(t[k], t[k + 1] - t[k]) for k in wrong_sides]

@@ -52,14 +52,14 @@ def shares_of_limits(
     Args:
         problem: The problem.
         trajectory: The motion.
-        times: Instants to look at [s], shape (m,); None for some, and both sides of
-            every jump at a node.
+        times: Instants to look at [s], shape (m,), after the end too, where it holds;
+            None for some, and both sides of every jump at a node.
     """
     if times is None:
         times = np.linspace(0.0, trajectory.duration, INSTANTS)
         nodes = trajectory.t[1:-1]
         times = np.unique(np.concatenate([times, nodes, np.nextafter(nodes, -np.inf)]))
-    state = trajectory(times)
+    state = trajectory(times, hold=True)
     limits = problem.robot.limits
     finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)
     speed = np.where(finite, state.v / np.where(finite, limits.velocity, 1.0), 0.0)
