@@ -7,11 +7,10 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, number_or_nan, record
 from tominpmp.checks import JOINTS, array, instance, vector, whole, wrong
-from tominpmp.constraints.path import Linear, PathConstraint
+from tominpmp.constraints.path import NONE, Linear, PathConstraint
 from tominpmp.exceptions import JointNotFound, ProblemError
 from tominpmp.robot import Robot
 
-NONE = np.zeros(0)
 # Scale of an excess [rad or m].
 SCALE = 0.1
 

@@ -8,14 +8,13 @@ from typing import Annotated, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, Converted, default, frozen_array, record
+from tominpmp.arrays import Array, Converted, default, record
 from tominpmp.checks import Direction, RotationLike, positive
-from tominpmp.constraints.path import FrameRows, Linear
+from tominpmp.constraints.path import NONE, FrameRows, Linear
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
 from tominpmp.scene import rotation_matrix
 
-NONE = np.zeros(0)
 Angle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
 
 
@@ -91,7 +90,7 @@ class AxisFixed(KeepUpright):
 
 def _checked_rotation(value: RotationLike, name: str) -> Array:
     try:
-        return frozen_array(rotation_matrix(value))
+        return rotation_matrix(value)
     except SceneError as error:
         raise ProblemError(str(error), name) from error
 

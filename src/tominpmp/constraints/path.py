@@ -45,6 +45,7 @@ Own = TypeVar("Own", bound="PathConstraint")
 Way = Callable[[Array, Array, int], Array]
 # Values and their derivatives by q, v and a; empty where they do not depend on it.
 Linear = tuple[Array, Array, Array, Array]
+NONE = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -505,7 +506,7 @@ def one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
 def _first(rows: Linear) -> Linear:
     """The first of many values with their derivatives."""
     values, *by = rows
-    by_q, by_v, by_a = (part[0] if part.size else np.zeros(0) for part in by)
+    by_q, by_v, by_a = (part[0] if part.size else NONE for part in by)
     return values[0], by_q, by_v, by_a
 
 

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, array_or_nan, default, record
 from tominpmp.checks import Metres, Point, array, number, positive, whole, wrong
-from tominpmp.constraints.path import FrameRows, Linear, Way
+from tominpmp.constraints.path import NONE, FrameRows, Linear, Way
 from tominpmp.exceptions import brief
 
-NONE = np.zeros(0)
 POINT = "coordinates [m]"
 
 Turn: TypeAlias = Annotated[float, partial(positive, unit="rad", most=2.0 * np.pi)]

@@ -6,11 +6,10 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, default, record
 from tominpmp.checks import Corner, Metres, Point
-from tominpmp.constraints.path import FrameRows, Linear
+from tominpmp.constraints.path import NONE, FrameRows, Linear
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import PoseOrNone
 
-NONE = np.zeros(0)
 # Scale of an excess [m].
 SCALE = 0.1
 

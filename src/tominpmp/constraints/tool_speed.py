@@ -9,9 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, record
 from tominpmp.checks import positive
-from tominpmp.constraints.path import FrameRows, Linear
-
-NONE = np.zeros(0)
+from tominpmp.constraints.path import NONE, FrameRows, Linear
 
 Speed: TypeAlias = Annotated[float, partial(positive, unit="m/s")]
 Acceleration: TypeAlias = Annotated[float, partial(positive, unit="m/s^2")]
