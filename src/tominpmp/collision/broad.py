@@ -8,6 +8,7 @@ between them, prove this; only the other pairs are bounded at each configuration
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -121,13 +122,9 @@ def _slices(points: Array, axis: int, cuts: Array) -> list[Array]:
 def _edges(points: Array) -> tuple[IntArray, IntArray]:
     """Pairs of points, a superset of the edges of the convex hull."""
     if len(points) > FEW:
-        try:
+        with suppress(QhullError):  # flat
             simplices = ConvexHull(points).simplices
-        except QhullError:  # flat
-            simplices = None
-        if simplices is not None:
-            rolled = np.roll(simplices, 1, axis=1)
-            return simplices.ravel(), rolled.ravel()
+            return simplices.ravel(), np.roll(simplices, 1, axis=1).ravel()
     first, second = np.triu_indices(len(points), 1)
     return first, second
 
