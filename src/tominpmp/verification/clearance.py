@@ -205,16 +205,15 @@ def prove_clearance(
         raise ProblemError(
             f"trajectory moves {trajectory.n} joints, the robot has {n}", "trajectory"
         )
-    margin = _lengths(margin, "margin", pairs)
+    margins = np.broadcast_to(_lengths(margin, "margin", pairs), pairs)
     slack = float(_lengths(slack, "slack", None))
     if deviation is not None:
         deviation = _lengths(deviation, "deviation", n)
     max_stretches = whole(max_stretches, "max_stretches")
     if not checker.pairs:
         return NOTHING_NEAR
-    margins = np.broadcast_to(margin, (len(checker.pairs),))
     motion, stray = _rows(trajectory, deviation)
-    return _proof(checker, motion, margins, stray, slack, int(max_stretches))
+    return _proof(checker, motion, margins, stray, slack, max_stretches)
 
 
 def clearance_of(
