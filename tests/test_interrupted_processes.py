@@ -71,7 +71,7 @@ PLAN = """
 """
 COMMAND = """
     if __name__ == "__main__":
-        from tominpmp.cli.app import main
+        from tominpmp.cli import main
         from tominpmp.cli.plan import Progress
         usual = Progress.__call__
 

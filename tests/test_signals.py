@@ -94,7 +94,7 @@ def test_an_interrupt_gets_what_processes_have_found(tmp_path, monkeypatch):
 COMMAND = """
     import os, signal, sys
     import tominpmp.cli.problem
-    from tominpmp.cli.app import main
+    from tominpmp.cli import main
     from tominpmp.cli.output_files import OutputFiles
     from tominpmp.cli.plan import Progress
     number, count, where = int(sys.argv[1]), [0], sys.argv[2]

@@ -66,7 +66,7 @@ def test_where_no_place_is_left_the_command_says_so(
 def test_a_limit_on_file_sizes_leaves_nothing_behind(tmp_path: Path) -> None:
     script = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500));"
-        "from tominpmp.cli.app import main; main()"
+        "from tominpmp.cli import main; main()"
     )
     command = ["plan", "planar3r", "--start", START, "--goal", GOAL, "-o", "m.csv"]
     done = subprocess.run(

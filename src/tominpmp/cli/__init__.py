@@ -17,6 +17,8 @@ def main() -> None:
     from tominpmp.cli.signals import end_at_once, take
 
     take(end_at_once)
-    from tominpmp.cli.app import main as run
+    import sys
 
-    run()
+    from tominpmp.cli.app import run
+
+    sys.exit(run(sys.argv[1:]))

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 from tominpmp.cli.front import front_page
 from tominpmp.cli.signals import SIGNALLED, heeded_signals
 from tominpmp.cli.terminal import INTERRUPTED, Exit, flush_output, guarded, say
-
-TYPE_CHECKING = False  # typing takes long to import
-if TYPE_CHECKING:
-    from typing import NoReturn
 
 
 def run(words: Sequence[str]) -> int:
@@ -43,8 +38,3 @@ def _run(words: list[str]) -> int:
     from tominpmp.cli.parser import called
 
     return called(words)
-
-
-def main() -> NoReturn:
-    """Run the command line and leave with its exit code."""
-    sys.exit(run(sys.argv[1:]))
