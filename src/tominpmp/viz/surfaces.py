@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,7 @@ class Surface:
     @property
     def plain(self) -> Surface:
         """The same without colours."""
-        return Surface(self.vertices, self.faces)
+        return replace(self, colors=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +94,8 @@ def _lathe(profile: ArrayLike) -> Surface:
     points = np.asarray(profile, dtype=np.float64)
     # It drops triangles of less than 1e-8, whatever the size of the body.
     unit = 1e-4 * float(np.abs(points).max())
-    return scaled(
-        _surface(trimesh.creation.revolve(points / unit, sections=AROUND)), unit
-    )
+    turned = trimesh.creation.revolve(points / unit, sections=AROUND)
+    return scaled(_surface(turned), unit)
 
 
 def _surface(mesh: Any) -> Surface:
@@ -140,15 +139,13 @@ def box(size: ArrayLike) -> Surface:
 
 def scaled(surface: Surface, factors: ArrayLike) -> Surface:
     """Stretch a surface along the axes by factors of shape (3,)."""
-    return Surface(
-        surface.vertices * np.asarray(factors), surface.faces, surface.colors
-    )
+    return replace(surface, vertices=surface.vertices * np.asarray(factors))
 
 
 def moved(surface: Surface, placement: Array) -> Surface:
     """Move a surface by a homogeneous matrix, shape (4, 4)."""
     vertices = surface.vertices @ placement[:3, :3].T + placement[:3, 3]
-    return Surface(vertices, surface.faces, surface.colors)
+    return replace(surface, vertices=vertices)
 
 
 def tube(points: Array, radius: float, around: int = 8) -> Surface:
@@ -470,9 +467,8 @@ def _sticks(robot: Robot) -> list[Body]:
         ends.append((str(model.names[joint]), int(model.parents[joint]), place))
     for frame in model.frames[1:]:
         if frame.type == pin.FrameType.BODY:
-            ends.append(
-                (frame.name, int(frame.parentJoint), frame.placement.translation)
-            )
+            place = frame.placement.translation
+            ends.append((frame.name, int(frame.parentJoint), place))
     longest = max((float(np.linalg.norm(end)) for _, _, end in ends), default=0.0)
     radius = 0.02 * longest or 0.02
     bodies = []
