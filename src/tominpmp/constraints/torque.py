@@ -108,6 +108,11 @@ class MotorLimit(Constraint):
         """Joint of each value, shape (count,)."""
 
     @property
+    def count(self) -> int:
+        """One value for each of these joints."""
+        return int(self.of_joints.size)
+
+    @property
     def assumes(self) -> bool:
         """Whether directions of joints with dry friction are assumed."""
         return self.motors.friction is not None
@@ -168,12 +173,7 @@ class TorqueLimit(MotorLimit):
     @property
     def of_joints(self) -> IntArray:
         """All joints."""
-        return np.arange(self.count)
-
-    @property
-    def count(self) -> int:
-        """One value a joint."""
-        return int(self.motors.half.size)
+        return np.arange(self.motors.half.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Bounds of -1 and 1; tighter where a joint with dry friction reverses."""
@@ -205,11 +205,6 @@ class TorqueOverSpeed(MotorLimit):
     def of_joints(self) -> IntArray:
         """The joints with a bound, for the upper sides and for the lower ones."""
         return np.tile([*self.by_speed], len(SIDES))
-
-    @property
-    def count(self) -> int:
-        """Two values for each joint with a bound, one for each side."""
-        return len(SIDES) * len(self.by_speed)
 
     def _excess(self, states: States) -> Iterator[tuple[int, Array, Array, Array]]:
         """Values one after the other, and their derivatives by share and speed."""
@@ -262,11 +257,6 @@ class TorqueRate(MotorLimit):
     def of_joints(self) -> IntArray:
         """The joints that have a limit."""
         return self.joints
-
-    @property
-    def count(self) -> int:
-        """One value for each joint with a limit."""
-        return int(self.joints.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Bounds of -1 and 1."""
