@@ -160,13 +160,13 @@ def checked_times(value: Array, name: str = "times") -> Array:
     return array(value, name, (None,), "times [s]")
 
 
-def checked_stretches(begin: Array, end: Array) -> tuple[Array, Array]:
+def _checked_stretches(begin: Array, end: Array) -> tuple[Array, Array]:
     """Check a caller's stretches of time: an end for each beginning [s]."""
     begin = checked_times(begin, "begin")
     return begin, array(end, "end", begin.shape, "times [s], one for each beginning")
 
 
-def checked_placement(value: Placement, name: str = "start") -> Placement:
+def _checked_placement(value: Placement, name: str = "start") -> Placement:
     """Check a caller's placement."""
     return instance(value, Placement, name)
 
@@ -258,7 +258,7 @@ class ConstantVelocity(Motion):
         return under_way, turned, turned @ self._lever(start)
 
     def _lever(self, start: Placement) -> Array:
-        p = checked_placement(start).p
+        p = _checked_placement(start).p
         return np.zeros(3) if self.pivot is None else p - self.pivot
 
     def poses(self, times: Array, start: Placement) -> Placement:
@@ -282,7 +282,7 @@ class ConstantVelocity(Motion):
         """Largest speeds between two times."""
         turn = float(np.linalg.norm(self.angular))
         lever = float(np.linalg.norm(self._lever(start)))
-        begin, end = checked_stretches(begin, end)
+        begin, end = _checked_stretches(begin, end)
         moving = (end > self.begin) & (begin < self.end)
         speed = float(np.linalg.norm(self.velocity)) + turn * lever
         return np.where(moving, speed, 0.0), np.where(moving, turn, 0.0)
@@ -386,7 +386,7 @@ class Waypoints(Motion):
 
     def start(self, given: Placement) -> Placement:
         """Placement at the first waypoint."""
-        given = checked_placement(given, "given")
+        given = _checked_placement(given, "given")
         R = given.R if self.rotations is None else self.rotations[0]
         p = given.p if self.positions is None else self.positions[0]
         return agreed_start(given, Placement(R, p))
@@ -418,7 +418,7 @@ class Waypoints(Motion):
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
-        times, start = checked_times(times), checked_placement(start)
+        times, start = checked_times(times), _checked_placement(start)
         k = self._passed(times)
         since = np.maximum(times - self.times[k], 0.0)[:, None]
         R = start.R if self.rotations is None else self.rotations[k]
@@ -439,7 +439,7 @@ class Waypoints(Motion):
         self, begin: Array, end: Array, start: Placement
     ) -> tuple[Array, Array]:
         """Largest speeds between two times."""
-        begin, end = checked_stretches(begin, end)
+        begin, end = _checked_stretches(begin, end)
         first = self._passed(begin)
         last = np.maximum(np.searchsorted(self.times, end, side="left"), first + 1)
         linear, angular = (np.linalg.norm(rate, axis=1) for rate in self._rates)
@@ -514,7 +514,7 @@ class PoseFunction(Motion):
 
     def start(self, given: Placement) -> Placement:
         """Placement at time 0."""
-        given = checked_placement(given, "given")
+        given = _checked_placement(given, "given")
         return agreed_start(given, self._pose(0.0))
 
     def _pose(self, time: float) -> Placement:
@@ -586,7 +586,7 @@ class PoseFunction(Motion):
         self, begin: Array, end: Array, start: Placement
     ) -> tuple[Array, Array]:
         """Largest speeds between two times; estimates without given bounds."""
-        begin, end = checked_stretches(begin, end)
+        begin, end = _checked_stretches(begin, end)
         linear, angular = self.speed, self.angular_speed
         if linear is not None and angular is not None:
             return np.full(begin.shape, linear), np.full(begin.shape, angular)
