@@ -19,7 +19,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan
-from tominpmp.checks import split_pose, vector
+from tominpmp.checks import of_kind, split_pose, vector
 from tominpmp.collision import CollisionChecker
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.selection import links_of
@@ -103,9 +103,7 @@ def _checked_parts(
             )
         if name in robots:
             raise wrong(f"robots: two of them are named {brief(name)}")
-        if not isinstance(robot, Robot):
-            kind = type(robot).__name__
-            raise wrong(f"robots: {brief(name)} is a {kind}, expected a Robot")
+        of_kind(robot, Robot, f"robots: {brief(name)}", "a Robot", "robots")
         robots[name], bases[name] = robot, base_placement(name, base)
     return robots, bases
 

@@ -16,6 +16,7 @@ from tominpmp.checks import (
     choice,
     instance,
     number,
+    of_kind,
     positive,
     vector,
     whole,
@@ -199,13 +200,9 @@ class EffortOverSpeed(LimitKind):
         """The curve of a joint."""
         if joint is None:
             raise wrong(value, key, "EffortCurves by joint name")
-        if not isinstance(value, EffortCurve):
-            raise ProblemError(
-                f"{key}: joint {joint!r} has a {type(value).__name__}, expected an "
-                "EffortCurve",
-                key,
-            )
-        return value
+        return of_kind(
+            value, EffortCurve, f"{key}: joint {joint!r}", "an EffortCurve", key
+        )
 
     def excess(
         self, bound: Any, u: Array, v: Array, side: float

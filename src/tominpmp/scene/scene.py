@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record
-from tominpmp.checks import optional
-from tominpmp.exceptions import ProblemError, SceneError, brief, warn_caller
+from tominpmp.checks import of_kind, optional
+from tominpmp.exceptions import SceneError, brief, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Obstacle
 
@@ -108,7 +108,7 @@ class Scene(Record):
         return self._altered(obstacles=tuple(still))
 
 
-def as_scene(given: object, name: str) -> Scene:
+def as_scene(given: Any, name: str) -> Scene:
     """A scene from a scene, an obstacle, a list of obstacles, or None.
 
     Raises:
@@ -121,12 +121,7 @@ def as_scene(given: object, name: str) -> Scene:
         return Scene()
     if isinstance(given, Obstacle):
         return Scene((given,))
-    if isinstance(given, list | tuple):
-        return Scene(given)
-    raise ProblemError(
-        f"{name} is a {type(given).__name__}, expected a Scene or a list of obstacles",
-        name,
-    )
+    return Scene(of_kind(given, (list, tuple), name, "a Scene or a list of obstacles"))
 
 
 SceneLike: TypeAlias = Annotated[
