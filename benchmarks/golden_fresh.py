@@ -318,6 +318,11 @@ def combinations(source: Source) -> Made:
 
 def combined_task(seed: int, number: int) -> Task:
     """A random combination, done by a slow motion that stops at every goal."""
+    return task(combined_case(seed, number)[0])
+
+
+def combined_case(seed: int, number: int) -> tuple[Asked, float]:
+    """What a random combination asks for, and how long its slow motion takes [s]."""
     rng = _rng("combination", seed, number)
     name = str(rng.choice(["panda", "ur5", "xarm7", "iiwa14"]))
     friction = float(rng.choice([0.0, 0.05, 0.1]))
@@ -344,7 +349,7 @@ def combined_task(seed: int, number: int) -> Task:
             leg["arrival"] = [earliest, float(rng.choice([np.inf, 1.2 * clock]))]
         clock += leg.get("dwell", 0.0)
         legs.append(leg)
-    return task(asked(own, goals[0], None, legs=legs))
+    return asked(own, goals[0], None, legs=legs), clock
 
 
 def _apart(
@@ -354,9 +359,10 @@ def _apart(
     rooms = Rooms({"obstacles": [], "margin": 0.0}, [member], 0.0)
     carrying = read_arm(own, own["gravity"], load)
     drawn, effort = _configurations(rng, own, member, load), np.array(own["effort"])
-    found = [next(drawn)]
+    # No way leads out of where links touch.
+    found = [next(q for q in drawn if _room(rooms, q[None]) >= APART)]
     s = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-    for _ in range(100 * DRAWS):
+    for _ in range(DRAWS):
         q = found[-1] + s * rng.uniform(0.3, 0.8) * (next(drawn) - found[-1])
         if _holds(carrying, q, effort) and _room(rooms, q) >= APART:
             found.append(q[-1])
@@ -391,8 +397,17 @@ def _slow_time(own: Asked, leg: Asked, start: Array, end: Array) -> float:
     for _ in range(100):
         v = np.outer(30.0 * s**2 * (1.0 - s) ** 2 / T, way)
         a = np.outer(60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / T**2, way)
-        needed = np.abs(inverse([member], q, v, a)) + member.friction
-        fits = bool(np.all(needed <= SLOW * np.array(own["effort"])))
+        torque = inverse([member], q, v, a)
+        rates = {
+            "acceleration": a,
+            "jerk": np.outer(60.0 * (1.0 - 6.0 * s + 6.0 * s**2) / T**3, way),
+            "effort_rate": np.gradient(torque, s * T, axis=0),
+        }
+        needed = np.abs(torque) + member.friction
+        fits = bool(np.all(needed <= SLOW * np.array(own["effort"]))) and all(
+            np.all(np.abs(rates[name]) <= np.array(most))
+            for name, most in own["limits"].items()
+        )
         if fits and all(
             _kept(own, leg, rule, q, v, a) for rule in leg.get("rules", ())
         ):

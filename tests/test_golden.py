@@ -94,6 +94,19 @@ def test_a_combination_has_a_motion() -> None:
     assert made.judged(solution).faults == ()
 
 
+def test_a_combination_begins_where_links_are_apart() -> None:
+    # Its first configuration was once one of links that touch, from which no way leads.
+    assert golden_fresh.combined_task(20261126, 5).problem.checker.pairs
+
+
+def test_the_slow_motion_of_a_combination_keeps_accelerations() -> None:
+    case, slow = golden_fresh.combined_case(20261126, 16)
+    goals = [case["q_start"], *(leg["goal"]["q"] for leg in case["legs"])]
+    # The peak of a polynomial of degree five from rest to rest.
+    peaks = 10.0 / np.sqrt(3.0) * np.abs(np.diff(goals, axis=0))
+    assert slow >= np.sum(np.sqrt(np.max(peaks / case["acceleration"], axis=1)))
+
+
 # -- the judge -------------------------------------------------------------------------
 
 
