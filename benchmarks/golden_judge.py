@@ -127,6 +127,21 @@ class Rooms(Cell):
         return len(self._pairs)
 
 
+class Turning(Plant):
+    """Arms whose slow joints may turn by rounding: dry friction holds them then."""
+
+    def dry(
+        self, p: int, s: Array, state: tuple[Array, Array, Array], u: Array
+    ) -> Array:
+        """Dry friction at shares s of a piece."""
+        found, slow = super().dry(p, s, state, u), np.abs(state[1]) < STANDING
+        if not np.any(slow & (self.friction > 0.0)):
+            return found
+        left = u - inverse(self.members, *state)
+        held = np.clip(left, -self.friction, self.friction)
+        return np.where(slow, held, found)
+
+
 class Leg(Judge):
     """The judge of one segment.
 
@@ -152,7 +167,7 @@ class Leg(Judge):
         self.low, self.high = np.hstack([m.position_limits() for m in self.members])
         self.speed = np.concatenate([model.velocityLimit for model in models])
         self.effort = np.concatenate([model.effortLimit for model in models])
-        self.plant = Plant(self.members, movement)
+        self.plant = Turning(self.members, movement)
 
     def limits_and_torques(self) -> None:
         """Those of every judge, torque rates, and the rules."""
@@ -171,16 +186,6 @@ class Leg(Judge):
             name = f"{rule['kind']}_excess"
             self.figures[name] = max(self.figures.get(name, -np.inf), worst)
             self.check(worst <= most, f"{rule['kind']} off by {worst:.2e}")
-
-    def _residual(
-        self, p: int, s: Array, state: tuple[Array, Array, Array], u: Array
-    ) -> Array:
-        """Torque given less torque needed; slow joints may turn by rounding."""
-        found = super()._residual(p, s, state, u)
-        left = u - inverse(self.members, *state)
-        friction = self.plant.friction
-        held = np.abs(left - np.clip(left, -friction, friction))
-        return np.where(np.abs(state[1]) < STANDING, np.minimum(found, held), found)
 
     def _steepest(self) -> float:
         """Largest torque rate over a millisecond, as a share of its limit.

@@ -11,8 +11,10 @@ import pytest
 
 import tominpmp as tm
 from benchmarks import ablation, golden, golden_cases, golden_fresh
+from benchmarks.cell_arms import inverse
+from benchmarks.cell_movement import Movement
 from benchmarks.golden_compare import Allowed, Comparison
-from benchmarks.golden_judge import judge, shape
+from benchmarks.golden_judge import Leg, judge, shape
 from benchmarks.golden_problems import arm, asked, joint, task
 from benchmarks.golden_runner import (
     COLUMNS,
@@ -26,6 +28,7 @@ from benchmarks.golden_runner import (
     read_rows,
     run,
 )
+from benchmarks.random_cells import CHEBYSHEV
 
 START, END = np.array([0.5, 1.7, -1.7]), np.array([1.0, 1.0, -1.0])
 SOON = {"effort": "quick", "intervals": 16, "refine": None}
@@ -188,6 +191,22 @@ def test_the_judge_refutes_what_was_not_asked_for(
 ) -> None:
     found = judge(plain(**more), solution).faults
     assert any(word in fault for fault in found), found
+
+
+def test_a_joint_that_turns_by_rounding_takes_no_jump_of_its_motor() -> None:
+    case = asked(arm("planar3r", friction=0.1), START, joint(END))
+    case |= {"v_start": [0.1] * 3, "effort_rate": [500.0] * 3}
+    t, v = np.array([0.0, 0.1]), np.array([case["v_start"], [-5e-7] * 3])
+    q = np.array([START, START + 0.01 / 3.0])
+    still = np.zeros((1, CHEBYSHEV.size, 3))
+    move = Movement(t, q, v, None, t, CHEBYSHEV, still, held=False)
+    leg = Leg(case, move, 0.0, last=True)
+    moved = inverse(leg.members, *move.state(0, CHEBYSHEV)[:3])
+    move = dataclasses.replace(move, u=(moved + leg.plant.friction)[None])
+    leg = Leg(case, move, 0.0, last=True)
+    leg.limits_and_torques()
+    leg.replay()
+    assert leg.faults == []
 
 
 def test_a_known_optimum_is_judged_by_hand() -> None:
