@@ -12,9 +12,10 @@ from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.first_program import first_program
-from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import use_fallback
-from tominpmp.stopping import Stop
+from tominpmp.planner.plan_state import Kept, PlanState
+from tominpmp.planner.work import _slowed_down, use_fallback
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # What "auto" comes to.
@@ -100,3 +101,32 @@ def test_starts_that_all_end_without_a_motion_leave_a_guess_slowed_down():
     solution = tm.plan(problem, max_iterations=1, intervals=10)
     assert solution.success and solution.verification.ok
     assert solution.status is tm.Status.ITERATION_LIMIT
+
+
+def test_a_guess_is_not_slowed_down_once_time_is_up():
+    """Twelve slower motions were tried after the end of a plan, 0.06 s altogether."""
+    problem = planar()
+    system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
+    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    program, z = first_program(system, options, guess)
+    begun = Kept(program, Iterate.of(program, z, 1.0), False)
+    late = Deadline()
+    late.end = 0.0
+    with late.in_force(), pytest.raises(Stop):
+        _slowed_down(begun, options.feasibility)
+
+
+def test_time_is_reserved_for_a_replay_before_one_was_timed():
+    """One of some segments takes 0.2 s: motions were found, and none was verified."""
+    problem = planar()
+    system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
+    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    program, z = first_program(system, options, guess)
+    slow = Iterate.of(program, program.time_scale(z, 3.0), 1.0)
+    state = PlanState(problem, options.changed({"max_planning_time": 2.0}))
+    for seconds, reserve in ((0.0, 0.3), (0.01, 0.06), (0.1, 0.15), (9.0, 0.5)):
+        state.replayed(seconds)
+        state.keep(program, slow)
+        assert state.kept[-1].feasible
+        before = state.deadline.last - state.deadline.end
+        assert before == pytest.approx(0.06 * 2.0 + 0.07 + reserve)

@@ -17,7 +17,7 @@ from tominpmp.planner.plan_state import Fallback, Kept, PlanState
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.objective import TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
-from tominpmp.stopping import Stop
+from tominpmp.stopping import Stop, check
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.verification import LONGEST
 
@@ -200,6 +200,7 @@ def _slowed_down(begun: Kept, feasibility: float) -> Kept | None:
     """A motion, as slow as its limits ask for; None if that is no cure."""
     program, iterate, _ = begun
     for factor in np.geomspace(1.0, SLOWEST, FACTORS).tolist():
+        check()
         z = program.time_scale(iterate.z, factor)
         slow = replace(iterate, z=z, values=program.evaluate(z))
         if slow.violation <= feasibility:
