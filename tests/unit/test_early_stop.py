@@ -11,9 +11,10 @@ from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess, initial_guesses
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch
+from tominpmp.planner.descent import descent_work
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import Kept, PlanState
-from tominpmp.planner.work import _slowed_down, use_fallback
+from tominpmp.planner.work import _slowed_down, made, use_fallback
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -130,3 +131,20 @@ def test_time_is_reserved_for_a_replay_before_one_was_timed():
         assert state.kept[-1].feasible
         before = state.deadline.last - state.deadline.end
         assert before == pytest.approx(0.06 * 2.0 + 0.07 + reserve)
+
+
+def test_a_replay_may_take_the_time_that_is_kept_for_it(monkeypatch):
+    """It was cut short by its own reserve, and done once more from its beginning."""
+    problem = planar()
+    state = PlanState(problem, tm.Options(**RESOLVED, max_planning_time=2.0))
+    ends, known = [], Candidate.verified
+
+    def verified(*given):
+        ends.append(state.deadline.end == state.deadline.last)
+        return known(*given)
+
+    monkeypatch.setattr(Candidate, "verified", verified)
+    system = ProblemFunctions.of(problem)
+    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    assert made(state, descent_work(system, state.options, guess, state)).found
+    assert ends and all(ends)

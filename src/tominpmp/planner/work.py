@@ -125,7 +125,9 @@ def made(state: PlanState, work: Work) -> Candidate:
     while True:
         candidate = work.make(system, doublings, best)
         if work.replay and candidate.verification is None:
-            candidate = candidate.verified(complete.problem, state.options)
+            # The time that is reserved is that of a replay.
+            with state.saving():
+                candidate = candidate.verified(complete.problem, state.options)
         if candidate.verification is not None:
             state.replayed(candidate.verification.seconds)
         worse = best is not None and candidate.excess > best.excess
