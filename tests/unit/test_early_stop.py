@@ -118,14 +118,14 @@ def test_a_guess_is_not_slowed_down_once_time_is_up():
 
 
 def test_time_is_reserved_for_a_replay_before_one_was_timed():
-    """One of some segments takes 0.2 s: motions were found, and none was verified."""
+    """One of some segments takes 0.2 s: such motions were found, and none was verified."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
     program, z = first_program(system, options, guess)
     slow = Iterate.of(program, program.time_scale(z, 3.0), 1.0)
     state = PlanState(problem, options.changed({"max_planning_time": 2.0}))
-    for seconds, reserve in ((0.0, 0.3), (0.01, 0.06), (0.1, 0.15), (9.0, 0.5)):
+    for seconds, reserve in ((0.0, 0.225), (0.01, 0.06), (0.1, 0.15), (9.0, 0.5)):
         state.replayed(seconds)
         state.keep(program, slow)
         assert state.kept[-1].feasible

@@ -22,8 +22,8 @@ from tominpmp.transcription.base import Program
 # Iterates kept per candidate, one a program, besides its newest.
 KEPT = 4
 # Time reserved for the last replay: REPLAYS times the longest replay so far, within
-# these shares of the limit; before the first, what one of some segments takes [s].
-RESERVE, MOST_RESERVE, REPLAYS, UNKNOWN = 0.03, 0.25, 1.5, 0.2
+# these shares of the limit; before the first, END_SECONDS stand for it.
+RESERVE, MOST_RESERVE, REPLAYS = 0.03, 0.25, 1.5
 # The same while there is no incumbent, and no replay has been timed.
 FIRST_RESERVE = 0.06
 # Overrun allowed to one step, and to the conclusion: share of the limit, and [s].
@@ -248,7 +248,7 @@ class PlanState:
             # Without any motion the initial guess of the candidate is time-scaled.
             nothing = self.best_duration == np.inf and self.begun is not None
             return FIRST_RESERVE * limit if nothing else 0.0
-        replay = REPLAYS * (self._replay or UNKNOWN)
+        replay = REPLAYS * (self._replay or END_SECONDS)
         return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
 
     def _set_deadline(self) -> None:
