@@ -118,7 +118,7 @@ def test_a_guess_is_not_slowed_down_once_time_is_up():
 
 
 def test_time_is_reserved_for_a_replay_before_one_was_timed():
-    """One of some segments takes 0.2 s: such motions were found, and none was verified."""
+    """One of some segments takes 0.2 s: it was found, and there was no time for it."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
