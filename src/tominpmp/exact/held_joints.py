@@ -58,25 +58,14 @@ def differentiate_rates(
         by = dynamics.forward_jacobians(x, u)
         tau_u = np.broadcast_to(np.eye(n), (count, n, n))
         return Rates(*by, u, np.zeros((count, n, 2 * n)), tau_u)
-    out = Rates(
-        np.empty((count, 2 * n)),
-        np.empty((count, 2 * n, 2 * n)),
-        np.empty((count, 2 * n, n)),
-        np.empty((count, n)),
-        np.empty((count, n, 2 * n)),
-        np.empty((count, n, n)),
-    )
     patterns, which = np.unique(modes, axis=0, return_inverse=True)
-    for number, pattern in enumerate(patterns):
-        rows = np.flatnonzero(which.ravel() == number)
-        if pattern.any():
-            part = _held_rates(dynamics, x[rows], u[rows], pattern)
-        else:
-            none = np.zeros((rows.size, n), dtype=np.int64)
-            part = differentiate_rates(dynamics, x[rows], u[rows], none)
-        for target, value in zip(out, part, strict=True):
-            target[rows] = value
-    return out
+    if len(patterns) > 1:
+        # Rows of one pattern are solved together, and put back into their order.
+        rows = [np.flatnonzero(which.ravel() == k) for k in range(len(patterns))]
+        parts = [differentiate_rates(dynamics, x[r], u[r], modes[r]) for r in rows]
+        back = np.argsort(np.concatenate(rows))
+        return Rates(*(np.concatenate(part)[back] for part in zip(*parts, strict=True)))
+    return _held_rates(dynamics, x, u, patterns[0])
 
 
 def _held_rates(dynamics: Dynamics, x: Array, u: Array, modes: IntArray) -> Rates:

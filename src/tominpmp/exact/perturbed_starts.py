@@ -19,7 +19,6 @@ from tominpmp.arrays import Array
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import OptimisedArcs, solve_lengths
 from tominpmp.initial_guess.inverse_kinematics import find_configurations
-from tominpmp.linear_programs import LpSolver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.solvers.loop import Callback, solve
@@ -57,7 +56,6 @@ PROMISING = 1e-2
 def on_grid(
     system: ProblemFunctions,
     options: Options,
-    lp: LpSolver,
     callback: Callback,
     path: Array,
     duration: float,
@@ -72,7 +70,7 @@ def on_grid(
     start = grid.start(path, np.array([duration]))
     program = NonlinearProgram.of(grid).at(start)
     least = MinimumTime.of(options, SMOOTHING * duration)
-    method = trust_regions(options, lp)
+    method = trust_regions(options)
     found = solve(program, least, start, *method, callback=callback)
     last = found.iterate if found.best is None else found.best
     return program.trajectory(last.z)
@@ -81,7 +79,6 @@ def on_grid(
 def perturbed_motions(
     system: ProblemFunctions,
     options: Options,
-    lp: LpSolver,
     callback: Callback,
     plan: Trajectory,
     rng: np.random.Generator,
@@ -111,7 +108,7 @@ def perturbed_motions(
             path = path + bend * np.sin(wave * np.pi * s)
         path = np.clip(path, limits.position_lower, limits.position_upper)
         duration = plan.duration * float(np.exp(rng.normal(0.0, SPREAD)))
-        yield on_grid(system, rough, lp, callback, path, duration)
+        yield on_grid(system, rough, callback, path, duration)
 
 
 def single_motor_motions(

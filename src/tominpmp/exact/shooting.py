@@ -38,12 +38,6 @@ class WatchedLimits(NamedTuple):
     which: IntArray
     sign: IntArray
 
-    @classmethod
-    def none(cls) -> WatchedLimits:
-        """Nothing to look at."""
-        empty = np.zeros(0, dtype=np.int64)
-        return cls(empty, empty, empty, empty)
-
 
 @dataclass(frozen=True, eq=False)
 class Shot:
@@ -85,7 +79,7 @@ class ArcProgram:
         self.system, self.arcs, self.steps = system, arcs, steps
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)
-        self.watched = WatchedLimits.none()
+        self.watched = WatchedLimits(*np.zeros((4, 0), dtype=np.int64))
         self.evaluations = 0
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
@@ -273,7 +267,7 @@ class ArcProgram:
             motion: The motion.
             near: How near, in shares; None takes the usual.
         """
-        system, parts = self.system, [WatchedLimits.none()]
+        system, parts = self.system, list[WatchedLimits]()
         # A joint that is given at the end has no room to keep there.
         given = {POSITION: system.final_configuration, VELOCITY: system.final_velocity}
         for kind in self._kinds():
@@ -321,7 +315,6 @@ class ArcProgram:
             elif kind == TORQUE:
                 slope = self._torque_slopes(motion, by, node, index)
             else:
-                assert system.clearance is not None  # noqa: S101
                 slope = self._clearance_slopes(motion, by, node, index)
             by_room[rows] = -watched.sign[rows, None] * slope
         return self._room(motion, watched), by_room
@@ -348,11 +341,10 @@ class ArcProgram:
     ) -> Array:
         rates, last = motion.rates, 3 * node - 1
         slope = np.einsum("rx,rxz->rz", rates.tau_x[last, index], by[node])
-        arc = self.arc_of_step[node - 1]
-        for row, (k, j, at) in enumerate(zip(arc, index, last, strict=True)):
-            free = np.flatnonzero(self._column[k] >= 0)
-            half = self.system.effort_half[free]
-            slope[row, self._column[k, free]] += rates.tau_u[at, j, free] * half
+        column = self._column[self.arc_of_step[node - 1]]
+        row, joint = np.nonzero(column >= 0)
+        by_u = rates.tau_u[last[row], index[row], joint]
+        slope[row, column[row, joint]] += by_u * self.system.effort_half[joint]
         return np.asarray(slope / self.system.effort_half[index, None])
 
     def excess(self, motion: IntegratedArcs, slack: float) -> float:

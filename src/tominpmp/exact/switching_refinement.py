@@ -22,7 +22,6 @@ from tominpmp.exact.switching_times import (
     sharpen,
 )
 from tominpmp.exact.transcription import ArcTranscription
-from tominpmp.linear_programs import LpSolver, make_solver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
@@ -132,8 +131,7 @@ def exact_switches(
         The refined motion, which its replay confirms; what was given, with a remark,
         where no such motion was found that is at least as fast.
     """
-    plan, lp = attempt.trajectory, make_solver(options.lp_solver)
-    granted = system
+    plan, granted = attempt.trajectory, system
     if system.friction is not None:
         ways = one_way(system, plan)
         if ways is None:
@@ -147,7 +145,7 @@ def exact_switches(
         # arcs that are about as fast, a finer grid is better.
         limit = plan.duration * (1.0 + (LONGER if attempt.found else UNCONFIRMED))
     search = Search(granted, progress, budget, limit)
-    _look(search, options, without_friction(granted, plan), lp)
+    _look(search, options, without_friction(granted, plan))
     for motion in reversed(search.found):
         arcs, iterate = _iterate(sharpen(granted, motion, budget.part()))
         records = tuple(progress.records)
@@ -159,46 +157,42 @@ def exact_switches(
     return replace(attempt, history=(), remark=KEPT)
 
 
-def _look(search: Search, options: Options, plan: Trajectory, lp: LpSolver) -> None:
+def _look(search: Search, options: Options, plan: Trajectory) -> None:
     """Look for arcs near to the plan, and elsewhere."""
-    motors = driven_joints(search.system).size
-    small = motors <= EXPLORED_MOTORS
+    small = driven_joints(search.system).size <= EXPLORED_MOTORS
     near = search.read(plan, TRY_EVALUATIONS if small else EVALUATIONS)
-    # More starts look at no less than fewer would, and a single one not elsewhere.
-    tries = 0 if options.starts == 1 else max(TRIES, (options.starts or 1) - 1)
-    # Where ways are taken for granted, perturbed motions would not go them.
-    if small and search.system.ways is None:
-        _explore(search, options, plan, lp, tries)
+    # A single start looks not elsewhere. Where ways are taken for granted, perturbed
+    # motions would not go them.
+    if small and options.starts != 1 and search.system.ways is None:
+        _explore(search, options, plan)
     # What was found elsewhere is no reason to give up what lies near.
     if small and not near:
         near = search.read(plan, EVALUATIONS)
-    for trajectory in _finer(search, options, plan, lp):
+    for trajectory in _finer(search, options, plan):
         if near:
             return
         near = search.read(trajectory, EVALUATIONS)
 
 
-def _explore(
-    search: Search, options: Options, plan: Trajectory, lp: LpSolver, tries: int
-) -> None:
+def _explore(search: Search, options: Options, plan: Trajectory) -> None:
     """Look for arcs elsewhere."""
     system, budget = search.system, search.budget
     rng = np.random.default_rng(options.seed)
-    perturbed = perturbed_motions(system, options, lp, search.seen, plan, rng)
-    for _, trajectory in zip(range(tries), perturbed, strict=False):
+    # More starts look at no less than fewer would.
+    tries = range(max(TRIES, (options.starts or 1) - 1))
+    perturbed = perturbed_motions(system, options, search.seen, plan, rng)
+    for _, trajectory in zip(tries, perturbed, strict=False):
         if budget.spent:
             return
         search.read(trajectory, TRY_EVALUATIONS)
-    if tries and driven_joints(system).size == 1:
+    if driven_joints(system).size == 1:
         part = budget.part()
         duration = search.duration if search.found else plan.duration
         for rough in single_motor_motions(system, duration, rng, part):
             search.follow(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
 
 
-def _finer(
-    search: Search, options: Options, plan: Trajectory, lp: LpSolver
-) -> Iterator[Trajectory]:
+def _finer(search: Search, options: Options, plan: Trajectory) -> Iterator[Trajectory]:
     """The plan with torques that are constant on finer grids."""
     few = replace(options, max_iterations=min(options.max_iterations, GRID_ITERATIONS))
     for intervals in GRIDS:
@@ -208,7 +202,7 @@ def _finer(
             [[0.0], np.cumsum(interval_shares("uniform", intervals))]
         )
         path = plan(nodes * plan.duration).q
-        yield on_grid(search.system, few, lp, search.seen, path, plan.duration)
+        yield on_grid(search.system, few, search.seen, path, plan.duration)
 
 
 def _iterate(motion: OptimisedArcs) -> tuple[ArcTranscription, Iterate]:
