@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import BarycentricInterpolator
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
 from tominpmp.exact.radau import NODES
 from tominpmp.exact.shooting import ArcProgram, Shot
@@ -18,7 +18,9 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.rows import Rows
 
-KINDS = ("position", "velocity", "torque", "clearance")
+# Kinds of rows in their order: equations, bounds of the goal, and watched limits.
+EQUATIONS = ("goal", "speed")
+LIMITS = ("position", "velocity", "torque", "clearance")
 # The torque of a held joint changes all the time: a step is cut this often for it.
 CUTS = 4
 # Lengths change by this share of the duration and of the trust region at most.
@@ -33,30 +35,27 @@ class ArcTranscription:
 
     Attributes:
         program: The program; its unknowns are those of the transcription.
+        rows: What the rows are.
     """
 
     def __init__(self, program: ArcProgram, shot: Shot) -> None:
         self.program = program
-        goals, equations = shot.seeds.shape[0], shot.equal.size
-        bounds = shot.room.size - program.watched.kind.size
-        kinds = program.watched.kind  # sorted
-        parts = [
-            _rows("goal", goals, 0.0),
-            _rows("speed", equations - goals, 0.0),
-            _rows("goal region", bounds, np.inf),
-            *(_rows(n, int((kinds == k).sum()), np.inf) for k, n in enumerate(KINDS)),
-        ]
-        self._rows = Rows.stack([part for part in parts if part[1].size])
+        goals, watched = shot.seeds.shape[0], program.watched.kind  # sorted
+        counts = [goals, shot.equal.size - goals, shot.room.size - watched.size]
+        counts += np.bincount(watched, minlength=len(LIMITS)).tolist()
+        names = (*EQUATIONS, "goal region", *LIMITS)
+        parts = []
+        for name, count in zip(names, counts, strict=True):
+            most = np.full(count, 0.0 if name in EQUATIONS else np.inf)
+            group = np.zeros(count, dtype=np.int64)
+            if count:
+                parts.append((name, np.zeros(count), most, group))
+        self.rows = Rows.stack(parts)
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
         return self.program.size
-
-    @property
-    def rows(self) -> Rows:
-        """What the rows are."""
-        return self._rows
 
     @property
     def cost(self) -> Array:
@@ -68,7 +67,7 @@ class ArcTranscription:
         """Row values."""
         shot = self.program.shoot(z)
         if shot is None:
-            return np.full(self._rows.size, -NOT_INTEGRATED)
+            return np.full(self.rows.size, -NOT_INTEGRATED)
         return np.concatenate([shot.equal, shot.room])
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
@@ -78,7 +77,7 @@ class ArcTranscription:
             none = np.zeros(0, dtype=np.int64)
             return Linearization(none, sp.csr_matrix((0, self.size)))
         matrix = sp.csr_matrix(np.vstack([shot.by_equal, shot.by_room]))
-        return Linearization(np.arange(self._rows.size), matrix)
+        return Linearization(np.arange(self.rows.size), matrix)
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Trust region within the torque limits, and lengths that stay positive."""
@@ -171,13 +170,3 @@ class ArcTranscription:
             u=np.concatenate([torque, torque[-1:]]),
             holding=system.dynamics.inverse,
         )
-
-
-def _rows(name: str, count: int, upper: float) -> tuple[str, Array, Array, IntArray]:
-    """Rows of one name: at least zero, and at most a bound."""
-    return (
-        name,
-        np.zeros(count),
-        np.full(count, upper),
-        np.zeros(count, dtype=np.int64),
-    )
