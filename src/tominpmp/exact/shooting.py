@@ -72,6 +72,7 @@ class ArcProgram:
         arcs: What the joints do.
         steps: Number of integration steps of each arc, shape (K,).
         watched: Limits that are looked at.
+        guess: Stages of a motion near by, to begin with, shape (M, 3, 2n).
         evaluations: At how many states the dynamics have been evaluated.
     """
 
@@ -89,7 +90,7 @@ class ArcProgram:
         self._column = np.full(arcs.free.shape, -1)
         self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
         # Not a number: without a guess steps are marched.
-        self._guess = np.full((self.arc_of_step.size, 3, 2 * system.n), np.nan)
+        self.guess = np.full((self.arc_of_step.size, 3, 2 * system.n), np.nan)
         self._last: tuple[Array, Shot | None] | None = None
         self._base: tuple[Array, Shot] | None = None
         self._speed = SPEED_FACTOR / self.duration * system.step_scale
@@ -98,10 +99,6 @@ class ArcProgram:
     def size(self) -> int:
         """Number of unknowns."""
         return self.arcs.count + int(self.arcs.free.sum())
-
-    def begin(self, stages: Array) -> None:
-        """Take the stages of a motion near by as a guess, shape (M, 3, 2n)."""
-        self._guess = stages
 
     def watch(self, watched: WatchedLimits) -> None:
         """Look at other limits."""
@@ -133,35 +130,20 @@ class ArcProgram:
         return self._last[1]
 
     def _integrate(self, y: Array) -> IntegratedArcs | None:
-        arcs = self.unpack(y)
-        guess = self._guess
+        system, arcs, of = self.system, self.unpack(y), self.arc_of_step
+        u = system.effort_middle + system.effort_half * arcs.levels[of]
+        h, guess = (arcs.lengths / self.steps)[of], self.guess
+        drive = system.dynamics, self._start, u, self._modes, h
         if self._base is not None:
             # First-order prediction from the motion that was found last.
             z, shot = self._base
             guess = shot.motion.stages + shot.by_stages @ (y - z)
-        motion = self._settle(arcs, guess)
-        return (
-            self._settle(arcs, self.explicit_stages(arcs)) if motion is None else motion
-        )
-
-    def _settle(self, arcs: Arcs, guess: Array) -> IntegratedArcs | None:
-        u, h = self._drive(arcs)
-        dynamics, modes = self.system.dynamics, self._modes
-        motion, cost = integrate(dynamics, self._start, u, modes, h, guess)
+        motion, cost = integrate(*drive, guess)
+        if motion is None:
+            motion, more = integrate(*drive, explicit_stages(*drive))
+            cost += h.size + more
         self.evaluations += cost
         return motion
-
-    def _drive(self, arcs: Arcs) -> tuple[Array, Array]:
-        """Torques and lengths of the steps."""
-        system, of = self.system, self.arc_of_step
-        h = (arcs.lengths / self.steps)[of]
-        return system.effort_middle + system.effort_half * arcs.levels[of], h
-
-    def explicit_stages(self, arcs: Arcs) -> Array:
-        """Stages of an explicit integration, shape (M, 3, 2n): a guess."""
-        u, h = self._drive(arcs)
-        self.evaluations += h.size
-        return explicit_stages(self.system.dynamics, self._start, u, self._modes, h)
 
     def propagate(self, motion: IntegratedArcs) -> tuple[Array, Array]:
         """Derivatives of the states by the unknowns.

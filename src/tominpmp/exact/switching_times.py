@@ -131,7 +131,7 @@ def solve_lengths(
     times = program.sample_times(arcs)
     y = program.pack()
     if states is not None:
-        program.begin(states(times.ravel()).reshape(*times.shape, -1))
+        program.guess = states(times.ravel()).reshape(*times.shape, -1)
     shot = program.shoot(y)
     excess = np.inf
     for _ in range(LOOKS):
