@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, IntArray
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS
 from tominpmp.exact.radau import NODES, IntegratedArcs, explicit_stages, integrate
 from tominpmp.exact.structure import Arcs
@@ -226,21 +226,10 @@ class ArcProgram:
         if kind == TORQUE:
             tau = motion.rates.tau.reshape(-1, 3, n)[:, -1]
             share = (tau - system.effort_middle) / system.effort_half
-            return (
-                np.where(self._follows, 1.0 - share, np.inf),
-                np.where(self._follows, 1.0 + share, np.inf),
-            )
+            return 1.0 - share, 1.0 + share
         assert system.clearance is not None  # noqa: S101
         room = -system.clearance.values(x[:, :n], times=np.cumsum(motion.h))
         return room, np.full_like(room, np.inf)
-
-    def _kinds(self) -> list[int]:
-        kinds = [POSITION, VELOCITY]
-        if np.any(self._held):
-            kinds.append(TORQUE)
-        if self.system.clearance is not None:
-            kinds.append(CLEARANCE)
-        return kinds
 
     def look(self, motion: IntegratedArcs, near: float | None = None) -> WatchedLimits:
         """Limits that a motion comes near to, or passes.
@@ -250,27 +239,29 @@ class ArcProgram:
             near: How near, in shares; None takes the usual.
         """
         system, parts = self.system, list[WatchedLimits]()
+        kinds = [POSITION, VELOCITY, TORQUE]
+        if system.clearance is not None:
+            kinds.append(CLEARANCE)
+        # A joint that is held, or begins to be, is at its speed limit; torques that do
+        # not follow are within theirs.
+        held = self._held.copy()
+        held[:-1] |= self._held[1:]
+        free = {VELOCITY: held, TORQUE: ~self._follows}
         # A joint that is given at the end has no room to keep there.
         given = {POSITION: system.final_configuration, VELOCITY: system.final_velocity}
-        for kind in self._kinds():
+        for kind in kinds:
             distance = (CLOSE if kind == CLEARANCE else NEAR) if near is None else near
             for sign, room in zip((1, -1), self._values(motion, kind), strict=True):
-                if kind == VELOCITY:
-                    room[self._kept()] = np.inf
+                if kind in free:
+                    room[free[kind]] = np.inf
                 if given.get(kind) is not None:
                     room[-1] = np.inf
                 step, index = np.nonzero(room < distance)
-                kinds, signs = np.full_like(step, kind), np.full_like(step, sign)
-                parts.append(WatchedLimits(kinds, step + 1, index, signs))
+                what, signs = np.full_like(step, kind), np.full_like(step, sign)
+                parts.append(WatchedLimits(what, step + 1, index, signs))
         return WatchedLimits(
             *(np.concatenate(part) for part in zip(*parts, strict=True))
         )
-
-    def _kept(self) -> BoolArray:
-        """Ends of steps at which a joint is held, or begins to be, shape (M, n)."""
-        kept = self._held.copy()
-        kept[:-1] |= self._held[1:]
-        return np.asarray(kept)
 
     def _room(self, motion: IntegratedArcs, watched: WatchedLimits) -> Array:
         """Distances to limits, shape (r,)."""
