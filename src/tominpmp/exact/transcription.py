@@ -142,13 +142,11 @@ class ArcTranscription:
         modes = HOLDS * (arcs.held[of] != 0) + FOLLOWS * follows
         steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
         x, h = motion.x, motion.h
-        rows_x, rows_u, rows_h = [x[:1]], [], []
+        pieces = []
         known, ticks = np.append(0.0, NODES), np.arange(1, 2 * CUTS + 1) / (2 * CUTS)
         for i in steps.tolist():
             if not modes[i].any():
-                rows_x.append(x[i + 1 : i + 2])
-                rows_u.append(u[i : i + 1])
-                rows_h.append(h[i : i + 1])
+                pieces.append((x[i + 1 : i + 2], u[i : i + 1], h[i : i + 1]))
                 continue
             # Through the start and the stages of the step.
             points = np.vstack([x[i], motion.stages[i]])
@@ -156,12 +154,11 @@ class ArcTranscription:
             middle, ends = inside[::2], inside[1::2]
             same_u, same = np.tile(u[i], (CUTS, 1)), np.tile(modes[i], (CUTS, 1))
             rates = differentiate_rates(system.dynamics, middle, same_u, same)
-            rows_x.append(ends)
-            rows_u.append(np.where(follows[i], rates.tau, same_u))
-            rows_h.append(np.full(CUTS, h[i] / CUTS))
-        states, torque = np.concatenate(rows_x), np.concatenate(rows_u)
-        torque = torque + system.resistance
-        t = np.concatenate([[0.0], np.cumsum(np.concatenate(rows_h))])
+            torque = np.where(follows[i], rates.tau, same_u)
+            pieces.append((ends, torque, np.full(CUTS, h[i] / CUTS)))
+        ends, torque, h = map(np.concatenate, zip(*pieces, strict=True))
+        states, torque = np.vstack([x[:1], ends]), torque + system.resistance
+        t = np.concatenate([[0.0], np.cumsum(h)])
         return Trajectory(
             joint_names=system.problem.robot.joint_names,
             t=t,
