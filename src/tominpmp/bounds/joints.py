@@ -62,7 +62,7 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
         ramp = Ramp(acceleration, jerk if smooth_ends else math.inf)
         limits = _in_words((top, ramp.acceleration, ramp.jerk), unit)
         found.append(Joint(name, Drive((ramp, ramp), (ramp, ramp), top), limits, unit))
-    by_torque = _torque_drive(problem, smooth_ends)
+    by_torque = _torque_drive(problem, tightest, smooth_ends)
     if by_torque is None:
         return found
     # Of an arm with one joint it has all limits in it.
@@ -97,11 +97,7 @@ def _in_words(limits: Sequence[float], unit: str) -> str:
 
 
 def joint_bounds(
-    joints: Sequence[Joint],
-    lower: Array,
-    upper: Array,
-    start: Array | None,
-    end: Array | None,
+    joints: Sequence[Joint], lower: Array, upper: Array, ends: Array
 ) -> list[LowerBound]:
     """Bounds for ranges that joints have to end within.
 
@@ -109,20 +105,16 @@ def joint_bounds(
         joints: The joints.
         lower: Least displacement of each joint, with its sign, shape (n,).
         upper: Largest displacement of each joint, shape (n,).
-        start: Velocities at the start, shape (n,); None for any velocities.
-        end: Velocities at the end, shape (n,); None for any velocities.
+        ends: Velocities at the start and at the end, shape (2, n); infinite for any.
     """
     found = []
-    any_speed = np.full(len(joints), math.inf)
-    v0, v1 = (any_speed if v is None else v for v in (start, end))
-    known = start is not None and end is not None
-    each = zip(joints, *(x.tolist() for x in (lower, upper, v0, v1)), strict=True)
-    for joint, least, most, *ends in each:
+    each = zip(joints, *(x.tolist() for x in (lower, upper, *ends)), strict=True)
+    for joint, least, most, v0, v1 in each:
         way = max(least, 0.0) + min(most, 0.0)
-        if known and least == most:
-            T = joint.drive.least_time_between(way, (ends[0], ends[1]))
+        if least == most and math.isfinite(v0) and math.isfinite(v1):
+            T = joint.drive.least_time_between(way, (v0, v1))
         elif way != 0.0:
-            T = joint.drive.least_time(way, (ends[0], ends[1]))
+            T = joint.drive.least_time(way, (v0, v1))
         else:
             continue
         # An infinite time would say that no motion exists, which is not proved.
@@ -132,30 +124,28 @@ def joint_bounds(
     return found
 
 
-def reach_of(
-    joints: Sequence[Joint], start: Array | None, end: Array | None
-) -> Callable[[float], Array]:
+def reach_of(joints: Sequence[Joint], ends: Array) -> Callable[[float], Array]:
     """Largest displacement of each joint in a time, shape (n,).
 
     Args:
         joints: The joints.
-        start: Velocities at the start, shape (n,); None for any velocities.
-        end: Velocities at the end, shape (n,); None for any velocities.
+        ends: Velocities at the start and at the end, shape (2, n); infinite for any.
     """
-    any_speed = np.full(len(joints), math.inf)
-    v0, v1 = (any_speed if v is None else np.abs(v) for v in (start, end))
-    each = [*zip(joints, v0.tolist(), v1.tolist(), strict=True)]
+    each = [*zip(joints, *np.abs(ends).tolist(), strict=True)]
     return lambda T: np.array([one.drive.farthest(T, (v, w)) for one, v, w in each])
 
 
 # -- arms with one joint ---------------------------------------------------------------
 
 
-def _torque_drive(problem: Problem, smooth_ends: bool) -> Drive | None:
+def _torque_drive(
+    problem: Problem, tightest: dict[str, Array], smooth_ends: bool
+) -> Drive | None:
     """Limits of acceleration by the torques of an arm with one joint; else None.
 
     Args:
         problem: The problem.
+        tightest: The tightest limits of its joints.
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
     robot = problem.robot
@@ -164,7 +154,6 @@ def _torque_drive(problem: Problem, smooth_ends: bool) -> Drive | None:
     effort = np.concatenate(effort_bounds(problem))
     if not np.all(np.isfinite(effort)):
         return None
-    tightest = _tightest_limits(problem)
     top, acceleration, jerk, rate = (float(most[0]) for most in tightest.values())
     mass, mean, wave = _inertia_and_weight(robot)
 

@@ -61,7 +61,7 @@ def lower_bound(
     longest = number(known, "known", "seconds > 0", above=0.0, infinite=True)
     if problem.segments:
         return _of_segments(problem)
-    return _of_goal(problem, problem.goal, problem.v_start, longest)
+    return _of_goal(problem, problem.goal, np.asarray(problem.v_start), longest)
 
 
 def _of_segments(problem: Problem) -> LowerBound:
@@ -70,22 +70,19 @@ def _of_segments(problem: Problem) -> LowerBound:
     Velocities at ends of segments that are not given may have any value.
     """
     total = stays = 0.0
-    v: Array | None = problem.v_start
-    known = True
+    start, known = np.asarray(problem.v_start), True
     for phase, segment in zip(problem.phases, problem.segments, strict=True):
         stays += segment.dwell
         if known:
-            total += _of_goal(phase, phase.goal, v, smooth_ends=False).T
+            total += _of_goal(phase, phase.goal, start, smooth_ends=False).T
         known = phase.goal.configuration is not None
-        v = None
-        if phase.goal.fixes_velocity:
-            v = phase.goal.final_velocity(phase.robot.n)
+        start = _end_velocity(phase, phase.goal)
     same = all(phase.robot is problem.robot for phase in problem.phases) and all(
         segment.motion_limits is None for segment in problem.segments
     )
     if same:
         last = problem.phases[-1].goal
-        total = max(total, _of_goal(problem, last, problem.v_start).T)
+        total = max(total, _of_goal(problem, last, np.asarray(problem.v_start)).T)
     return LowerBound(
         total + stays, "what joints can do on each segment, and all stays"
     )
@@ -94,7 +91,7 @@ def _of_segments(problem: Problem) -> LowerBound:
 def _of_goal(
     problem: Problem,
     goal: Goal,
-    start: Array | None,
+    start: Array,
     longest: float = math.inf,
     *,
     smooth_ends: bool = True,
@@ -104,25 +101,29 @@ def _of_goal(
     Args:
         problem: The problem.
         goal: The goal.
-        start: Velocities at the start, shape (n,); None for any velocities.
+        start: Velocities at the start, shape (n,); infinite for any.
         longest: Longest time of the searches [s].
         smooth_ends: Whether accelerations that may not jump begin and end with zero.
     """
-    joints, n = joints_of(problem, smooth_ends), problem.robot.n
-    bounds = []
+    joints, bounds = joints_of(problem, smooth_ends), []
     for one in goal.alternatives:
-        q = one.configuration
-        end = one.final_velocity(n) if one.fixes_velocity else None
+        q, ends = one.configuration, np.stack([start, _end_velocity(problem, one)])
         lower, upper = (x - problem.q_start for x in one.joint_ranges(problem.robot))
         found = [LowerBound(0.0, "no bound is known for a goal of this kind")]
-        found += joint_bounds(joints, lower, upper, start, end)
+        found += joint_bounds(joints, lower, upper, ends)
         found += tool_speed_bounds(problem, one)
-        if q is not None and start is not None and end is not None:
-            found += energy_bounds(problem, q, np.stack([start, end]))
-        reach = reach_of(joints, start, end)
+        if q is not None and np.all(np.isfinite(ends)):
+            found += energy_bounds(problem, q, ends)
+        reach = reach_of(joints, ends)
         for member in one.members:
             if member.frame_name is not None:
                 place = member, member.frame_name
                 found += frame_bounds(problem, *place, reach, longest)
         bounds.append(max(found, key=lambda bound: bound.T))
     return min(bounds, key=lambda bound: bound.T)
+
+
+def _end_velocity(problem: Problem, goal: Goal) -> Array:
+    """Velocities that a goal asks for, shape (n,); infinite where any will do."""
+    n = problem.robot.n
+    return goal.final_velocity(n) if goal.fixes_velocity else np.full(n, math.inf)
