@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -56,6 +57,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
 from tominpmp.problem.controls import need_smooth
+from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import Replay
 from tominpmp.verification.stages import with_segments
@@ -161,20 +163,14 @@ def examine(
             added to the tolerance.
     """
     tolerance += rounding
-    ends = trajectory.segment_ends
-    ends = trajectory.t[-1:] if ends is None else ends
-    if np.any(np.diff(ends, prepend=0.0) == 0.0):
-        # A segment of zero duration has no interval.
-        return Findings(_nothing(trajectory, verification, tolerance), None, None)
-    try:
-        with np.errstate(all="ignore"):
+    # A segment of zero duration has no interval.
+    if all(span.begin < span.end for span in spans_of(trajectory, ())):
+        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
             motion = Motion.of(ProblemFunctions.of(problem), trajectory)
             found = solve_dual_program(motion, ENOUGH * tolerance, near=near)
             if found is not None:
                 out = _read(motion, found, verification, tolerance, rounding)
                 return Findings(out, motion, found)
-    except np.linalg.LinAlgError:
-        pass
     return Findings(_nothing(trajectory, verification, tolerance), None, None)
 
 

@@ -9,7 +9,6 @@ before them.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -38,11 +37,9 @@ def with_stays(problem: Problem, stays: Sequence[float]) -> Problem:
         problem: The problem.
         stays: Dwell at the end of each segment [s].
     """
-    other: Problem = copy.copy(problem)
     each = zip(problem.segments, stays, strict=True)
     segments = tuple(replace(segment, dwell=stay) for segment, stay in each)
-    object.__setattr__(other, "segments", segments)
-    return other
+    return problem._altered(segments=segments)
 
 
 def without_stays(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:

@@ -17,6 +17,7 @@ fixed; contacts contribute by their normals.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -79,12 +80,9 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
     if not given.duration:
         return Sensitivities(T, (), 0.0, np.zeros(6))
     found = None
-    try:
-        with np.errstate(all="ignore"):
-            motion = Motion.of(ProblemFunctions.of(problem), given)
-            found = solve_dual_program(motion)
-    except np.linalg.LinAlgError:
-        pass
+    with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+        motion = Motion.of(ProblemFunctions.of(problem), given)
+        found = solve_dual_program(motion)
     if found is None:
         raise ProblemError(
             f"trajectory of {given.duration:.4g} s has no multipliers, expected a "
