@@ -13,6 +13,7 @@ import tominpmp as tm
 from benchmarks.sensitivities import FINE
 from tests.sample_arms import make_arm, slide
 from tominpmp.sensitivities import Sensitivities, analyse
+from tominpmp.sensitivities.records import summed
 
 MASS, FORCE, LOAD, STAY = 2.0, 10.0, 3.0, 0.2
 FIRST, SECOND = 0.5, 1.0
@@ -154,6 +155,6 @@ def test_differences_of_plans() -> None:
 
 def test_it_holds_for_a_motion_without_segments_too() -> None:
     found = planned(at(0.3), at(1.0)).sensitivities
-    alone = Sensitivities.of_segments([found])
+    alone = summed(found)
     assert [item.value for item in alone] == [item.value for item in found]
     assert replace(found[0]).scaled(2.0).value == 2.0 * found[0].value

@@ -43,7 +43,7 @@ class Change:
     urgent: bool = False
 
 
-def multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Array]:
+def _multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Array]:
     """Multipliers of the equations and of the limits, by least squares.
 
     Returns:
@@ -60,7 +60,7 @@ def multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Array
     return found[: shot.equal.size], of_room
 
 
-def torque_slopes(program: ArcProgram, shot: Shot, of: tuple[Array, Array]) -> Array:
+def _torque_slopes(program: ArcProgram, shot: Shot, of: tuple[Array, Array]) -> Array:
     """Derivatives of the duration by the torque shares of steps, shape (M, n) [s]."""
     equations, limits = of
     A, B, _ = (part[:, -1] for part in shot.motion.sensitivities)
@@ -112,8 +112,8 @@ def find_changes(
     Returns:
         Changes, at most one an arc, in the order of the arcs.
     """
-    of = multipliers(program, y, shot)
-    slopes = torque_slopes(program, shot, of)
+    of = _multipliers(program, y, shot)
+    slopes = _torque_slopes(program, shot, of)
     arcs = program.unpack(y)
     found: dict[int, Change] = {}
 

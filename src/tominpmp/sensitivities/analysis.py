@@ -43,7 +43,7 @@ from tominpmp.problem import Problem
 from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.robot import Robot
-from tominpmp.sensitivities.records import Sensitivities, Sensitivity
+from tominpmp.sensitivities.records import Sensitivities, Sensitivity, summed
 from tominpmp.sensitivities.torques import TorqueWeights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.stages import with_segments
@@ -90,12 +90,12 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
             "trajectory",
         )
     # Multipliers are shares of the time without dwells, which are constant.
-    share, parts = given.duration / T, []
-    for segment in _segments(motion, found.multipliers):
-        records = tuple(record.scaled(share) for record in segment.records())
-        base = share * segment.base
-        parts.append(Sensitivities(T, records, share * found.promise, base))
-    return parts[0] if len(parts) == 1 else Sensitivities.of_segments(parts)
+    share = given.duration / T
+    parts = [*_segments(motion, found.multipliers)]
+    records = tuple(item.scaled(share) for part in parts for item in part.records())
+    base = np.sum([share * part.base for part in parts], axis=0)
+    records = summed(records) if len(parts) > 1 else records
+    return Sensitivities(T, records, share * found.promise, base)
 
 
 def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:

@@ -206,14 +206,7 @@ class Sensitivities(Record):
                 scaled.append(mine.scaled(part.T / whole))
         base = sum(item.base * (item.T / whole) for item in items)
         promise = math.fsum(item.promise * item.T for item in items) / whole
-        return cls(whole, _summed(scaled), promise, np.asarray(base))
-
-    @classmethod
-    def of_segments(cls, parts: Sequence[Sensitivities]) -> Sensitivities:
-        """Sensitivities of a motion from those of its segments, as shares of T."""
-        base = np.sum([part.base for part in parts], axis=0)
-        records = [record for part in parts for record in part]
-        return cls(parts[0].T, _summed(records), parts[0].promise, base)
+        return cls(whole, summed(scaled), promise, np.asarray(base))
 
     def table(self, most: int | None = None) -> str:
         """Table of the sensitivities, one line a record, the largest first.
@@ -261,7 +254,7 @@ class Sensitivities(Record):
         return plot_sensitivities(self, path=path, most=most)
 
 
-def _summed(records: Iterable[Sensitivity]) -> tuple[Sensitivity, ...]:
+def summed(records: Iterable[Sensitivity]) -> tuple[Sensitivity, ...]:
     """Sums of records of the same limits of several motions."""
     sums: dict[tuple[str, str, str], Sensitivity] = {}
     for item in records:
