@@ -160,7 +160,6 @@ class Configurations:
         for row, one in zip(self._idle, every, strict=True):
             if one.frame_name is not None:
                 row[:] = ~np.any(kinematics.jacobian(home, one.frame_name), axis=0)
-        self._free: dict[tuple[bytes, int | None], bool] = {}
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -222,14 +221,8 @@ class Configurations:
         constraints hold.
         """
         loaded = None if g is None else self.leaving.get(g)
-        found = []
-        for row in q:
-            key = row.tobytes(), None if loaded is None else g
-            if key not in self._free:
-                clear = _keeps(self.problem, row)
-                self._free[key] = clear and (loaded is None or _keeps(loaded, row))
-            found.append(self._free[key])
-        return np.array(found, dtype=bool)
+        asked = [self.problem] if loaded is None else [self.problem, loaded]
+        return np.array([all(_keeps(p, row) for p in asked) for row in q], dtype=bool)
 
     def search(self, count: int, rng: np.random.Generator) -> list[Array]:
         """Find some configurations for each station.
