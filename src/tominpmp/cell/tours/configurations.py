@@ -385,8 +385,7 @@ SMALLEST = 2e-3
 def refined(
     configurations: Configurations,
     table: LegTable,
-    nodes: Sequence[int],
-    way: Sequence[Array],
+    places: Sequence[tuple[int, int]],
     rng: np.random.Generator,
 ) -> list[Array]:
     """Improve the configurations of a tour in a given order.
@@ -394,21 +393,20 @@ def refined(
     Args:
         configurations: What is allowed at stations.
         table: Estimates of the times of legs.
-        nodes: The nodes of the tour in their order.
-        way: Their configurations, shape (n,) each.
+        places: The nodes of the tour in their order, with a configuration of each.
         rng: Random numbers.
 
     Returns:
         Configurations of all places.
     """
-    goals = configurations.goals
+    goals, nodes = configurations.goals, [node for node, _ in places]
     stations = [table.station(node) for node in nodes]
     open_ones = [
         k
         for k, g in enumerate(stations)
         if g is not None and goals[g].configuration is None
     ]
-    way, radius, before = [np.array(q) for q in way], RADIUS, np.inf
+    way, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
     for _ in range(ROUNDS if open_ones else 0):
         starts = [_around(way, k, radius, rng) for k in open_ones]
         place = np.repeat(open_ones, [len(rows) for rows in starts])

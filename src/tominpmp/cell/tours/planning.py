@@ -75,8 +75,8 @@ MOST_ROUNDS = 60
 # Times that are as estimated [s].
 AS_ESTIMATED = 1e-9
 
-# A way through a tour: order of the stations and the configurations of all nodes.
-Way = tuple[tuple[int, ...], tuple[int, ...]]
+# A way through a tour: its nodes in their order, each with one of its configurations.
+Way = list[tuple[int, int]]
 
 
 class TourSearch:
@@ -149,7 +149,7 @@ class TourSearch:
             while way is not None:
                 complete = self._plan_legs(way)
                 # Between places that are passed the times are as estimated.
-                length = sum(self.table.time(leg) for leg in self._legs(way))
+                length = sum(self.table.time(leg) for leg in _legs(way))
                 if np.isfinite(length) and (best is None or length < best[0]):
                     best = length, way
                 number += 1
@@ -168,28 +168,23 @@ class TourSearch:
 
     def _order(self, before: Way | None = None) -> Way | None:
         """Best order that is found for the times that are known or estimated."""
-        begin = () if before is None else before[0]
-        length, order, chosen = best_order(self.table, self.rules, self.rng, begin)
-        return (order, chosen) if np.isfinite(length) and order else None
+        table = self.table
+        begin = [node - 1 for node, _ in (before or [])[1 : table.stations + 1]]
+        length, order, chosen = best_order(table, self.rules, self.rng, begin)
+        found = np.isfinite(length) and order
+        return list(zip(table.way(order), chosen, strict=True)) if found else None
 
     def _refine(self, way: Way) -> bool:
         """Add better configurations for an order; whether there are any."""
-        table, nodes, found = self.table, self.table.way(way[0]), False
-        places = [table.nodes[node][c] for node, c in zip(nodes, way[1], strict=True)]
-        better = refined(self.configurations, table, nodes, places, self.rng)
-        for node, new in zip(nodes, better, strict=True):
-            known = table.nodes[node]
-            if np.min(np.max(np.abs(known - new), axis=1)) > APART:
-                table.nodes[node] = np.concatenate([known, new[None]])
+        nodes, found = self.table.nodes, False
+        better = refined(self.configurations, self.table, way, self.rng)
+        for (node, _), new in zip(way, better, strict=True):
+            if np.min(np.max(np.abs(nodes[node] - new), axis=1)) > APART:
+                nodes[node] = np.concatenate([nodes[node], new[None]])
                 found = True
         return found
 
     # -- legs --------------------------------------------------------------------------
-
-    def _legs(self, way: Way) -> list[Leg]:
-        nodes = self.table.way(way[0])
-        places = list(zip(nodes, way[1], strict=True))
-        return [(*a, *b) for a, b in pairwise(places)]
 
     def _plan_legs(self, way: Way) -> bool:
         """Plan the legs of a tour; whether all of them take what they were said to.
@@ -197,7 +192,7 @@ class TourSearch:
         Then no other order can be better by these estimates.
         """
         table, off = self.table, 0.0
-        for leg in self._legs(way):
+        for leg in _legs(way):
             if table.found(leg) is None and table.resting(leg[0], leg[2]) == 2:
                 before, seconds = table.time(leg), self.legs.seconds(leg)
                 table.learn(leg, seconds)
@@ -210,9 +205,8 @@ class TourSearch:
 
     def _assembled(self, way: Way, status: Status) -> Tour:
         """Put the motions of a way together."""
-        legs, table, nodes = self.legs, self.table, self.table.way(way[0])
-        places = list(zip(nodes, way[1], strict=True))
-        q = [table.nodes[node][c] for node, c in places]
+        legs, table, nodes = self.legs, self.table, [node for node, _ in way]
+        q = [table.nodes[node][c] for node, c in way]
         motions, visits = list[Solution](), list[Visit]()
         # When the robot comes to rest [s], and which arm stays there how long [s], None
         # for all of them: several arms may work at once.
@@ -237,7 +231,7 @@ class TourSearch:
 
         first = 0
         for last in _stops(table, nodes):
-            found = _run(legs, places, q, first, last)
+            found = _run(legs, way, q, first, last)
             if found is None:
                 return self._failed()
             if not found:
@@ -278,6 +272,10 @@ class TourSearch:
         return Tour(legs.problem, legs.stations, status, text, legs_planned=planned)
 
 
+def _legs(way: Way) -> list[Leg]:
+    return [(*a, *b) for a, b in pairwise(way)]
+
+
 def _status(stop: BaseException) -> Status:
     """How planning ends that was stopped by somebody, or by the clock."""
     requested = not isinstance(stop, Stop) or stop.requested
@@ -300,7 +298,7 @@ def _stops(table: LegTable, nodes: Sequence[int]) -> list[int]:
 
 def _run(
     legs: Legs,
-    way: Sequence[tuple[int, int]],
+    way: Way,
     q: Sequence[Array],
     first: int,
     last: int,
