@@ -54,7 +54,7 @@ class Nearest(NamedTuple):
     rates: Array
 
 
-def contacts(motion: Motion, item: ClearanceConstraint) -> Nearest | None:
+def contacts(motion: Motion, item: ClearanceConstraint) -> Nearest:
     """The nearest instants of all pairs, and instants at which pairs stay near.
 
     Args:
@@ -62,7 +62,7 @@ def contacts(motion: Motion, item: ClearanceConstraint) -> Nearest | None:
         item: The distances, without padding.
 
     Returns:
-        The pairs at these instants; None if no pair is near.
+        The pairs at these instants.
     """
     looks, T = _Approaches(motion, item), float(motion.changes.t[-1])
     at = motion.instants(*(np.arange(1, SAMPLES + 1) / SAMPLES).tolist())
@@ -76,8 +76,6 @@ def contacts(motion: Motion, item: ClearanceConstraint) -> Nearest | None:
     samples = Nearest(times[rows], pair, missing[rows, pair], by_q, by_t)
     kept = np.maximum(-samples.missing, 0.0) >= STAYING * T * np.abs(speed)
     found = looks.closest(times, missing, *np.nonzero(nearest))
-    if not np.any(kept) and not found.pairs.size:
-        return None
     both = zip(samples, found, strict=True)
     return Nearest(*(np.concatenate([one[kept], other]) for one, other in both))
 

@@ -429,8 +429,8 @@ def _slopes(part: Motion, item: JointLimit | MotorLimit) -> LimitRows:
 def _clearances(part: Motion) -> Iterator[LimitRows]:
     """Distances that are near their margins, as shares of the reach."""
     item = part.system.clearance
-    found = None if item is None else contacts(part, item)
-    if item is not None and found is not None:
+    if item is not None:
+        found = contacts(part, item)
         at = Instants.at_times(found.times, part.changes.h)
         rates = found.rates if item.moving else None
         yield _rows_of(
