@@ -88,22 +88,23 @@ def exact_order(
         if j and i <= n and (i == 0 or allowed):
             between[part[i], part[j]] = block(i, j)
     # By set: best time by last configuration, and the one before that.
-    cost, came = {1: np.full(edges[-1], np.inf)}, dict[tuple[int, int], Array]()
+    never = np.full(edges[-1], np.inf)
+    cost, came = {1: never.copy()}, dict[tuple[int, int], Array]()
     cost[1][part[0]] = 0.0
     for done in range(1, full, 2):
         check()
-        row = cost.pop(done, None)
-        alive = np.flatnonzero(np.isfinite(row)) if row is not None else np.zeros(0)
-        if row is None or not alive.size:
+        row = cost.pop(done, never)
+        alive = np.flatnonzero(np.isfinite(row))
+        if not alive.size:
             continue
         for j in range(1, len(part)):
             if done >> j & 1 or need[j] & ~done:
                 continue
             through = row[alive, None] + between[alive, part[j]]
             came[done | 1 << j, j] = alive[np.argmin(through, axis=0)]
-            blank = np.full(edges[-1], np.inf)
-            cost.setdefault(done | 1 << j, blank)[part[j]] = np.min(through, axis=0)
-    total = cost.get(full, np.full(edges[-1], np.inf))
+            after = cost.setdefault(done | 1 << j, never.copy())
+            after[part[j]] = np.min(through, axis=0)
+    total = cost.get(full, never)
     for i in range(0 if ends else n):
         if not rules.may_end(i):
             total[part[i + 1]] = np.inf
@@ -134,20 +135,17 @@ def search_order(
         rng: Random numbers.
         begin: An order to begin with; empty for a search from scratch.
     """
-    if begin:
-        plan = WARM, FEW_STEPS
-        order = list(begin)
+    order, length = list(begin), np.inf
+    if not order:
+        first = _OneEach(_least_times(table), rules, table.ends)
+        order = first.improved([], HOT, STEPS, rng)
+    for left in range(ROUNDS, -1, -1):
+        before = length
         length, chosen = table.best_configurations(table.way(order))
-        cost = table.fixed(_by_node(table, order, chosen))
-    else:
-        length, cost, order, plan = np.inf, _least_times(table), [], (HOT, STEPS)
-    for _ in range(ROUNDS):
-        order = _OneEach(cost, rules, table.ends).improved(order, *plan, rng)
-        before, plan = length, (WARM, FEW_STEPS)
-        length, chosen = table.best_configurations(table.way(order))
-        if length > before - LEAST_GAIN:
+        if length > before - LEAST_GAIN or not left:
             break
-        cost = table.fixed(_by_node(table, order, chosen))
+        each = _OneEach(table.fixed(_by_node(table, order, chosen)), rules, table.ends)
+        order = each.improved(order, WARM, FEW_STEPS, rng)
     if not rules.allow(order):
         return np.inf, (), ()
     return length, tuple(order), tuple(chosen)
