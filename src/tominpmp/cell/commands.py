@@ -12,9 +12,7 @@ from cyclopts import Parameter
 
 from tominpmp.cell.options import BatchOptions, TourOptions
 from tominpmp.cli.option_fields import given
-from tominpmp.cli.options import (
-    PlannerOptions,
-)
+from tominpmp.cli.options import PlannerOptions
 
 BatchSource = Annotated[
     Path,

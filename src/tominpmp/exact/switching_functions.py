@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray
+from tominpmp.arrays import Array
 from tominpmp.exact.shooting import POSITION, TORQUE, VELOCITY, ArcProgram, Shot
 from tominpmp.exact.structure import Arcs
 
@@ -133,7 +133,9 @@ def find_changes(
             if arcs.held[k, j] or arcs.follows[k, j] or abs(level) != 1.0:
                 continue
             wrong = np.maximum(2.0 * level * slopes[steps, j], 0.0)
-            for a, b in _runs(wrong > 0.0):
+            # Beginnings and ends of the stretches where it is wrong.
+            turns = np.diff((wrong > 0.0).astype(int), prepend=0, append=0)
+            for a, b in np.flatnonzero(turns).reshape(-1, 2).tolist():
                 peak = a + int(np.argmax(wrong[a:b]))
                 share = (peak + 0.5) / wrong.size
                 new = partial(Arcs.insert, arc=k, share=share, joint=j, level=-level)
@@ -200,10 +202,3 @@ def _of_limits(program: ArcProgram, limits: Array) -> Iterator[Change]:
                 Arcs.lean, arc=arc, joint=joint, level=sign, other=other, last=last
             )
             yield Change(gain, arc, new, urgent=True)
-
-
-def _runs(flags: BoolArray) -> list[tuple[int, int]]:
-    """Beginnings and ends of stretches that are true."""
-    edges = np.diff(np.concatenate([[0], np.asarray(flags, dtype=np.int64), [0]]))
-    starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))

@@ -125,9 +125,8 @@ class MujocoArm:
         """Inertia that each joint sees at a configuration, shape (n,)."""
         self.set_state(q, np.zeros(self.robot.n))
         self.mujoco.mj_forward(self.model, self.data)
-        full, units = np.zeros((2, self.robot.n, self.robot.n))
-        np.fill_diagonal(units, 1.0)
-        for row, unit in zip(full, units, strict=True):
+        full = np.zeros((self.robot.n, self.robot.n))
+        for row, unit in zip(full, np.eye(self.robot.n), strict=True):
             self.mujoco.mj_mulM(self.model, self.data, row, unit)
         return np.array(np.diag(full)[self._order])
 
