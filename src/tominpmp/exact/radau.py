@@ -71,16 +71,10 @@ class IntegratedArcs:
         n = size // 2
         f = self.rates.f.reshape(count, STAGES, size)
         f_u = self.rates.f_u.reshape(count, STAGES, size, n)
-        by_u = np.einsum("ij,mjab->miab", WEIGHTS, f_u) * self.h[:, None, None, None]
-        by_h = np.einsum("ij,mja->mia", WEIGHTS, f)
-        right = np.concatenate(
-            [
-                _repeated(count, size),
-                by_u.reshape(count, STAGES * size, n),
-                by_h.reshape(count, STAGES * size, 1),
-            ],
-            axis=2,
-        )
+        by_u = np.einsum("ij,mjab->miab", WEIGHTS, f_u).reshape(count, -1, n)
+        by_h = np.einsum("ij,mja->mia", WEIGHTS, f).reshape(count, -1, 1)
+        by_u = by_u * self.h[:, None, None]
+        right = np.concatenate([_repeated(count, size), by_u, by_h], axis=2)
         matrix = _stage_matrix(self.h, self.rates.f_x, count, size)
         found = np.linalg.solve(matrix, right).reshape(count, STAGES, size, -1)
         return found[..., :size], found[..., size:-1], found[..., -1]

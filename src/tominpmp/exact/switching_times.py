@@ -102,9 +102,7 @@ class OptimisedArcs:
         """States (q, v) at times, good enough to begin with, shape (m, 2n)."""
         arcs, motion = self.arcs, self.shot.motion
         t = np.concatenate([[0.0], self.program.sample_times(arcs).ravel()])
-        x = np.concatenate(
-            [motion.x_start[None], motion.stages.reshape(t.size - 1, -1)]
-        )
+        x = np.vstack([motion.x_start, motion.stages.reshape(t.size - 1, -1)])
         return np.stack([np.interp(times, t, column) for column in x.T], axis=1)
 
 
