@@ -10,7 +10,6 @@ first-order conditions the gain is zero: all limits with multipliers have zero s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -105,8 +104,7 @@ class _Program:
         self.acceleration_scale = system.effort_half / inertia
         self.rows = limits_of(motion, near)
 
-    @cached_property
-    def columns(self) -> LimitRows:
+    def _columns(self) -> LimitRows:
         """The trust region: bounds of the unknowns in scaled units.
 
         States at all nodes but the first, accelerations of intervals or at nodes, which
@@ -143,7 +141,7 @@ class _Program:
 
     def solve(self) -> DualSolution | None:
         """Solve the program; None if no solver can."""
-        changes, limits = self.motion.changes, self.rows
+        changes, limits, columns = self.motion.changes, self.rows, self._columns()
         every = sp.vstack([changes.gaps(), limits.change], format="csc")
         scale = [np.tile(self.state_scale, self.N)]
         scale.append(np.tile(self.acceleration_scale, changes.controls))
@@ -173,8 +171,8 @@ class _Program:
             (sp.diags(units) @ rows).tocsc(),
             units * np.append(equations, limits.lower),
             units * np.append(equations, limits.upper),
-            self.columns.lower,
-            self.columns.upper,
+            columns.lower,
+            columns.upper,
             np.arange(rows.shape[0]),
             np.arange(rows.shape[1]),
         )
@@ -185,7 +183,7 @@ class _Program:
         return self._read(
             duals[: equations.size],
             replace(limits, y=duals[equations.size :]),
-            replace(self.columns, y=-(cost + rows.T @ duals)),
+            replace(columns, y=-(cost + rows.T @ duals)),
             1.0 + self.T * (lengths.T @ duals),
         )
 

@@ -156,11 +156,6 @@ class SegmentRows:
     def _robot(self) -> Robot:
         return self._problem.robot
 
-    @cached_property
-    def _places(self) -> list[str]:
-        """Units of the positions of the joints."""
-        return self._units(POSITION)
-
     def _units(self, kind: LimitKind) -> list[str]:
         """Units of a kind of limit of the joints."""
         return [kind.units[int(slides)] for slides in prismatic_joints(self._robot)]
@@ -194,14 +189,14 @@ class SegmentRows:
                 limits.
             subject: Subject of the records, with braces for the joint.
         """
-        names = self._robot.joint_names
+        names, where = self._robot.joint_names, self._units(POSITION)
         for joint in joints:
             yield Sensitivity(
                 kind,
                 names[joint],
                 subject.format(names[joint]),
                 float(value[joint]),
-                f"1/{self._places[joint]}" if places else "",
+                f"1/{where[joint]}" if places else "",
                 None if limit is None else float(limit[joint]),
                 "" if units is None else units[joint],
             )
@@ -304,7 +299,9 @@ class SegmentRows:
         for load in robot.payloads:
             value, unit = _by_share(torques.by_mass(robot, load), load.mass, "kg")
             yield Sensitivity("payload", None, load.name, value, unit, load.mass, "kg")
-        viscous = ["N s/m" if unit == "m" else "N m s/rad" for unit in self._places]
+        viscous = [
+            "N s/m" if unit == "m" else "N m s/rad" for unit in self._units(POSITION)
+        ]
         for kind, given, ways, units in (
             ("damping", robot.damping, torques.v, viscous),
             ("friction", robot.friction, torques.way, self._units(EFFORT)),
@@ -326,11 +323,6 @@ class SegmentRows:
 
     # -- places of the goal, of obstacles and of the base ------------------------------
 
-    @cached_property
-    def _goal_multipliers(self) -> Array:
-        """Multipliers of the rows of the goal, positive at the upper side."""
-        return self._sums(GOAL, self.rows.y, 0)
-
     def _goal(self) -> Iterator[Sensitivity]:
         """The goal: a configuration joint by joint, or a place."""
         goal, number = self._problem.goal, self.motion.number
@@ -342,9 +334,9 @@ class SegmentRows:
             return
         yield from self._of_joints(
             "goal",
-            0.0 - self._goal_multipliers,
+            0.0 - self._sums(GOAL, self.rows.y, 0),
             goal.configuration,
-            self._places,
+            self._units(POSITION),
             joints=range(self._robot.n),
             places=True,
             subject="{}" + of_segment,
@@ -364,7 +356,7 @@ class SegmentRows:
     @cached_property
     def _base_of_goal(self) -> Array:
         """Share of T by a displacement of the base through the goal, shape (6,)."""
-        y, node = self._goal_multipliers, self.motion.span[1]
+        y, node = self._sums(GOAL, self.rows.y, 0), self.motion.span[1]
         if self._problem.goal.configuration is not None or not y.size:
             return np.zeros(6)
         state = self.motion.changes.q[node], self.motion.changes.v[node]
