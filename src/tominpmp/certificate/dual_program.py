@@ -117,16 +117,11 @@ class _Program:
         firsts = [part.span[0] for part in motion.segments]
         lengths = SHIFT * changes.h / self.T, np.full(len(firsts), LENGTH_RADIUS)
         radius = np.concatenate([np.full(2 * n * N, RADIUS), free.ravel(), *lengths])
-        control = np.minimum(np.arange(changes.controls), N - 1)
+        each = np.arange(N)
+        states = np.repeat(each, 2 * n)
+        controls = np.repeat(np.minimum(np.arange(changes.controls), N - 1), n)
         joints = np.tile(np.arange(n), 2 * N + changes.controls)
-        interval = np.concatenate(
-            [
-                np.repeat(np.arange(N), 2 * n),
-                np.repeat(control, n),
-                np.arange(N),
-                firsts,
-            ]
-        ).astype(int)
+        interval = np.concatenate([states, controls, each, firsts]).astype(int)
         return LimitRows(
             np.array(TRUST),
             Instants(interval, np.ones(radius.size)),

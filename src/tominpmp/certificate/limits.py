@@ -304,11 +304,8 @@ class SampledConstraint:
         """
         if not isinstance(self.item, PathConstraint) or self.item.window is None:
             return partials
-        rates = np.zeros(index.size)
-        for by, speed in (
-            (partials.by_q, self.states.v),
-            (partials.by_v, self.states.a),
-        ):
+        rates, moved = np.zeros(index.size), (partials.by_q, partials.by_v)
+        for by, speed in zip(moved, (self.states.v, self.states.a), strict=True):
             if by is not None:
                 rates -= np.einsum("kj,kj->k", by, speed[index])
         return partials._replace(by_t=rates)

@@ -265,15 +265,10 @@ class Entry(Record):
     def _nodes(self) -> Trajectory:
         """The motion without its dynamics."""
         found = self.arrays
-        return Trajectory(
-            tuple(str(name) for name in found["joint_names"].tolist()),
-            found["t"],
-            found["q"],
-            found["v"],
-            found["u"],
-            a=found.get("a"),
-            segment_ends=found.get("segment_ends"),
-        )
+        names = tuple(str(name) for name in found["joint_names"].tolist())
+        t, q, v, u = (found[name] for name in ARRAYS)
+        a, ends = found.get("a"), found.get("segment_ends")
+        return Trajectory(names, t, q, v, u, a=a, segment_ends=ends)
 
     def trajectory(self, problem: Problem | None = None) -> Trajectory | None:
         """The motion; None without one.

@@ -211,13 +211,9 @@ class Tour:
             ProblemError: If there is no tour.
             MissingDependency: If Meshcat is not installed.
         """
-        motion = self._motion()
-        name = self.problem.robot.name
-        options.setdefault(
-            "title",
-            f"{name}: {len(self.order)} stations, cycle {self.cycle_time:.4g} s",
-        )
-        return play(self.problem, motion, path=path, **options)
+        motion, name = self._motion(), self.problem.robot.name
+        title = f"{name}: {len(self.order)} stations, cycle {self.cycle_time:.4g} s"
+        return play(self.problem, motion, path=path, **{"title": title} | options)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw a Gantt picture: motions and stays over time, with the joints' speeds.
