@@ -31,8 +31,7 @@ def arcs_of(system: ProblemFunctions, trajectory: Trajectory) -> Arcs:
     ends = [trajectory(t[:-1] + INSIDE * h).u, trajectory(t[1:] - INSIDE * h).u]
     first, last = ((u - system.effort_middle) / system.effort_half for u in ends)
     shares = np.where(np.abs(first) >= np.abs(last), first, last)
-    driven = np.zeros(system.n, dtype=bool)
-    driven[driven_joints(system)] = True
+    driven = np.isin(np.arange(system.n), driven_joints(system))
     speeds = trajectory.v / system.problem.robot.limits.velocity
     return read_arcs(h, np.clip(shares, -1.0, 1.0), speeds, driven)
 

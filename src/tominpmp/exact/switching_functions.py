@@ -122,17 +122,15 @@ def find_changes(
         if (change.urgent, change.gain) > (known.urgent, known.gain):
             found[change.arc] = change
 
-    first = np.cumsum(program.steps) - program.steps
-    for k in range(arcs.count):
-        steps = slice(int(first[k]), int(first[k] + program.steps[k]))
-        for j in range(slopes.shape[1]):
+    for k, of_arc in enumerate(np.split(slopes, np.cumsum(program.steps)[:-1])):
+        for j, slope in enumerate(of_arc.T):
             level = float(arcs.levels[k, j])
             if arcs.free[k, j] and not arcs.held[k, j]:
-                offer(_limits_instead(k, j, level, slopes[steps, j]))
+                offer(_limits_instead(k, j, level, slope))
                 continue
             if arcs.held[k, j] or arcs.follows[k, j] or abs(level) != 1.0:
                 continue
-            wrong = np.maximum(2.0 * level * slopes[steps, j], 0.0)
+            wrong = np.maximum(2.0 * level * slope, 0.0)
             # Beginnings and ends of the stretches where it is wrong.
             turns = np.diff((wrong > 0.0).astype(int), prepend=0, append=0)
             for a, b in np.flatnonzero(turns).reshape(-1, 2).tolist():
