@@ -91,7 +91,7 @@ def perturbed_motions(
         trust_region=RADIUS,
     )
     limits = system.problem.robot.limits
-    goal, ends = system.problem.goal, [plan.q[-1]]
+    start, goal, ends = system.problem.q_start, system.problem.goal, [plan.q[-1]]
     if goal.configuration is None:
         ends += find_configurations(system, goal, ENDS, rng).best
     s = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
@@ -100,9 +100,8 @@ def perturbed_motions(
     )
     # The first path is straight; it often leads to the best motion.
     for amplitude in chain([np.zeros_like(reach)], repeat(reach)):
-        path = system.problem.q_start + s * (
-            ends[int(rng.integers(len(ends)))] - system.problem.q_start
-        )
+        end = ends[int(rng.integers(len(ends)))]
+        path = start + s * (end - start)
         for wave in range(1, WAVES + 1):
             bend = rng.normal(size=system.n) * amplitude
             path = path + bend * np.sin(wave * np.pi * s)

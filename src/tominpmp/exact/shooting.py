@@ -171,12 +171,11 @@ class ArcProgram:
     def _differentiate(self, motion: IntegratedArcs) -> Shot:
         system, n = self.system, self._n
         by, by_stages = self.propagate(motion)
-        x = motion.x
-        value, by_q, by_v = system.problem.goal.residual(
-            system.kinematics, x[-1, :n], x[-1, n:]
-        )
+        x, goal = motion.x, system.problem.goal
+        end = x[-1, :n], x[-1, n:]
+        value, by_q, by_v = goal.residual(system.kinematics, *end)
         scale = np.ones(value.size)
-        if system.problem.goal.fixes_velocity:
+        if goal.fixes_velocity:
             scale[:-n] = system.step_scale if value.size == 2 * n else 1.0
             scale[-n:] = self._speed
         else:
@@ -192,17 +191,12 @@ class ArcProgram:
         by_entry = by[node, n + joint] / limit[:, None]
         room, by_room = self._rooms(motion, by)
         above, below = ~exact & np.isfinite(high), ~exact & np.isfinite(low)
+        to_high, to_low = (high - value) / scale, (value - low) / scale
         return Shot(
             motion,
-            np.concatenate([((value - low) / scale)[exact], entry]),
+            np.concatenate([to_low[exact], entry]),
             np.vstack([slopes[exact], by_entry]),
-            np.concatenate(
-                [
-                    ((high - value) / scale)[above],
-                    ((value - low) / scale)[below],
-                    room,
-                ]
-            ),
+            np.concatenate([to_high[above], to_low[below], room]),
             np.vstack([-slopes[above], slopes[below], by_room]),
             seeds[exact],
             by_stages,
@@ -216,10 +210,8 @@ class ArcProgram:
         limits, x = system.problem.robot.limits, motion.x[1:]
         if kind == POSITION:
             q, scale = x[:, :n], system.step_scale
-            return (
-                (limits.position_upper - q) / scale,
-                (q - limits.position_lower) / scale,
-            )
+            above, below = limits.position_upper - q, q - limits.position_lower
+            return above / scale, below / scale
         if kind == VELOCITY:
             share = x[:, n:] / limits.velocity
             return 1.0 - share, 1.0 + share
