@@ -278,23 +278,22 @@ class Configurations:
 
     def _from_neighbours(self, found: list[Array], which: list[int]) -> None:
         """Add what the configurations of stations nearby lead to."""
-        near = self._nearest(found)
+        near = self._nearest()
         pairs = [(g, self.spread(found[o], 12)) for g in which for o in near[g]]
         if pairs:
             starts = np.concatenate([some for _, some in pairs])
             owner = np.repeat([g for g, _ in pairs], [len(some) for _, some in pairs])
             self._add(found, starts, self._nearest_alternatives(starts, owner))
 
-    def _nearest(self, found: Sequence[Array]) -> list[list[int]]:
+    def _nearest(self) -> list[list[int]]:
         """By station those nearby: of near goals, as far as their places are known."""
-        middle = np.full((len(found), 3), np.inf)
+        middle = np.full((len(self.goals), 3), np.nan)
         for g, goal in enumerate(self.goals):
             if goal.ball is not None:
                 middle[g] = goal.ball.centre
         out = []
-        for g in range(len(found)):
-            with np.errstate(invalid="ignore"):
-                apart = np.linalg.norm(middle - middle[g], axis=1)
+        for g in range(len(self.goals)):
+            apart = np.linalg.norm(middle - middle[g], axis=1)
             apart[g] = np.inf
             order = np.argsort(apart, kind="stable")[:NEIGHBOURS]
             out.append(order[np.isfinite(apart[order])].tolist())
