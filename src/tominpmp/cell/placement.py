@@ -341,10 +341,8 @@ class _Search:
         model = BFGS(exception_strategy="skip_update", init_scale="auto")
         model.initialize(low.size, "hess")
         while self.plans + len(self.tasks) <= most_plans and radius > LEAST:
-            box = (
-                np.maximum(low, best.x - radius * span),
-                np.minimum(high, best.x + radius * span),
-            )
+            reach = radius * span
+            box = np.maximum(low, best.x - reach), np.minimum(high, best.x + reach)
             x, promised = _step(best, curvature, *box)
             if promised < ENOUGH * best.T:
                 break

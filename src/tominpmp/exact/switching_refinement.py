@@ -198,10 +198,8 @@ def _finer(search: Search, options: Options, plan: Trajectory) -> Iterator[Traje
     for intervals in GRIDS:
         if search.budget.spent:
             return
-        nodes = np.concatenate(
-            [[0.0], np.cumsum(interval_shares("uniform", intervals))]
-        )
-        path = plan(nodes * plan.duration).q
+        ends = np.cumsum(interval_shares("uniform", intervals))
+        path = plan(np.append(0.0, ends) * plan.duration).q
         yield on_grid(search.system, few, search.seen, path, plan.duration)
 
 

@@ -280,10 +280,5 @@ def _row(item: Sensitivity, T: float) -> Sequence[str]:
     """Cells of a line of the table."""
     limit = "" if item.limit is None else f"{item.limit:.4g} {item.limit_unit}".strip()
     change = f"{1e3 * item.effect * T:+.3g} ms"
-    return (
-        item.label,
-        limit,
-        item.more,
-        change,
-        f"{item.value:+.4f} {item.unit}".strip(),
-    )
+    value = f"{item.value:+.4f} {item.unit}".strip()
+    return item.label, limit, item.more, change, value

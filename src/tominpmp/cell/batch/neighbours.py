@@ -136,12 +136,7 @@ def _place(problem: Problem | None) -> tuple[Any, Array]:
     if target is not None:
         parts.append(np.asarray(target))
     parts += [LENGTH * item.position for item in problem.scene]
-    robot = problem.robot
-    key = (
-        robot.joint_names,
-        robot.name,
-        type(goal).__name__,
-        goal.frame_name,
-        tuple(item.name for item in problem.scene),
-    )
+    robot, kind = problem.robot, (type(goal).__name__, goal.frame_name)
+    obstacles = tuple(item.name for item in problem.scene)
+    key = robot.joint_names, robot.name, *kind, obstacles
     return key, np.concatenate(parts)

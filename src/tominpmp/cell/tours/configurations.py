@@ -301,13 +301,11 @@ class Configurations:
 
     def _add(self, found: list[Array], starts: Array, aim: IntArray) -> None:
         """Add configurations that starts lead to, if they are new and clear."""
-        q, good = self._solved(starts, aim)
+        (q, good), problem = self._solved(starts, aim), self.problem
         owner = np.searchsorted(self._first, aim, side="right") - 1
         for g in np.unique(owner[good]).tolist():
             rows = q[good & (owner == g)]
-            mine = np.array(
-                nearest_turns(self.problem.robot, rows, self.problem.q_start)
-            )
+            mine = np.array(nearest_turns(problem.robot, rows, problem.q_start))
             new = distinct(np.concatenate([found[g], mine]))[len(found[g]) :]
             found[g] = np.concatenate([found[g], new[self.free(new, g)]])
 
