@@ -13,7 +13,7 @@ from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.base import Program
+from tominpmp.transcription.base import Solved
 from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
@@ -58,7 +58,7 @@ class Candidate:
     def of(
         cls,
         name: str,
-        program: Program,
+        program: Solved,
         initial: Array | Trajectory,
         result: SlpResult,
     ) -> Candidate:

@@ -17,7 +17,7 @@ from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
-from tominpmp.transcription.base import Program
+from tominpmp.transcription.base import Solved
 
 # Iterates kept per candidate, one a program, besides its newest.
 KEPT = 4
@@ -42,7 +42,7 @@ class Kept(NamedTuple):
         feasible: Whether it keeps all constraints of the program.
     """
 
-    program: Program
+    program: Solved
     iterate: Iterate
     feasible: bool
 
@@ -148,7 +148,7 @@ class PlanState:
         self.cut_short = None
         self._set_deadline()
 
-    def keep(self, program: Program, iterate: Iterate) -> None:
+    def keep(self, program: Solved, iterate: Iterate) -> None:
         """Keep a motion of the present candidate, should it be cut short."""
         feasible = iterate.violation <= self.options.feasibility
         new = Kept(program, iterate, feasible)

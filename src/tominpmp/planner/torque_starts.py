@@ -20,7 +20,6 @@ from tominpmp.solvers.penalty import penalty_rounds
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import IterationRecord
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.base import Program
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -137,9 +136,8 @@ def shoot(
         system, shares, float(z[-1]), substeps=substeps
     )
     selection = INSTANTS["paper" if paper else options.method]
-    nlp = NonlinearProgram.of(transcription, selection)
-    gradual = any(block.gradual for block in nlp.blocks)
-    program: Program = nlp
+    program = NonlinearProgram.of(transcription, selection)
+    gradual = any(block.gradual for block in program.blocks)
     method: tuple[Step, Rule]
     passes = 2 if gradual and (paper or options.method == "penalty") else 1
     objective = MinimumTime.of(options, 0.0 if paper else options.smoothing or 0.0)
@@ -161,6 +159,7 @@ def shoot(
             keep=state.keep,
         )
         history += result.history
+        assert isinstance(result.program, NonlinearProgram)  # noqa: S101
         program, z = result.program, result.iterate.z
     result = replace(result, history=tuple(history))
     found = result.iterate if result.best is None else result.best

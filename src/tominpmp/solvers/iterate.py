@@ -8,7 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.base import Program
+from tominpmp.transcription.base import Solved
 from tominpmp.transcription.rows import Rows
 
 # Weights stay this much above the multipliers seen.
@@ -140,7 +140,7 @@ class Iterate:
     gains: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, program: Program, z: Array, weights: Array | float) -> Iterate:
+    def of(cls, program: Solved, z: Array, weights: Array | float) -> Iterate:
         """An iterate of a program of which no multiplier is known.
 
         Args:
@@ -163,7 +163,7 @@ class Iterate:
         """Largest violation of all rows."""
         return self.merit.rows.largest_violation(self.values)
 
-    def on(self, program: Program, z: Array) -> Iterate:
+    def on(self, program: Solved, z: Array) -> Iterate:
         """The iterate of nearly the same program, with other rows and unknowns."""
         former = self.merit.rows
         return replace(
@@ -192,7 +192,7 @@ class SlpResult:
     iterate: Iterate
     best: Iterate | None
     history: tuple[IterationRecord, ...]
-    program: Program
+    program: Solved
     dropped: bool = False
 
 

@@ -68,12 +68,8 @@ class Variation(NamedTuple):
         return float(np.abs(self.matrix @ z + self.offset).sum())
 
 
-class Program(Protocol):
-    """A nonlinear program, as the solvers see it."""
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
+class Solved(Protocol):
+    """A nonlinear program, as those see it who keep what it was solved to."""
 
     @property
     def rows(self) -> Rows:
@@ -89,6 +85,20 @@ class Program(Protocol):
         Values of gradual constraints that are below their bounds by more than ``room``
         may be returned too large, but never closer to the bounds than ``room``.
         """
+
+    def time_scale(self, z: Array, factor: float) -> Array:
+        """The same path, slower by a factor."""
+
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate."""
+
+
+class Program(Solved, Protocol):
+    """A nonlinear program, as the solvers see it."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
 
     def attention(self, steps: StepBounds) -> float:
         """How far below their bounds gradual constraints matter to steps of a box."""
@@ -108,14 +118,8 @@ class Program(Protocol):
     def variation(self, z: Array) -> Variation:
         """Differences of the controls, as a linear function near z."""
 
-    def time_scale(self, z: Array, factor: float) -> Array:
-        """The same path, slower by a factor."""
-
     def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
         """The same path, slower by a factor, and its row values, from those of z."""
-
-    def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate."""
 
 
 class Motion(Protocol):
