@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
+from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import HUGE, LpSolver
 from tominpmp.stopping import check, seconds_left
@@ -32,9 +33,10 @@ class QpsolversSolver(LpSolver):
         self._program: LinearProgram | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
-        """Solve a program from scratch."""
+        """Solve a program from scratch; by the simplex method where this one fails."""
         self._program = program
-        return self.resolve(program.row_lower, program.row_upper)
+        found = self.resolve(program.row_lower, program.row_upper)
+        return found if found.optimal else HighsSolver().solve(program)
 
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
         """Solve the last program from scratch with other row bounds."""

@@ -38,6 +38,7 @@ class Candidate:
         clearance_rows: Whether its program had clearance rows.
         rows: Times of its clearance rows [s], by the name of their block.
         dropped: Whether a rule of its iteration has given it up.
+        coarser: The motion on a coarser grid that it was refined from; None for others.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Candidate:
     clearance_rows: bool = False
     rows: Mapping[str, Array] = field(default_factory=dict)
     dropped: bool = False
+    coarser: Candidate | None = None
 
     @classmethod
     def of(

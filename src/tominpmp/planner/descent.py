@@ -179,9 +179,14 @@ def descend(
         callback=state,
         keep=state.keep,
     )
-    if options.refine in ("auto", "grid") and state.options.objective == "time":
-        result = on_finer_grids(result, state)
-    return Candidate.of(guess.name, result.program, initial, result)
+    found = Candidate.of(guess.name, result.program, initial, result)
+    if options.refine not in ("auto", "grid") or state.options.objective != "time":
+        return found
+    finer = on_finer_grids(result, state)
+    if finer is result:
+        return found
+    refined = Candidate.of(guess.name, finer.program, initial, finer)
+    return replace(refined, coarser=found)
 
 
 def _least_time(options: Options, guess: Guess) -> MinimumTime:

@@ -128,6 +128,10 @@ def made(state: PlanState, work: Work) -> Candidate:
             # The time that is reserved is that of a replay.
             with state.saving():
                 candidate = candidate.verified(complete.problem, state.options)
+                if candidate.refuted and candidate.coarser is not None:
+                    # Short intervals may break by rounding what longer ones keep.
+                    coarser = candidate.coarser
+                    candidate = coarser.verified(complete.problem, state.options)
         if candidate.verification is not None:
             state.replayed(candidate.verification.seconds)
         worse = best is not None and candidate.excess > best.excess

@@ -204,7 +204,7 @@ class TrustRegionStep:
         for additions in range(1 + ADDITIONS):
             check()
             program = build_subproblem(state, model, linearization, steps, accuracy)
-            solution = self._solved(loop, program)
+            solution = loop.counted(self.lp.solve(program.program))
             if unknown and solution.optimal:
                 root = nlp.curvature(z, program.multipliers(solution))
                 unknown = False
@@ -213,7 +213,7 @@ class TrustRegionStep:
                     program = build_subproblem(
                         state, model, linearization, steps, accuracy
                     )
-                    solution = self._solved(loop, program)
+                    solution = loop.counted(self.lp.solve(program.program))
             if not solution.optimal:
                 return None
             step = program.step(solution)
@@ -227,13 +227,6 @@ class TrustRegionStep:
         promised = values.copy()
         promised[program.rows] += program.change(step)
         return _Proposal(program, model, solution, value, step, promised, reached, room)
-
-    def _solved(self, loop: Loop, program: Subproblem) -> LpSolution:
-        """Solution of the program of an iteration."""
-        solution = loop.counted(self.lp.solve(program.program))
-        if not solution.optimal:
-            solution = loop.counted(make_solver("highs").solve(program.program))
-        return solution
 
     def _search(self, loop: Loop, found: _Proposal) -> Outcome:
         """Try the step, corrections of it, then shorter ones."""
