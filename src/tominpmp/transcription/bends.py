@@ -56,7 +56,7 @@ def _losses(of: Gridded, z: Array, h: Array) -> Array | None:
     """Missing torque of saturated joints, times length, (N,); None if it is small."""
     if not isinstance(of, InverseTranscription):
         return None
-    losses = h * missing_torque(*torques_at_ends(of, z))
+    losses = h * _missing_torque(*_torques_at_ends(of, z))
     return losses if losses.sum() > MUCH_MISSING * h.sum() else None
 
 
@@ -64,7 +64,7 @@ def _bends(of: Gridded, z: Array, h: Array) -> Array:
     """Bends of the controls, times length, where speeds are not saturated, (N,)."""
     speeds = np.abs(of.trajectory(z).v)
     limits = of.system.problem.robot.limits
-    bends = h * bends_of_controls(of, z)
+    bends = h * _bends_of_controls(of, z)
     at_limit = speeds > AT_LIMIT * limits.velocity
     if at_limit.shape[0] == h.size + 1:  # no dwells on the way
         at_limit = at_limit[1:] & at_limit[:-1]
@@ -73,7 +73,7 @@ def _bends(of: Gridded, z: Array, h: Array) -> Array:
     return bends
 
 
-def bends_of_controls(of: Gridded, z: Array) -> Array:
+def _bends_of_controls(of: Gridded, z: Array) -> Array:
     """Largest jump of the controls, or of their slopes, around each interval, (N,)."""
     variation = of.scaled_at(z).variation(z)
     jumps = np.abs(variation.matrix @ z + variation.offset)
@@ -88,7 +88,7 @@ def bends_of_controls(of: Gridded, z: Array) -> Array:
     return np.asarray(np.max(around, axis=0))
 
 
-def torques_at_ends(of: InverseTranscription, z: Array) -> tuple[Array, Array]:
+def _torques_at_ends(of: InverseTranscription, z: Array) -> tuple[Array, Array]:
     """Torques where each interval begins and where it ends, shares, shape (N, n) each.
 
     Args:
@@ -105,7 +105,7 @@ def torques_at_ends(of: InverseTranscription, z: Array) -> tuple[Array, Array]:
     return torques[0], torques[1]
 
 
-def missing_torque(begin: Array, end: Array) -> Array:
+def _missing_torque(begin: Array, end: Array) -> Array:
     """Mean missing share of saturated torques on each interval, largest joint, (N,).
 
     Args:

@@ -134,7 +134,7 @@ def _exchanged(
     if more.at.size and isinstance(constraint, PathConstraint) and constraint.window:
         times = more.at.times(motion.h) + of.delays[more.at.interval]
         return replace(block, constraint=constraint.with_times(times)), more.at.size
-    block, joined = with_rows(replace(block, constraint=constraint), of, motion, more)
+    block, joined = _with_rows(replace(block, constraint=constraint), of, motion, more)
     return block, count + joined
 
 
@@ -289,7 +289,7 @@ class Missing(NamedTuple):
     wanted: BoolArray | None = None
 
 
-def with_rows(
+def _with_rows(
     block: SampledRows, of: Transcription[Any], motion: Motion, more: Missing
 ) -> tuple[SampledRows, int]:
     """A block with missing rows added.
