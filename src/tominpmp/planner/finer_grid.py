@@ -89,6 +89,12 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
     best, options, program = result.best, state.options, result.program
     if best is None or result.dropped or not isinstance(program, NonlinearProgram):
         return result
+    incumbent = state.incumbent
+    if incumbent is not None:
+        # Both on the grids that were asked for: only the faster one is refined.
+        rival = incumbent.coarser or incumbent
+        if best.duration >= rival.trajectory.duration:
+            return result
     usual = options.refine == "auto" and options.effort != "thorough"
     budget = STANDARD_BUDGET if usual else GENEROUS_BUDGET
     begun, first = _programs(state.records), len(state.records) - len(result.history)
