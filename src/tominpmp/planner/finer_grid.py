@@ -90,8 +90,9 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
     if best is None or result.dropped or not isinstance(program, NonlinearProgram):
         return result
     incumbent = state.incumbent
-    if incumbent is not None:
-        # Both on the grids that were asked for: only the faster one is refined.
+    if incumbent is not None and options.refine != "switching":
+        # Both on the grids that were asked for: only the faster one is refined, but
+        # for an incumbent whose switches could not be placed exactly.
         rival = incumbent.coarser or incumbent
         if best.duration >= rival.trajectory.duration:
             return result
