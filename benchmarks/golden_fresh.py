@@ -326,7 +326,9 @@ def combined_case(seed: int, number: int) -> tuple[Asked, float]:
     rng = _rng("combination", seed, number)
     name = str(rng.choice(["panda", "ur5", "xarm7", "iiwa14"]))
     friction = float(rng.choice([0.0, 0.05, 0.1]))
-    own = arm(source_of(name), locked=LOCKED.get(name, {}), friction=friction)
+    source, locked = source_of(name), LOCKED.get(name, {})
+    # Arms that are known by their names have data sheets.
+    own = arm(source, locked=locked, sheet=source == name, friction=friction)
     member = member_of(own)
     mass = float(rng.uniform(0.3, 1.5))
     load = {"mass": mass, "frame": TOOLS[name], "com": [0.0, 0.0, 0.03]}

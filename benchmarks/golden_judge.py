@@ -252,6 +252,9 @@ class Leg(Judge):
             return max(self.miss(one, q) for one in goal["goals"])
         if kind == "joint":
             off = np.abs(q - np.array(goal["q"]))
+            # Joints without limits are angles: any number of turns will do.
+            turned = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
+            off = np.where(np.isinf(self.high), turned, off)
             return float(np.max(off - np.array(goal.get("tolerance", 0.0))))
         place = self.place(goal["frame"], q)
         off = 0.0

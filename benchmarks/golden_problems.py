@@ -106,7 +106,7 @@ def arm(
         **place: ``base`` and ``base_rpy``, where it stands.
     """
     fixed = LOCKED.get(source, {}) if locked is None else dict(locked)
-    limits = "datasheet" if sheet else None
+    limits = "datasheet" if sheet else "urdf"
     robot = tm.load_robot(source, locked_joints=fixed, limits=limits)
     known = robot.limits
     dry = robot.friction if friction is None else friction * known.effort_upper

@@ -113,6 +113,18 @@ def test_the_slow_motion_of_a_combination_keeps_accelerations() -> None:
 # -- the judge -------------------------------------------------------------------------
 
 
+def test_joints_without_limits_are_angles() -> None:
+    own = arm("kinova")
+    start = np.array([0.0, 2.9, 1.3, -2.1, 1.4, 0.0])
+    goal = start + np.array([6.0, 0.0, 0.0, 0.2, 0.0, 0.0])
+    solution = tm.plan(task(asked(own, start, joint(goal))).problem, effort="quick")
+    assert solution.trajectory.q[-1, 0] < 0.0
+    found = judge(asked(own, start, joint(goal)), solution)
+    assert found.faults == ()
+    wrong = judge(asked(own, start, joint(goal + 0.1)), solution)
+    assert "goal" in " ".join(wrong.faults)
+
+
 def plain(**more: object) -> dict[str, object]:
     """A goal of the planar arm."""
     return asked(arm("planar3r"), START, joint(END)) | more
