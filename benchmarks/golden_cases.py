@@ -632,7 +632,7 @@ def energy(source: Source) -> Made:
     def make(slack: float | None = None, **options: Any) -> Task:
         measure = _roughness if slack is not None else _cost
         case = asked(arm("ur5"), start, joint(end))
-        return task(case, slack=slack, objective=measure, **options)
+        return task(case, slack=slack, measure=measure, **options)
 
     for weight in (1e-5, 1e-3):
         yield f"torques {weight:g}", functools.partial(make, energy_weight=weight)
@@ -652,7 +652,7 @@ def _roughness(solution: tm.Solution) -> float:
 
 
 def _quiet(name: str, number: int) -> Task:
-    more = {"slack": 0.003, "objective": _roughness}
+    more = {"slack": 0.003, "measure": _roughness}
     return goal_task(name, number, more, speed_factor=4.0)
 
 

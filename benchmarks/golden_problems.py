@@ -45,7 +45,7 @@ class Task:
         options: Options that are not the default.
         start: Makes the former motion of a warm start; it is not measured.
         slack: Share of T to be given away by ``tm.smooth`` afterwards; None for none.
-        objective: What is least, if that is not T.
+        measure: What is least, if that is not T.
     """
 
     problem: tm.Problem
@@ -54,7 +54,7 @@ class Task:
     options: Mapping[str, Any] = field(default_factory=dict)
     start: Callable[[], Start] | None = None
     slack: float | None = None
-    objective: Callable[[tm.Solution], float] | None = None
+    measure: Callable[[tm.Solution], float] | None = None
 
     @property
     def fingerprint(self) -> str:
@@ -336,9 +336,9 @@ def task(case: Asked, start: Callable[[], Start] | None = None, **more: Any) -> 
     Args:
         case: What is asked for.
         start: Makes the former motion of a warm start.
-        **more: ``slack`` and ``objective`` of the task; the others are options.
+        **more: ``slack`` and ``measure`` of the task; the others are options.
     """
-    own = {k: more.pop(k) for k in ("slack", "objective") if k in more}
+    own = {k: more.pop(k) for k in ("slack", "measure") if k in more}
     period = more.get("control_period")
     judged = case if period is None else {**case, "period": period}
     return Task(

@@ -236,8 +236,8 @@ def measure(task: Task, *, judged: bool = True) -> dict[str, Any]:
     if not solution.success or motion is None:
         return found
     found |= {"T": solution.T, "intervals": motion.t.size - 1}
-    if task.objective is not None:
-        found["objective"] = task.objective(solution)
+    if task.measure is not None:
+        found["objective"] = task.measure(solution)
     try:
         certificate = solution.certificate
         found["promise"] = None if certificate is None else certificate.stationarity
