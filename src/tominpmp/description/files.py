@@ -383,9 +383,8 @@ def _candidates(
     for folder, depth in (*depths, *((folder.parent, 1) for folder in own)):
         if package in (named := _packages_in(folder, depth)):
             yield named[package] / inside
-    for folder in (*package_dirs, *own):
-        if (folder / "package.xml").is_file():
-            yield folder / inside
+    given = [folder for folder in package_dirs if (folder / "package.xml").is_file()]
+    yield from (folder / inside for folder in (*given, *own))
 
 
 @cache

@@ -53,7 +53,7 @@ from tominpmp.motion_limits import (
     kinds_of,
     limits_by_joint,
 )
-from tominpmp.robot import Robot, load_robot, read_source
+from tominpmp.robot import Robot, RobotSource, load_robot, read_source
 
 # What may lie around the table: nodes of ROS 2, namespaces of parameters.
 _WRAPPERS = ("/**", "ros__parameters", "robot_description_planning")
@@ -156,7 +156,7 @@ class MoveItLimits:
 
 def load_limited_robot(
     moveit: MoveItLimits | None,
-    name_or_path: str | os.PathLike[str],
+    robot: str | os.PathLike[str] | RobotSource,
     changes: Mapping[str, Any],
     **arguments: Any,
 ) -> Robot:
@@ -167,7 +167,7 @@ def load_limited_robot(
 
     Args:
         moveit: The limits; None for those of the robot alone.
-        name_or_path: As for :func:`~tominpmp.robot.load_robot`.
+        robot: As for :func:`~tominpmp.robot.load_robot`, or what was read of it.
         changes: Values per joint and gravity, which go before the file.
         **arguments: Its further arguments.
 
@@ -175,10 +175,10 @@ def load_limited_robot(
         TominpmpError: As by :func:`~tominpmp.robot.load_robot`.
     """
     if moveit is None:
-        return load_robot(name_or_path, **arguments, **changes)
+        return load_robot(robot, **arguments, **changes)
     of_files = {"package_dirs", "srdf", "xacro_args"}
     files = {k: arguments[k] for k in of_files & arguments.keys()}
-    source = read_source(name_or_path, **files)
+    source = read_source(robot, **files)
     linkage = source.linkage(arguments.get("group"), arguments.get("locked_joints"))
     joints = [joint.name for joint in source.description.joints]
     _warn_of_joints(moveit, joints, linkage.followers)

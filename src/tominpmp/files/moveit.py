@@ -687,9 +687,9 @@ def _grouped_robot(
 ) -> Robot:
     """The robot with the joints locked that the request does not move."""
     if not isinstance(robot, Robot):
-        locked = _locks(request, start, read_source(robot))
-        more = {"locked_joints": locked, "kinematic": kinematic}
-        return load_limited_robot(limits, robot, {}, **more)
+        source = read_source(robot)
+        more = {"locked_joints": _locks(request, start, source), "kinematic": kinematic}
+        return load_limited_robot(limits, source, {}, **more)
     if limits is not None:
         raise ProblemError(
             "joint_limits is given, expected None for a robot that is loaded",
