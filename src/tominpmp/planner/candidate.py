@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.base import Solved
-from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
@@ -36,7 +35,6 @@ class Candidate:
         remark: A sentence for the user, if there is something to say.
         layout: How the motion was parameterised; None where only torques are.
         clearance_rows: Whether its program had clearance rows.
-        rows: Times of its clearance rows [s], by the name of their block.
         dropped: Whether a rule of its iteration has given it up.
         coarser: The motion on a coarser grid that it was refined from; None for others.
     """
@@ -52,7 +50,6 @@ class Candidate:
     remark: str = ""
     layout: Layout | None = None
     clearance_rows: bool = False
-    rows: Mapping[str, Array] = field(default_factory=dict)
     dropped: bool = False
     coarser: Candidate | None = None
 
@@ -73,11 +70,10 @@ class Candidate:
             kind: float(np.max(violation[rows.kind == index], initial=0.0))
             for index, kind in enumerate(rows.kinds)
         }
-        layout, clearance_rows, times = None, False, {}
+        layout, clearance_rows = None, False
         if isinstance(program, NonlinearProgram):
             layout = Layout.of(program.transcription, iterate.z)
             clearance_rows = program.system.clearance is not None
-            times = times_of_rows(program, iterate.z)
         return cls(
             name,
             result.status,
@@ -88,7 +84,6 @@ class Candidate:
             result.history,
             layout=layout,
             clearance_rows=clearance_rows,
-            rows=times,
             dropped=result.dropped,
         )
 

@@ -68,7 +68,7 @@ def stop_if_hopeless(duration: float, near: float = FAR) -> Rule:
     return rule
 
 
-def with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Options:
+def _with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Options:
     """The options, with accelerations that fit a guess where that was left open.
 
     Linear ones are 3 to 4 % faster where torques rule. Where speeds do they bring next
@@ -111,7 +111,7 @@ def descent_work(
         stop: Ends the iteration early.
         follows: The candidate that the guess comes from.
     """
-    options = with_control(system, options, guess)
+    options = _with_control(system, options, guess)
     if guess.blocked:
         # The goal seems to be out of reach: no more is waited for than has to be.
         hopeless = stop_if_hopeless(guess.duration)
