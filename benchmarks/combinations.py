@@ -38,7 +38,7 @@ from benchmarks.every_robot import count_processor_time
 from benchmarks.golden_fresh import combined_case
 from benchmarks.golden_judge import Asked
 from benchmarks.golden_problems import task
-from benchmarks.latency import EFFORTS, SECONDS, SHARE
+from benchmarks.latency import EFFORTS, is_late
 
 COLUMNS = (
     "number",
@@ -93,7 +93,7 @@ def row(seed: int, number: int, effort: str, limit: float) -> dict[str, Any]:
         "slow_T": slow,
         "seconds": seconds,
         "processor_seconds": worked,
-        "late": seconds > (1.0 + SHARE) * limit + SECONDS,
+        "late": is_late(seconds, limit),
         "programs": sum(record.programs for record in solution.history),
         "message": " ".join(solution.message.split()),
     }
