@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,13 +17,12 @@ from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.standing import STANDS
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.verification import explain
+from tominpmp.verification import explain, verify
 from tominpmp.verification.verification import LONGEST
 
 # Methods whose torques are constant over intervals of the grid.
@@ -34,6 +34,8 @@ ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
 # A joint is named that is at this share of its effort limit for most of the motion,
 # where dry friction takes this share of its effort.
 SATURATED, MOSTLY, MOST_FRICTION = 0.98, 0.5, 0.5
+# Sentence of motions of arms that are at their goals.
+STANDS = "The start already satisfies the goal: nothing has to move."
 # Shorter times are given by their digits, not their decimals [s].
 BRIEF_TIME = 0.01
 
@@ -103,6 +105,43 @@ def without_motion(
     )
 
 
+def without_search(
+    problem: Problem,
+    options: Options,
+    motion: Trajectory,
+    message: str,
+    reason: str,
+    begin: float,
+) -> Solution | None:
+    """The solution of a motion that takes no longer than its lower bound.
+
+    Args:
+        problem: The problem.
+        options: Options of the plan.
+        motion: The motion.
+        message: What there is to say of it.
+        reason: Why no motion is faster.
+        begin: Begin of the planning, by ``time.perf_counter`` [s].
+
+    Returns:
+        The solution; None if its replay does not hold.
+    """
+    judged = verify(problem, motion, options.tolerances)
+    if not judged.ok:
+        return None
+    return Solution(
+        problem,
+        options,
+        Status.CONVERGED,
+        f"{Status.CONVERGED.value} {message}",
+        True,
+        motion,
+        planning_time=time.perf_counter() - begin,
+        verification=judged,
+        lower_bound=LowerBound(motion.duration, reason),
+    )
+
+
 def with_remarks(solution: Solution, state: PlanState) -> Solution:
     """A solution with remarks on its motion in its message.
 
@@ -112,10 +151,8 @@ def with_remarks(solution: Solution, state: PlanState) -> Solution:
     """
     if not solution.success or solution.trajectory is None:
         return solution
-    remarks, options = (
-        [_turned(solution.problem, solution.trajectory)],
-        solution.options,
-    )
+    options = solution.options
+    remarks = [_turned(solution.problem, solution.trajectory)]
     if options.refine == "grid" and options.method in TORQUES_FIXED:
         remarks.append(f"Its grid was not refined: method {options.method!r} keeps it.")
     if STANDS not in solution.message:

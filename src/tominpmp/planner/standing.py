@@ -11,22 +11,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.bounds import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
+from tominpmp.planner.conclusion import STANDS, without_search
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment
 from tominpmp.solution import Solution
-from tominpmp.status import Status
 from tominpmp.transcription.grid import at_ticks, whole_periods
-from tominpmp.verification import verify
 
 # A goal at a distance of just the feasibility is met, however the distance is rounded.
 ROUNDING = 1e-6
-# Sentence of its message.
-STANDS = "The start already satisfies the goal: nothing has to move."
 
 
 def standing(problem: Problem, options: Options) -> Solution | None:
@@ -44,23 +40,11 @@ def standing(problem: Problem, options: Options) -> Solution | None:
     motion = _motion(problem, options)
     if motion is None:
         return None
-    judged = verify(problem, motion, options.tolerances, checker=problem.checker)
-    if not judged.ok:
-        return None
     T, reason = motion.duration, "the start already satisfies the goal"
     if T > 0.0:
         reason = "the stays and the times of arrival that segments ask for"
-    return Solution(
-        problem=problem,
-        options=options,
-        status=Status.CONVERGED,
-        message=f"{Status.CONVERGED.value} T = {T:.4g} s. {STANDS}",
-        feasible=True,
-        trajectory=motion,
-        planning_time=time.perf_counter() - begin,
-        verification=judged,
-        lower_bound=LowerBound(T, reason),
-    )
+    message = f"T = {T:.4g} s. {STANDS}"
+    return without_search(problem, options, motion, message, reason, begin)
 
 
 def _motion(problem: Problem, options: Options) -> Trajectory | None:

@@ -21,7 +21,6 @@ from itertools import pairwise
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.station import Station
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
@@ -29,6 +28,7 @@ from tominpmp.goals import Goal, JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
+from tominpmp.planner.conclusion import without_search
 from tominpmp.planner.planning import plan
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment, known_names
@@ -36,7 +36,6 @@ from tominpmp.robot.payload import Payload
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, check, seconds_left
-from tominpmp.verification import verify
 
 # Differences of configurations that are taken at once, for the sake of memory.
 CHUNK = 2_000_000
@@ -455,20 +454,8 @@ class Legs:
         motion = None if clocked else direct_motion(problem)
         if motion is None:
             return None
-        judged = verify(problem, motion, self.options.tolerances)
-        if not judged.ok:
-            return None
-        return Solution(
-            problem=problem,
-            options=self.options,
-            status=Status.CONVERGED,
-            message=f"{Status.CONVERGED.value} {DIRECT}",
-            feasible=True,
-            trajectory=motion,
-            planning_time=time.perf_counter() - started,
-            verification=judged,
-            lower_bound=LowerBound(motion.duration, "limits of speed and acceleration"),
-        )
+        reason = "limits of speed and acceleration"
+        return without_search(problem, self.options, motion, DIRECT, reason, started)
 
     def passing(self, nodes: Sequence[int], q: Sequence[Array]) -> Solution | None:
         """Plan legs without stops between them; None where no motion is found.
