@@ -110,18 +110,26 @@ class ExactArm:
         return np.array([values[name] for name in self.names])
 
 
-def read_obstacles(path: Path) -> list[Body]:
+def read_obstacles(path: Path, root: str = "") -> list[Body]:
     """Read the primitives of a MoveIt planning scene.
 
+    Args:
+        path: The scene.
+        root: Link in which poses may be given, beside the world.
+
     Raises:
-        ValueError: If there is anything but boxes, cylinders and spheres.
+        ValueError: If there is anything but boxes, cylinders and spheres, or they are
+            given in the frame of another link.
     """
     scene = yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
     bodies = []
     for item in scene["world"]["collision_objects"]:
-        strange = set(item) - {"id", "primitives", "primitive_poses"}
+        strange = set(item) - {"id", "header", "primitives", "primitive_poses"}
         if strange:
             raise ValueError(f"{path}: {item['id']} has {', '.join(sorted(strange))}")
+        frame = item.get("header", {}).get("frame_id", root)
+        if frame not in ("", root):
+            raise ValueError(f"{path}: {item['id']} is in the frame of {frame}")
         for shape, pose in zip(
             item["primitives"], item["primitive_poses"], strict=True
         ):

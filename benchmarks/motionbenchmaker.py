@@ -1,4 +1,4 @@
-"""A Panda in the cluttered scenes of the MotionBenchMaker set, judged independently.
+"""An arm in the cluttered scenes of the MotionBenchMaker set, judged independently.
 
     python -m benchmarks.motionbenchmaker --data DIR
     python -m benchmarks.motionbenchmaker --data DIR --scenes box,cage --problems 1-5
@@ -6,7 +6,8 @@
     python -m benchmarks.motionbenchmaker --data DIR --both
 
 DIR holds a folder for each scene with ``scene0001.yaml``, ``request0001.yaml`` and so
-on; the environment variable ``MOTIONBENCHMAKER`` may name it. Each motion is judged
+on; the environment variable ``MOTIONBENCHMAKER`` may name it. The robot is the one
+whose URDF lies there, with its SRDF beside it, or else the Panda. Each motion is judged
 with exact meshes by the replay of its torques (see ``benchmarks/judging.py``), whatever
 the planner says of it. With ``--rival`` the problems are given to RRT-Connect with path
 simplification and TOPP-RA instead; with ``--both`` the two take turns.
@@ -50,6 +51,7 @@ from benchmarks import exact_geometry, judging
 from benchmarks.results import KEY, Row, Table, failures, markdown_table
 
 VARIABLE = "MOTIONBENCHMAKER"
+# Robot of folders without a URDF file.
 ROBOT = "panda"
 SCENES = (
     "bookshelf_small",
@@ -100,6 +102,11 @@ class Case:
         """Where it is; some copies of the set add the robot to a scene's name."""
         longer = self.folder / f"{self.scene}_{ROBOT}"
         return longer if longer.is_dir() else self.folder / self.scene
+
+    @property
+    def robot(self) -> str | Path:
+        """The robot: its URDF file, or its name."""
+        return next(iter(sorted(self.folder.glob("*.urdf"))), ROBOT)
 
     @property
     def key(self) -> tuple[str, str]:
@@ -163,11 +170,13 @@ class Meter:
 
 @functools.cache
 def load_arm(
+    name: str | Path,
     locked: tuple[tuple[str, float], ...],
 ) -> tuple[Any, exact_geometry.ExactArm]:
     """Load the robot twice: for the planner, and for the judge.
 
     Args:
+        name: The robot: its URDF file, or its name.
         locked: Names and positions of the joints that do not move.
     """
     from tominpmp.robot import load_robot
@@ -175,7 +184,7 @@ def load_arm(
     with warnings.catch_warnings():
         # The set has the fingers open beyond their limits, on purpose.
         warnings.simplefilter("ignore")
-        robot = load_robot(ROBOT, limits="urdf", locked_joints=dict(locked))
+        robot = load_robot(name, limits="urdf", locked_joints=dict(locked))
     assert robot.srdf is not None
     exact = exact_geometry.ExactArm.load(robot.urdf_path, robot.srdf.path, dict(locked))
     return robot, exact
@@ -196,8 +205,11 @@ class Court:
         """Read a problem."""
         request = judging.read_request(case.request_path)
         unmoved = {k: v for k, v in request.start.items() if k not in request.goal}
-        robot, arm = load_arm(tuple(sorted(unmoved.items())))
-        obstacles = exact_geometry.read_obstacles(case.scene_path)
+        if case.robot != ROBOT:
+            unmoved = {}  # joints that the set does not move are fixed in its files
+        robot, arm = load_arm(case.robot, tuple(sorted(unmoved.items())))
+        root = arm.model.frames[1].name
+        obstacles = exact_geometry.read_obstacles(case.scene_path, root)
         surroundings = exact_geometry.Surroundings(arm, obstacles)
         return cls(case, robot, arm, surroundings, request)
 
