@@ -133,8 +133,9 @@ class Options(Record):
             and other orders of the switches are looked for unless ``starts`` is 1).
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes those controls quiet that the minimum time leaves
-            free. None takes 1e-4 T for "inverse" and "collocation", but none on fine
-            grids where torques rule, where it costs 0.1 % of T; and 0 for "adjoint".
+            free. None takes 1e-4 T for "inverse" and "collocation" in free space, but
+            none on fine grids, where it costs 0.1 % of T; the same weight on the
+            squares of the jumps among obstacles; and 0 for "adjoint".
         starts: Number of initial guesses; None lets the planner choose. More make the
             same attempts as fewer would and others after these, and while none has led
             to a motion, more are made in any case.

@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.planner.automatic_options import resolve_options
+from tominpmp.planner.automatic_options import least_time, resolve_options
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # The search for the best motion is looked at elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
@@ -28,6 +29,28 @@ def around(planar3r):
     """The paper's problem with the obstacle, planned with default options."""
     problem = tm.Problem(planar3r, START, REACH, scene=OBSTACLE)
     return tm.plan(problem, tm.Options(starts=2))
+
+
+@pytest.mark.parametrize(
+    ("scene", "refined", "changes", "expected"),
+    [
+        (OBSTACLE, False, {}, (2e-4, True)),
+        (OBSTACLE, True, {}, (2e-4, True)),
+        (OBSTACLE, False, {"lp_solver": "highs"}, (2e-4, False)),
+        (OBSTACLE, False, {"smoothing": 0.01}, (0.01, False)),
+        (tm.Scene(), False, {}, (2e-4, False)),
+        (tm.Scene(), True, {}, (0.0, False)),
+    ],
+)
+def test_jumps_are_weighed_as_the_surroundings_ask_for(
+    planar3r, scene, refined, changes, expected
+):
+    """Squares among obstacles; in free space torques jump between their limits."""
+    problem = tm.Problem(planar3r, START, REACH, scene=scene)
+    options = resolve_options(problem, tm.Options(**changes))
+    system = ProblemFunctions.of(problem)
+    least = least_time(system, options, 2.0, refined=refined)
+    assert (least.jump_weight, least.squared) == expected
 
 
 def worst(robot, motion, count=3000):

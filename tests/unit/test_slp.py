@@ -22,6 +22,7 @@ from tominpmp.status import Status
 from tominpmp.transcription.base import (
     Linearization,
     StepBounds,
+    Variation,
 )
 from tominpmp.transcription.rows import Rows
 
@@ -238,6 +239,52 @@ def test_what_the_duration_does_not_hang_on_stays_where_it_is():
     assert result.best.z[0] == pytest.approx(0.3, abs=1e-6)
     # What it hangs on moves all the way.
     assert result.best.duration == pytest.approx(0.1, abs=1e-6)
+
+
+class Chained(Program):
+    """Two unknowns that the duration does not hang on, between controls -1 and 2."""
+
+    def variation(self, z):
+        matrix = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+        return Variation(sp.csr_matrix(matrix), np.array([1.0, 0.0, 2.0]))
+
+
+def test_squares_of_jumps_lead_to_even_controls():
+    program = Chained(
+        [("torque", [1.0], [np.inf], [0])],
+        lambda z: [z[2]],
+        lambda z: [[0.0, 0.0, 1.0]],
+        [-5, -5, 0.1],
+        [5, 5, 20],
+    )
+    options = Options(tolerance=1e-8)
+    least = MinimumTime.of(options, 0.1, squared=True)
+    step, stop = trust_regions(options, make_solver("piqp"))
+    found = solve(program, least, np.array([1.5, -0.5, 3.0]), step, stop)
+    assert found.best is not None
+    # Equal jumps have the least squares; all orders have the same total variation.
+    assert found.best.z == pytest.approx([0.0, 1.0, 1.0], abs=1e-3)
+
+
+def test_the_model_of_the_squares_is_exact():
+    program = Chained(
+        [("torque", [1.0], [np.inf], [0])],
+        lambda z: [z[2]],
+        lambda z: [[0.0, 0.0, 1.0]],
+        [-5, -5, 0.1],
+        [5, 5, 20],
+    )
+    least = MinimumTime.of(Options(), 0.1, squared=True)
+    z, step = np.array([1.5, -0.5, 3.0]), np.array([0.3, -0.2, 0.1])
+    begun, _ = trust_regions(Options(), make_solver("piqp"))
+    state = begun.start(program, least, z)
+    steps = program.step_bounds(z, 1.0)
+    model = least.model(
+        program, state, steps, program.linearize(z, state.values, steps)
+    )
+    bend = 0.5 * float(np.sum((model.root @ step) ** 2))
+    change = model.value(z + step, state.values) - model.value(z, state.values)
+    assert model.gradient @ step + bend == pytest.approx(change, rel=1e-12)
 
 
 def test_groups_are_as_violated_as_their_worst_row_in_any_order():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -203,3 +204,17 @@ def test_motions_of_other_joints_are_refused(free):
     holes = replace(free.trajectory, u=u)
     with pytest.raises(tm.ProblemError, match="no numbers"):
         tm.plan(free.problem, start=holes)
+
+
+def test_a_motion_that_rests_from_the_first_is_a_guess(planar3r):
+    """It arrives at once: the way to the goal takes no time."""
+    stays = tm.Segment(tm.JointGoal(START), dwell=1.0)
+    problem = tm.Problem(planar3r, START, segments=[stays])
+    rest = np.zeros((3, 3))
+    t, q = np.array([0.0, 0.5, 1.0]), np.tile(START, (3, 1))
+    still = tm.Samples(planar3r.joint_names, t, q, rest, rest, rest)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        guess = warm_start(ProblemFunctions.of(problem), still)
+    assert guess.durations[0] > 0.0
+    np.testing.assert_allclose(guess.q, np.tile(START, (len(guess.t), 1)), atol=1e-12)

@@ -10,10 +10,14 @@ from tominpmp.linear_programs import make_solver
 from tominpmp.options import Control, Options
 from tominpmp.problem import Problem
 from tominpmp.problem.controls import need_smooth
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Weight of the total variation, as a share of the duration of the guess; chosen on
-# benchmarks/random_goals.py: it costs less than 0.1 % of T and halves the iterations.
-SMOOTHING_SHARE = 1e-4
+# Weight of the jumps of the controls, as a share of the duration of the guess. Their
+# total variation costs less than 0.1 % of T in free space, and halves the iterations
+# (benchmarks/random_goals.py). Of their squares ten times as much costs 0.1 % of T on
+# problems of MotionBenchMaker; a tenth brings 0.05 %, with a quarter more variation.
+JUMPS_SHARE = 1e-4
 # Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
 LP_SOLVERS = {
     "inverse": "piqp",
@@ -76,23 +80,32 @@ def near_to_it(options: Options, radius: float, iterations: int) -> Options:
     )
 
 
-def total_variation_weight(
-    options: Options, duration: float, *, proximal: bool = False
-) -> float:
-    """Weight of the total variation of the controls [s].
+def least_time(
+    system: ProblemFunctions,
+    options: Options,
+    duration: float,
+    *,
+    refined: bool = False,
+) -> MinimumTime:
+    """The least time, with a weight on the jumps of the controls.
 
-    Among obstacles torques that nothing holds would jump for less than the clock of a
-    controller.
+    Torques that nothing holds would jump for less than the clock of a controller. Among
+    obstacles it is the squares of the jumps that count: programs are a third as large
+    as with their total variation, and descents end sooner. In free space, where torques
+    jump from one limit to the other, squares would cost up to 0.3 % of T.
 
     Args:
-        options: Options of the plan, which may give it.
+        system: Functions of the problem.
+        options: Options of the plan, which may give the weight of the total variation.
         duration: Duration of the motion [s].
-        proximal: Whether proximal steps keep controls quiet enough, as on grids finer
-            than the search's with nothing in the way.
+        refined: Whether the grid is finer than that of the search: proximal steps keep
+            controls quiet enough there, if nothing is in the way.
     """
-    if options.smoothing is not None:
-        return options.smoothing
-    return 0.0 if proximal else SMOOTHING_SHARE * duration
+    free = system.in_free_space
+    if options.smoothing is not None or (free and refined):
+        return MinimumTime.of(options, options.smoothing or 0.0)
+    squared = not free and make_solver(options.lp_solver).curved
+    return MinimumTime.of(options, JUMPS_SHARE * duration, squared=squared)
 
 
 def _check_segments(problem: Problem, options: Options) -> None:

@@ -26,7 +26,7 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.motion.samples import multiples
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS, Options
-from tominpmp.planner.automatic_options import near_to_it, total_variation_weight
+from tominpmp.planner.automatic_options import least_time, near_to_it
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
@@ -36,7 +36,6 @@ from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import FAR, RowExchange
 from tominpmp.solvers.loop import Callback, Loop, solve
-from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -387,7 +386,7 @@ class Trial:
         begun, z = rested(NonlinearProgram.of(of).at(z), z)
         result = solve(
             replace(begun, least_duration=T),
-            MinimumTime.of(near, total_variation_weight(options, T)),
+            least_time(system, near, T),
             z,
             step,
             first_of(ReachesTicks(T, feasibility), stop),

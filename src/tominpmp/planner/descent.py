@@ -13,7 +13,7 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.segments import at_rest_on_the_way
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import total_variation_weight
+from tominpmp.planner.automatic_options import least_time
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.finer_grid import on_finer_grids
 from tominpmp.planner.first_program import Begun, first_program
@@ -21,7 +21,7 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
 from tominpmp.solvers.exchange import RowExchange, with_missing_rows
 from tominpmp.solvers.loop import Loop, Rule, Step, solve
-from tominpmp.solvers.objective import LIGHT, MinimumTime
+from tominpmp.solvers.objective import LIGHT
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -158,7 +158,7 @@ def descend(
         # The first motion will not do on the finer grid either: it was too rough.
         intervals = 2**doublings * options.intervals
         options = replace(options, intervals=intervals, objective="time")
-    objective = _least_time(options, guess)
+    objective = least_time(system, options, guess.duration)
     program, z = first_program(system, options, guess)
     initial = program.trajectory(z)
     if system.parts and not guess.solved and options.control in DEGREES:
@@ -189,11 +189,6 @@ def descend(
     return replace(refined, coarser=found)
 
 
-def _least_time(options: Options, guess: Guess) -> MinimumTime:
-    """The objective of a descent from a guess."""
-    return MinimumTime.of(options, total_variation_weight(options, guess.duration))
-
-
 def _method(system: ProblemFunctions, options: Options) -> tuple[Step, Rule]:
     """Steps of a descent, and the rules that end it."""
     accuracy = FREE_ACCURACY if system.final_configuration is None else None
@@ -215,7 +210,7 @@ def _smooth_start(
     program, z = first_program(own, few, guess)
     result = solve(
         program,
-        _least_time(few, guess),
+        least_time(system, few, guess.duration),
         z,
         *_method(system, few),
         callback=state,

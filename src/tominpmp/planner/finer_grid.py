@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.planner.automatic_options import near_to_it, total_variation_weight
+from tominpmp.planner.automatic_options import least_time, near_to_it
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, solve
-from tominpmp.solvers.objective import LIGHT, MinimumTime
+from tominpmp.solvers.objective import LIGHT
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import IterationRecord, Status
@@ -117,12 +117,10 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
         rows = times_of_rows(program, z)
         of, z = split_intervals(of, z, split)
         # A few programs on the new grid, with the rows of distances that there were.
-        free = of.system.in_free_space
-        tv_weight = total_variation_weight(options, best.duration, proximal=free)
         enough = RoundStop(budget, best.duration, spent)
         finer = solve(
             with_rows_at(NonlinearProgram.of(of).at(z), z, rows),
-            MinimumTime.of(few, tv_weight),
+            least_time(of.system, few, best.duration, refined=True),
             z,
             step,
             first_of(enough, stop),

@@ -28,6 +28,7 @@ from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
+from tominpmp.planner.automatic_options import JUMPS_SHARE
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
     MOST_PATHS,
@@ -326,7 +327,11 @@ def _warm_start_work(
     system: ProblemFunctions, former: WarmStart, state: PlanState
 ) -> Work:
     """Work that improves a former motion."""
-    near = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
+    options = state.options
+    near = replace(options, trust_region=WARM_RADIUS * options.trust_region)
+    if near.smoothing is None:
+        # Squares of jumps take four times the programs near an optimum.
+        near = replace(near, smoothing=JUMPS_SHARE * former.duration)
     if near.method in ("adjoint", "penalty"):
         shares = interval_shares(near.grid, near.intervals)
         return shooting_work(system, near, state, former.torque_program(system, shares))

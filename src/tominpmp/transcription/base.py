@@ -63,9 +63,17 @@ class Variation(NamedTuple):
     matrix: sp.csr_matrix
     offset: Array
 
+    def at(self, z: Array) -> Array:
+        """The differences, shape (k,)."""
+        return np.asarray(self.matrix @ z + self.offset)
+
     def total(self, z: Array) -> float:
         """Sum of the absolute differences."""
-        return float(np.abs(self.matrix @ z + self.offset).sum())
+        return float(np.abs(self.at(z)).sum())
+
+    def squares(self, z: Array) -> float:
+        """Sum of their squares."""
+        return float(np.sum(self.at(z) ** 2))
 
 
 class Solved(Protocol):
