@@ -135,8 +135,9 @@ def test_what_passes_far_away_costs_nothing():
         position=(-9.0, -9.0, 0.0),
         motion=tm.ConstantVelocity(velocity=(3.0, 0.0, 0.0)),
     )
-    # Rounding may decide which rows join; what iterations settle to is the same.
-    exact = replace(QUICK, tolerance=1e-5)
+    # Rounding may decide which rows join; what iterations settle to is the same, if the
+    # jumps of the controls have the same weight in free space as among obstacles.
+    exact = replace(QUICK, tolerance=1e-5, smoothing=1e-4)
     alone, beside = plan_quickly(problem(), exact), plan_quickly(problem(ball), exact)
     assert beside.T == pytest.approx(alone.T, rel=1e-5)
 
