@@ -10,6 +10,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.planner import starts
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
@@ -164,8 +165,6 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
 
 
 def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkeypatch):
-    from tominpmp.planner import starts
-
     warm_start = starts._warm_start_work
 
     def fails(*arguments):
@@ -218,3 +217,16 @@ def test_a_motion_that_rests_from_the_first_is_a_guess(planar3r):
         guess = warm_start(ProblemFunctions.of(problem), still)
     assert guess.durations[0] > 0.0
     np.testing.assert_allclose(guess.q, np.tile(START, (len(guess.t), 1)), atol=1e-12)
+
+
+def test_a_warm_start_of_torques_weighs_no_jumps(monkeypatch, free):
+    """As without a former motion: the total variation is for other methods."""
+    seen, own = [], starts.shooting_work
+
+    def watched(system, options, *more):
+        seen.append(options.smoothing)
+        return own(system, options, *more)
+
+    monkeypatch.setattr(starts, "shooting_work", watched)
+    tm.plan(free.problem, start=free, method="adjoint", intervals=20, effort="quick")
+    assert seen == [None]

@@ -327,14 +327,13 @@ def _warm_start_work(
     system: ProblemFunctions, former: WarmStart, state: PlanState
 ) -> Work:
     """Work that improves a former motion."""
-    options = state.options
-    near = replace(options, trust_region=WARM_RADIUS * options.trust_region)
-    if near.smoothing is None:
-        # Squares of jumps take four times the programs near an optimum.
-        near = replace(near, smoothing=JUMPS_SHARE * former.duration)
+    near = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
     if near.method in ("adjoint", "penalty"):
         shares = interval_shares(near.grid, near.intervals)
         return shooting_work(system, near, state, former.torque_program(system, shares))
+    if near.smoothing is None:
+        # Squares of jumps take four times the programs near an optimum.
+        near = replace(near, smoothing=JUMPS_SHARE * former.duration)
     hopeless = stop_if_hopeless(former.duration, WARM_FAR)
     return descent_work(system, near, former, state, hopeless)
 
