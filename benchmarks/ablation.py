@@ -90,7 +90,7 @@ VARIANTS: dict[str, Variant] = {
     "no coarse grids": COARSE,
     "constant accelerations": CONSTANT,
     "no proximal term": Variant(parts={f"{SOLVERS}.objective.PROXIMAL": 0.0}),
-    "no total variation": Variant({"smoothing": 0.0}),
+    "no weight of jumps": Variant({"smoothing": 0.0}),
     "rows of links at once": Variant(
         parts={
             f"{FUNCTIONS}.without_self_collision": property(lambda self: self),

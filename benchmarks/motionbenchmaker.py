@@ -205,9 +205,10 @@ class Court:
         """Read a problem."""
         request = judging.read_request(case.request_path)
         unmoved = {k: v for k, v in request.start.items() if k not in request.goal}
-        if case.robot != ROBOT:
+        named = case.robot
+        if named != ROBOT:
             unmoved = {}  # joints that the set does not move are fixed in its files
-        robot, arm = load_arm(case.robot, tuple(sorted(unmoved.items())))
+        robot, arm = load_arm(named, tuple(sorted(unmoved.items())))
         root = arm.model.frames[1].name
         obstacles = exact_geometry.read_obstacles(case.scene_path, root)
         surroundings = exact_geometry.Surroundings(arm, obstacles)

@@ -249,14 +249,19 @@ class Chained(Program):
         return Variation(sp.csr_matrix(matrix), np.array([1.0, 0.0, 2.0]))
 
 
-def test_squares_of_jumps_lead_to_even_controls():
-    program = Chained(
+def chained():
+    """Least t with t >= 1, whatever the controls between are."""
+    return Chained(
         [("torque", [1.0], [np.inf], [0])],
         lambda z: [z[2]],
         lambda z: [[0.0, 0.0, 1.0]],
         [-5, -5, 0.1],
         [5, 5, 20],
     )
+
+
+def test_squares_of_jumps_lead_to_even_controls():
+    program = chained()
     options = Options(tolerance=1e-8)
     least = MinimumTime.of(options, 0.1, squared=True)
     step, stop = trust_regions(options, make_solver("piqp"))
@@ -267,13 +272,7 @@ def test_squares_of_jumps_lead_to_even_controls():
 
 
 def test_the_model_of_the_squares_is_exact():
-    program = Chained(
-        [("torque", [1.0], [np.inf], [0])],
-        lambda z: [z[2]],
-        lambda z: [[0.0, 0.0, 1.0]],
-        [-5, -5, 0.1],
-        [5, 5, 20],
-    )
+    program = chained()
     least = MinimumTime.of(Options(), 0.1, squared=True)
     z, step = np.array([1.5, -0.5, 3.0]), np.array([0.3, -0.2, 0.1])
     begun, _ = trust_regions(Options(), make_solver("piqp"))
@@ -282,7 +281,7 @@ def test_the_model_of_the_squares_is_exact():
     model = least.model(
         program, state, steps, program.linearize(z, state.values, steps)
     )
-    bend = 0.5 * float(np.sum((model.root @ step) ** 2))
+    bend = replace(model, near=None).bend(step)
     change = model.value(z + step, state.values) - model.value(z, state.values)
     assert model.gradient @ step + bend == pytest.approx(change, rel=1e-12)
 

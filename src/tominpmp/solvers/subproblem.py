@@ -112,7 +112,7 @@ def build_subproblem(
     further: list[Compressed] = []
     if model.variation is not None:
         variation = model.variation
-        differences = variation.matrix @ state.z + variation.offset
+        differences = variation.at(state.z)
         k = differences.size
         own = Compressed.of(variation.matrix).chosen(moving)
         columns, count = [body.followed_by(own).rows()], count + k

@@ -76,7 +76,7 @@ def _bends(of: Gridded, z: Array, h: Array) -> Array:
 def _bends_of_controls(of: Gridded, z: Array) -> Array:
     """Largest jump of the controls, or of their slopes, around each interval, (N,)."""
     variation = of.scaled_at(z).variation(z)
-    jumps = np.abs(variation.matrix @ z + variation.offset)
+    jumps = np.abs(variation.at(z))
     N, more = of.intervals, 0
     if isinstance(of, BSplineTranscription):
         more = max(of.degree - 3, 0)
