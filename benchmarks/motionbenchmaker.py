@@ -4,13 +4,16 @@
     python -m benchmarks.motionbenchmaker --data DIR --scenes box,cage --problems 1-5
     python -m benchmarks.motionbenchmaker --data DIR --rival
     python -m benchmarks.motionbenchmaker --data DIR --both
+    python -m benchmarks.motionbenchmaker --data DIR --starts 20 --out out/starts.csv
+    python -m benchmarks.motionbenchmaker --data DIR --against out/starts.csv
 
 DIR holds a folder for each scene with ``scene0001.yaml``, ``request0001.yaml`` and so
 on; the environment variable ``MOTIONBENCHMAKER`` may name it. The robot is the one
 whose URDF lies there, with its SRDF beside it, or else the Panda. Each motion is judged
 with exact meshes by the replay of its torques (see ``benchmarks/judging.py``), whatever
 the planner says of it. With ``--rival`` the problems are given to RRT-Connect with path
-simplification and TOPP-RA instead; with ``--both`` the two take turns.
+simplification and TOPP-RA instead; with ``--both`` the two take turns. With the results
+of another run, as of twenty starts, a line says how far T is above the shorter of both.
 
 Results go to a CSV file, a row as soon as it is known; what is there already is not
 computed again. A table is printed at the end.
@@ -48,7 +51,14 @@ if not __package__:  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import exact_geometry, judging
-from benchmarks.results import KEY, Row, Table, failures, markdown_table
+from benchmarks.results import (
+    KEY,
+    Row,
+    Table,
+    excess_line,
+    failures,
+    markdown_table,
+)
 
 VARIABLE = "MOTIONBENCHMAKER"
 # Robot of folders without a URDF file.
@@ -239,7 +249,7 @@ class Court:
 
 
 def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Plan with the library, with default options but for effort and time."""
+    """Plan with the library, with default options but for effort, time and starts."""
     import tominpmp as tm
     from tominpmp import linear_programs as lp
     from tominpmp.constraints import ClearanceConstraint
@@ -256,7 +266,9 @@ def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
         robot = replace(robot, motion_limits=tm.MotionLimits(**limits))
     problem = load_moveit(robot, *files)
     options = tm.Options(
-        effort=arguments.effort, max_planning_time=arguments.time_limit
+        effort=arguments.effort,
+        max_planning_time=arguments.time_limit,
+        starts=arguments.starts,
     )
     watch = Stopwatch()
     solvers = [
@@ -474,6 +486,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--effort", choices=("quick", "standard", "thorough"), default="standard"
     )
+    parser.add_argument("--starts", type=int, metavar="N", help="initial guesses")
     parser.add_argument("--rerun", action="store_true", help="compute all anew")
     return parser
 
@@ -496,6 +509,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         others = list(Table(options.against, columns).rows.values())
     print()
     print(markdown_table(rows, others))
+    if others:
+        print(excess_line(rows, others))
     for line in failures(rows):
         print(line)
 

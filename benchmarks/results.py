@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 KEY = ("scene", "problem")
 Row = dict[str, str]
@@ -69,12 +70,8 @@ def percentile_95(values: Sequence[float]) -> float:
     return float(np.percentile(values, 95))
 
 
-def compare(rows: Sequence[Row], others: Sequence[Row]) -> tuple[float, int]:
-    """Mean T of some rows over that of others, where both succeeded; how many.
-
-    Returns:
-        The ratio, nan if there is nothing to compare, and the number of problems.
-    """
+def durations(rows: Sequence[Row], others: Sequence[Row]) -> NDArray[np.float64]:
+    """T of the problems that both runs have solved, shape (k, 2) [s]."""
     known = {
         tuple(row[k] for k in KEY): row for row in others if row["success"] == "True"
     }
@@ -83,10 +80,34 @@ def compare(rows: Sequence[Row], others: Sequence[Row]) -> tuple[float, int]:
         for row in rows
         if row["success"] == "True" and (key := tuple(row[k] for k in KEY)) in known
     ]
-    if not pairs:
+    return np.array(pairs).reshape(-1, 2)
+
+
+def compare(rows: Sequence[Row], others: Sequence[Row]) -> tuple[float, int]:
+    """Mean T of some rows over that of others, where both succeeded; how many.
+
+    Returns:
+        The ratio, nan if there is nothing to compare, and the number of problems.
+    """
+    both = durations(rows, others)
+    if not both.size:
         return float("nan"), 0
-    ours, theirs = np.array(pairs).sum(axis=0)
-    return float(ours / theirs), len(pairs)
+    ours, theirs = both.sum(axis=0)
+    return float(ours / theirs), len(both)
+
+
+def excess_line(rows: Sequence[Row], others: Sequence[Row]) -> str:
+    """How far T is above the shorter motion of both runs, in a line."""
+    both = durations(rows, others)
+    if not both.size:
+        return "No problem was solved in both runs."
+    excess = both[:, 0] / both.min(axis=1) - 1.0
+    close, near = (100.0 * np.mean(excess <= share) for share in (0.01, 0.05))
+    return (
+        f"Of {len(both)} problems T is within 1 % of the shorter motion of both runs "
+        f"on {close:.1f} %, within 5 % on {near:.1f} %, and {100.0 * excess.max():.1f} "
+        "% above it at most."
+    )
 
 
 def markdown_table(rows: Sequence[Row], others: Sequence[Row] = ()) -> str:

@@ -417,6 +417,15 @@ def test_table_of_results_counts_failures_and_compares_what_both_solved() -> Non
     assert results.failures(ours) == ["box 3: CONVERGED (contact)"]
 
 
+def test_durations_are_compared_with_the_shorter_motion_of_both_runs() -> None:
+    ours = [row(1, True, 1.0), row(2, True, 2.0), row(3, True, 1.03), row(4, False, 9)]
+    theirs = [row(1, True, 2.0), row(2, True, 1.0), row(3, True, 1.0), row(4, True, 1)]
+    line = results.excess_line(ours, theirs)
+    assert "3 problems" in line
+    assert "on 33.3 %, within 5 % on 66.7 %, and 100.0 % above" in line
+    assert "No problem" in results.excess_line(ours, [])
+
+
 def test_an_error_is_a_row_and_ends_nothing(tmp_path: Path) -> None:
     case = motionbenchmaker.Case("box", 1, tmp_path)
     arguments = argparse.Namespace(rival=False, time_limit=None)

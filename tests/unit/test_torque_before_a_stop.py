@@ -123,11 +123,10 @@ def test_rows_of_a_planned_motion_do_not_jump_before_it_stops() -> None:
     assert np.all(moving | (still & np.isclose(dry, 0.0, atol=1e-7)))
 
 
-@pytest.mark.parametrize("method", ["collocation", "adjoint"])
-def test_accelerations_of_given_torques_are_those_before_the_stop(method: str) -> None:
+def test_accelerations_of_given_torques_are_those_before_the_stop() -> None:
     """The certificate had those of the opposite friction at the end of a motion."""
     problem = tm.Problem(arm(), [-1.6, 0.0], tm.JointGoal([-1.3, 0.001]))
-    solution = plan_quickly(problem, tm.Options(method=method)).raise_if_failed()
+    solution = plan_quickly(problem, method="collocation").raise_if_failed()
     motion = solution.trajectory
     assert motion is not None
     assert motion.inverse_dynamics is None
