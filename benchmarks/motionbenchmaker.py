@@ -34,6 +34,7 @@ for _name in (
     os.environ[_name] = "1"
 
 import argparse
+import csv
 import functools
 import inspect
 import sys
@@ -474,7 +475,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         default=Path("out/motionbenchmaker_rival.csv"),
         metavar="CSV",
-        help="results of the rival to compare with, if they are there",
+        help="results of another run to compare with, if they are there",
     )
     for name, unit in (("acceleration", "rad/s^2"), ("jerk", "rad/s^3")):
         parser.add_argument(
@@ -505,8 +506,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows = run(options)
     others: list[Row] = []
     if not options.rival and options.against.exists():
-        columns = KEY + COMMON + own_columns(True) + JUDGED
-        others = list(Table(options.against, columns).rows.values())
+        with options.against.open(newline="", encoding="utf-8") as file:
+            others = list(csv.DictReader(file))
     print()
     print(markdown_table(rows, others))
     if others:
