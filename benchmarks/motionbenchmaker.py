@@ -34,7 +34,6 @@ for _name in (
     os.environ[_name] = "1"
 
 import argparse
-import csv
 import functools
 import inspect
 import sys
@@ -59,6 +58,7 @@ from benchmarks.results import (
     excess_line,
     failures,
     markdown_table,
+    read_rows,
 )
 
 VARIABLE = "MOTIONBENCHMAKER"
@@ -506,8 +506,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows = run(options)
     others: list[Row] = []
     if not options.rival and options.against.exists():
-        with options.against.open(newline="", encoding="utf-8") as file:
-            others = list(csv.DictReader(file))
+        others = read_rows(options.against)
     print()
     print(markdown_table(rows, others))
     if others:

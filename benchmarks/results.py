@@ -15,6 +15,23 @@ KEY = ("scene", "problem")
 Row = dict[str, str]
 
 
+def read_rows(path: Path, columns: Sequence[str] | None = None) -> list[Row]:
+    """Rows of a CSV file; the half of a row that an interruption leaves is left out.
+
+    Args:
+        path: The file.
+        columns: Names of the columns; None for any.
+
+    Raises:
+        SystemExit: If the file has other columns.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        if columns is not None and reader.fieldnames != list(columns):
+            raise SystemExit(f"{path} has other columns; choose another --out")
+        return [row for row in reader if None not in row.values()]
+
+
 class Table:
     """The CSV file: rows of earlier runs, and rows added one by one.
 
@@ -29,16 +46,9 @@ class Table:
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self._path, self._columns = path, list(columns)
         self.rows: dict[tuple[str, ...], Row] = {}
-        if not path.exists() or not path.stat().st_size:
-            return
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            if reader.fieldnames != self._columns:
-                raise SystemExit(f"{path} has other columns; choose another --out")
-            for row in reader:
-                # An interruption may leave half a row; that problem is run again.
-                if None not in row.values():
-                    self.rows[tuple(row[name] for name in KEY)] = row
+        if path.exists() and path.stat().st_size:
+            for row in read_rows(path, columns):
+                self.rows[tuple(row[name] for name in KEY)] = row
 
     def add(self, row: Row) -> None:
         """Add a row and write all to the disk at once."""

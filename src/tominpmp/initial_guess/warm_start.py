@@ -44,8 +44,8 @@ CLOSER = 0.5
 LATEST = 0.95
 # Weight of a difference in velocity, in shares of the duration.
 SPEED_WEIGHT = 0.1
-# Segments last at least [s].
-TRACE = 1e-9
+# Least duration of a segment [s].
+LEAST_DURATION = 1e-9
 # Grids of this many times the intervals asked for are not taken over.
 FINEST = 4
 # A spline on a finer grid than the one asked for keeps at most this many times the
@@ -265,7 +265,7 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     )
     begins[0] = entry
     # Where an arm rests at a goal from the first, it arrives at once.
-    durations = np.maximum(arrivals - begins, TRACE)
+    durations = np.maximum(arrivals - begins, LEAST_DURATION)
     first, last = plain(begins), plain(arrivals)
     p, s = np.zeros((2, 2, begins.size, system.n))
     p[0, 0], s[0, 0] = problem.q_start - first.q[0], system.v_start - first.v[0]

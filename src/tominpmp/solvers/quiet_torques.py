@@ -73,9 +73,9 @@ class QuietTorques(Objective):
         """
         times = nlp.transcription.sequence_times(z)
         torques, _ = _differences(nlp, times, z, nlp.evaluate(z))
-        matrix, offset = mean_speeds(nlp, z)
-        norm = _norm(matrix @ z + offset) / np.sqrt(SPEED_WEIGHT)
-        speeds = Variation(matrix / norm, offset / norm)
+        speeds = mean_speeds(nlp, z)
+        norm = _norm(speeds.at(z)) / np.sqrt(SPEED_WEIGHT)
+        speeds = Variation(speeds.matrix / norm, speeds.offset / norm)
         return cls(SETTLED, feasibility, times, _norm(torques), speeds)
 
     def value(self, program: Program, z: Array, values: Array) -> float:
@@ -103,8 +103,7 @@ class QuietTorques(Objective):
         )
 
     def _residuals(self, z: Array, torques: Array) -> Array:
-        speeds = self.speeds.matrix @ z + self.speeds.offset
-        return np.concatenate([torques / self.torque_norm, speeds])
+        return np.concatenate([torques / self.torque_norm, self.speeds.at(z)])
 
     def within(self, program: Program, steps: StepBounds) -> StepBounds:
         """The time stays as it is."""
