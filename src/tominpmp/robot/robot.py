@@ -24,7 +24,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
-from tominpmp.checks import JOINTS, array, instance, names
+from tominpmp.checks import JOINTS, array, choice, instance, names
 from tominpmp.datasheets import OVERRIDES, find_datasheet, published_values
 from tominpmp.description.files import (
     RobotFiles,
@@ -37,6 +37,8 @@ from tominpmp.description.formats import read_description
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
+    LOSSES,
+    ROW,
     JointLimits,
     JointTable,
     JointValues,
@@ -228,13 +230,11 @@ class Robot(Record):
 
     @cached_property
     def _frame_ids(self) -> dict[str, int]:
-        """Indices of the frames by name."""
+        """Indices of the frames by name, without that of the world."""
         found: dict[str, int] = {}
-        for index, frame in enumerate(self.model.frames):
-            if index > 0:  # the first one is the world's
-                found.setdefault(frame.name, index)
-        bodies = (n for n in found if self.model.existBodyName(n))
-        found.update({name: int(self.model.getBodyId(name)) for name in list(bodies)})
+        for index, frame in enumerate(self.model.frames[1:], 1):
+            if frame.type == pin.FrameType.BODY or frame.name not in found:
+                found[frame.name] = index
         return found
 
     def expand(self, q: ArrayLike) -> Array:
@@ -333,23 +333,20 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If the inertia becomes singular.
         """
-        losses = {"damping": damping, "armature": armature, "friction": friction}
-        check_kinematic(self.kinematic, effort=effort, **losses)
-        table = self._table().overridden(
-            self._linkage().reasons(),
-            damping=damping,
-            armature=armature,
-            friction=friction,
-            effort=effort,
-            velocity=velocity,
-            position_lower=position_lower,
-            position_upper=position_upper,
-        )
+        values = {
+            "damping": damping,
+            "armature": armature,
+            "friction": friction,
+            "effort": effort,
+            "velocity": velocity,
+            "position_lower": position_lower,
+            "position_upper": position_upper,
+        }
+        check_kinematic(self.kinematic, values)
+        table = self._table().overridden(self._linkage().reasons(), values)
         changed = check_gravity(self.gravity if gravity is None else gravity)
         robot = self._rebuilt(table=table, gravity=changed)
-        if not self.kinematic:
-            ties = robot.expansion_matrix, robot.expansion_offset
-            check_inertia(robot.model, table, *ties, self.description)
+        robot._check_inertia()
         # Geometry does not depend on any of this; it need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
@@ -398,8 +395,23 @@ class Robot(Record):
         return self.description.attached
 
     def _table(self) -> JointTable:
-        given = self.limits, self.damping, self.armature, self.friction
-        return JointTable.of_limits(self.joint_names, *given)
+        limits, rows = self.limits, np.zeros(self.n, dtype=ROW)
+        for name in ("position_lower", "position_upper", "velocity"):
+            rows[name] = getattr(limits, name)
+        rows["effort"] = np.column_stack([limits.effort_lower, limits.effort_upper])
+        for name in LOSSES:
+            rows[name] = getattr(self, name)
+        return JointTable(self.joint_names, rows)
+
+    def _check_inertia(self) -> None:
+        """Check that no joint moves without inertia, unless the robot has no torques.
+
+        Raises:
+            RobotLoadError: If one does.
+        """
+        if not self.kinematic:
+            ties = self.expansion_matrix, self.expansion_offset
+            check_inertia(self.model, self._table(), *ties, self.description)
 
     def _linkage(self) -> Linkage:
         return Linkage.resolve(self.description.joints, self.locked_joints)
@@ -531,11 +543,8 @@ class RobotSource:
         Raises:
             OptionsError: If limits are none of these, or there is no sheet.
         """
-        if limits not in (None, DATASHEET, URDF):
-            raise OptionsError(
-                f"limits is {brief(limits)}, expected {DATASHEET!r}, {URDF!r} or None",
-                "limits",
-            )
+        expected = f"{DATASHEET!r}, {URDF!r} or None"
+        choice(limits, (None, DATASHEET, URDF), "limits", expected, OptionsError)
         joints = self.description.joints
         described = {
             quantity: {j.name: getattr(j, quantity, math.inf) for j in joints}
@@ -601,18 +610,16 @@ def read_source(
         return source
     folders = check_folders(package_dirs)
     parts = _pinocchio_parts(source, geometry)
-    if parts is not None:
-        description, semantics, effort = describe_model(*parts, package_dirs=folders)
-        files = RobotFiles(description.path, srdf=None)
-        if srdf is not None:
-            semantics = read_semantics(srdf, description)
-        return RobotSource(files, description, semantics, {"effort": effort})
-    if geometry is not None:
+    if geometry is not None and parts is None:
         raise RobotLoadError(
             f"geometry is given beside {brief(source)}; it belongs to a pinocchio.Model"
         )
-    own, effort = None, {}
-    if _is_yourdfpy(source):
+    own: SemanticDescription | None = None
+    effort: Mapping[str, Any] = {}
+    if parts is not None:
+        description, own, effort = describe_model(*parts, package_dirs=folders)
+        files = RobotFiles(description.path, None)
+    elif _is_yourdfpy(source):
         files = RobotFiles(Path(f"<yourdfpy.URDF {source.robot.name}>"), None)  # type: ignore[attr-defined]
         description = read_parsed(source, files.urdf, folders)
     else:
@@ -685,9 +692,7 @@ def _find(source: object) -> tuple[RobotFiles, tuple[Path, ...]]:
             return _of_module(_imported(name), name)
         return find_robot(source), ()
     name = str(getattr(source, "__name__", ""))
-    if not name.startswith("robot_descriptions") and not any(
-        isinstance(getattr(source, key, None), str | os.PathLike) for key in _PATHS
-    ):
+    if not name.startswith("robot_descriptions") and not _paths(source, _PATHS):
         raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
     return _of_module(source, name)
 
@@ -724,21 +729,21 @@ def _module_names() -> list[str]:
 
 
 def _of_module(module: Any, name: str) -> tuple[RobotFiles, tuple[Path, ...]]:
-    paths = [getattr(module, key, None) for key in _PATHS]
-    urdf = next((path for path in paths if isinstance(path, str | os.PathLike)), None)
-    if urdf is None:
+    paths = _paths(module, _PATHS)
+    if not paths:
         raise RobotLoadError(
             f"the module {brief(name)} has none of the files {', '.join(_PATHS)}"
         )
-    path = Path(urdf).absolute()
-    folders = {
-        Path(getattr(module, key)).absolute()
-        for key in ("PACKAGE_PATH", "REPOSITORY_PATH")
-        if isinstance(getattr(module, key, None), str | os.PathLike)
-    }
+    folders = _paths(module, ("PACKAGE_PATH", "REPOSITORY_PATH"))
     around = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
-    found = RobotFiles(path, find_srdf(path), name.rpartition(".")[2] or None)
-    return found, tuple(sorted(around))
+    named = name.rpartition(".")[2] or None
+    return RobotFiles(paths[0], find_srdf(paths[0]), named), tuple(sorted(around))
+
+
+def _paths(module: object, names: Sequence[str]) -> list[Path]:
+    """Those of some attributes of a module that are paths."""
+    found = [getattr(module, name, None) for name in names]
+    return [Path(p).absolute() for p in found if isinstance(p, str | os.PathLike)]
 
 
 #: A name, a path, a text, a ``pinocchio.Model`` (alone or with geometry), a
@@ -831,8 +836,16 @@ def load_robot(
         JointNotFound: If a joint is unknown.
         MissingDependency: If it is a xacro file and the extra is not installed.
     """
-    losses = {"damping": damping, "armature": armature, "friction": friction}
-    check_kinematic(kinematic, effort=effort, **losses)
+    values = {
+        "damping": damping,
+        "armature": armature,
+        "friction": friction,
+        "effort": effort,
+        "velocity": velocity,
+        "position_lower": position_lower,
+        "position_upper": position_upper,
+    }
+    check_kinematic(kinematic, values)
     given = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = given.linkage(group, locked_joints)
     linkage.warn_of_limits(given.description.joints)
@@ -847,17 +860,7 @@ def load_robot(
             for key in OVERRIDES
             if key in known
         }
-        table = table.overridden(reasons, **own)
-        table = table.overridden(
-            reasons,
-            damping=damping,
-            armature=armature,
-            friction=friction,
-            effort=effort,
-            velocity=velocity,
-            position_lower=position_lower,
-            position_upper=position_upper,
-        )
+        table = table.overridden(reasons, own).overridden(reasons, values)
         table = table.without_dynamics() if kinematic else table
         table.check_complete(given.files.urdf)
         return table
@@ -879,9 +882,8 @@ def load_robot(
         }
     further = limits_by_joint(known, robot.joint_names)
     robot = replace(robot, motion_limits=further)
+    robot._check_inertia()
     if not kinematic:
-        table, ties = robot._table(), (robot.expansion_matrix, robot.expansion_offset)
-        check_inertia(robot.model, table, *ties, given.description)
         warn_of_inertia(robot.model, given.description)
     if given.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
