@@ -67,7 +67,7 @@ def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pi
         inertia = _inertia(links[joint.child])
         if joint.kind == "fixed" or joint.name in locked:
             if joint.name in locked:
-                place = place * _motion(joint, locked[joint.name])
+                place = place * joint.motion(locked[joint.name])
             frame = model.addFrame(
                 pin.Frame(joint.name, index, above, place, kinds.FIXED_JOINT, inertia)
             )
@@ -99,14 +99,6 @@ def _joint_model(joint: JointDescription) -> Any:
     if slides:
         return pin.JointModelPrismaticUnaligned(joint.axis)
     return pin.JointModelRevoluteUnaligned(joint.axis)
-
-
-def _motion(joint: JointDescription, position: float) -> pin.SE3:
-    """What a joint at a position [rad or m] adds to its placement."""
-    way = position * joint.axis
-    if joint.kind == "prismatic":
-        return pin.SE3(np.eye(3), way)
-    return pin.SE3(pin.exp3(way), np.zeros(3))
 
 
 def build_geometry(

@@ -37,23 +37,10 @@ from tominpmp.exceptions import (
 RESTING = ("default", "neutral", "home", "half_sitting")
 # Elements that are read, and those that do not touch a motion: hands and tools, spheres
 # for other collision checkers, metrics of samplers, footprints.
-READ = (
-    "disable_collisions",
-    "disable_default_collisions",
-    "enable_collisions",
-    "group",
-    "group_state",
-    "passive_joint",
-    "rotor_params",
-    "virtual_joint",
-)
-WITHOUT_EFFECT = (
-    "end_effector",
-    "gripper",
-    "joint_property",
-    "link_sphere_approximation",
-    "specificities",
-)
+READ = {"disable_collisions", "disable_default_collisions", "enable_collisions"}
+READ |= {"group", "group_state", "passive_joint", "rotor_params", "virtual_joint"}
+WITHOUT_EFFECT = {"end_effector", "gripper", "joint_property", "specificities"}
+WITHOUT_EFFECT |= {"link_sphere_approximation"}
 # The reason for which MoveIt disables pairs that it has not seen to touch, and the one
 # of pairs that a file disables for a link as a whole.
 NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
@@ -195,7 +182,7 @@ def read_srdf(
     context = XmlContext(path)
     if root.tag != "robot":
         context.fail(f"is no SRDF file: its root is <{root.tag}>, expected <robot>")
-    unread = {element.tag for element in root} - {*READ, *WITHOUT_EFFECT}
+    unread = {element.tag for element in root} - READ - WITHOUT_EFFECT
     if unread:
         names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
         warn_caller(f"{path}: not read: {names}")
@@ -334,10 +321,8 @@ class _SrdfReader:
                     found |= joints
                     unknown += lacking
                 elif tag == "link" and member in self.links:
-                    # No joint carries the first link.
-                    found |= (
-                        {self.carrying[member]} if member in self.carrying else set()
-                    )
+                    if member in self.carrying:  # no joint carries the first link
+                        found.add(self.carrying[member])
                 elif tag == "joint" and self._short(member) in self.known:
                     found.add(self._short(member))
                 else:

@@ -133,6 +133,13 @@ class JointDescription(Record):
     jerk: float = math.inf
     armature: float = 0.0
 
+    def motion(self, position: float) -> pin.SE3:
+        """What it adds to its placement at a position [rad or m]."""
+        way = position * self.axis
+        if self.kind == "prismatic":
+            return pin.SE3(np.eye(3), way)
+        return pin.SE3(pin.exp3(way), np.zeros(3))
+
 
 @dataclass(frozen=True, eq=False)
 class UrdfDescription(Record):
