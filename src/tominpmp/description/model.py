@@ -15,6 +15,7 @@ from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
 from tominpmp.description.tree import (
+    SIZES,
     JointDescription,
     LinkDescription,
     Mimic,
@@ -31,13 +32,6 @@ SAME_AXIS = 1e-12
 # Joints about or along an axis of their own frame, which Pinocchio computes faster.
 TURNING = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 SLIDING = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
-# Shapes that are given by their sizes.
-SOLIDS = {
-    "box": coal.Box,
-    "sphere": coal.Sphere,
-    "cylinder": coal.Cylinder,
-    "capsule": coal.Capsule,
-}
 # Colour of shapes to which a description gives none, as Pinocchio has it.
 GREY = (0.9, 0.9, 0.9, 1.0)
 
@@ -146,8 +140,8 @@ def build_geometry(
 
 def _solid(shape: Shape, load: Any) -> Any:
     """The shape as Coal has it."""
-    if shape.kind in SOLIDS:
-        return SOLIDS[shape.kind](*shape.sizes)
+    if shape.kind in SIZES:
+        return getattr(coal, shape.kind.capitalize())(*shape.sizes)
     if shape.corners is None or shape.faces is None:
         return load(shape.file, shape.sizes)
     mesh = coal.BVHModelOBBRSS()

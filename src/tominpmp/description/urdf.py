@@ -41,9 +41,9 @@ from tominpmp.description.tree import (
     warn_of_unseen,
 )
 from tominpmp.description.xml_reader import (
-    MAX_NUMBER,
     XmlContext,
     add,
+    bounded,
     read_xml,
     to_number,
     xml_text,
@@ -383,7 +383,7 @@ class _UrdfReader:
         for key, value in limits.items():
             if key not in ("lower", "upper") and value < 0.0:
                 context.fail(f"{where}: limit {key}={value:g} is negative")
-        limits = {key: _bounded(value) for key, value in limits.items()}
+        limits = {key: bounded(value) for key, value in limits.items()}
         lower, upper = limits["lower"], limits["upper"]
         if kind == "continuous":
             lower, upper = -math.inf, math.inf
@@ -471,12 +471,6 @@ def _part(element: Element, tag: str) -> Element:
     """A child, or an empty one that has everything by default."""
     found = element.find(tag)
     return Element(tag) if found is None else found
-
-
-def _bounded(value: float) -> float:
-    """A limit: infinite if it is beyond reason."""
-    # "No limit" is commonly written as 1e16 or the like.
-    return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else value
 
 
 def _check_tree(

@@ -181,6 +181,12 @@ def to_number(text: str) -> float:
         return math.nan
 
 
+def bounded(limit: float) -> float:
+    """A limit: infinite if it is beyond reason."""
+    # "No limit" is commonly written as 1e16, or as the largest number there is.
+    return math.copysign(math.inf, limit) if abs(limit) > MAX_NUMBER else float(limit)
+
+
 def add(parent: Element, tag: str, **attributes: Any) -> Element:
     """Add an element, with texts, and numbers so that every parser reads them."""
     element = SubElement(parent, tag)
