@@ -176,7 +176,7 @@ def group_names(source: str) -> tuple[str, ...]:
     said = _said(source).semantics
     if said is None:
         return ()
-    return tuple(name for name, group in said.groups.groups.items() if group.joints)
+    return tuple(name for name, group in said.groups.items() if group.joints)
 
 
 def follows_datasheet(choice: RobotChoice) -> bool | None:

@@ -164,10 +164,8 @@ class _ModelReader:
         else:  # on two numbers, cosine and sine, it turns without end
             values["kind"] = "continuous"
         effort = min(abs(model.lowerEffortLimit[v]), abs(model.upperEffortLimit[v]))
-        values |= {
-            "velocity": bounded(model.velocityLimit[v]),
-            "effort": bounded(effort),
-        }
+        values["velocity"] = bounded(model.velocityLimit[v])
+        values["effort"] = bounded(effort)
         losses = ("damping", "friction", "armature")
         values |= {loss: float(getattr(model, loss)[v]) for loss in losses}
         return JointDescription(**values)

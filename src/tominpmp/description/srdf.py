@@ -87,20 +87,40 @@ class JointGroup:
 
 
 @dataclass(frozen=True)
-class JointGroups(_ReadOnly):
-    """The groups of an SRDF file, and what it says of their joints.
+class SemanticDescription(_ReadOnly):
+    """What an SRDF file says about a robot.
 
     Attributes:
+        disabled_pairs: Pairs of links whose collision is not to be checked, each pair
+            in alphabetical order and none twice.
+        group_states: Joint positions [rad or m] by joint name, by the name of the
+            state; states of several groups that share a name are one.
+        path: The file.
+        groups: Groups of joints that are planned together, by name.
         robot: Name of the robot in the file.
-        groups: The groups by name.
         passive: Joints that the file calls passive.
+        rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
+        never_touch: Those of the disabled pairs that are said, or have to be taken, to
+            be apart at all configurations: with the reason "Never", or without one
+            where two joints or more are between the links.
     """
 
-    robot: str = ""
+    disabled_pairs: tuple[tuple[str, str], ...] = ()
+    group_states: Mapping[str, Mapping[str, float]] = field(
+        default_factory=dict, hash=False
+    )
+    path: Path = Path()
     groups: Mapping[str, JointGroup] = field(default_factory=dict, hash=False)
+    robot: str = ""
     passive: tuple[str, ...] = ()
+    rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
+    never_touch: tuple[tuple[str, str], ...] = ()
 
-    def find(self, name: str) -> str | None:
+    def __repr__(self) -> str:
+        """What it holds, on one line."""
+        return record_line(self)
+
+    def find_group(self, name: str) -> str | None:
         """Name in the file of a group; None if there is none.
 
         Where no group has the very name, one is taken that is meant without doubt:
@@ -118,35 +138,6 @@ class JointGroups(_ReadOnly):
         if len(words) > 1 and words[0] == self.robot.lower():
             words = words[1:]
         return [{"left": "l", "right": "r"}.get(word, word) for word in words]
-
-
-@dataclass(frozen=True)
-class SemanticDescription(_ReadOnly):
-    """What an SRDF file says about a robot.
-
-    Attributes:
-        disabled_pairs: Pairs of links whose collision is not to be checked, each pair
-            in alphabetical order and none twice.
-        group_states: Joint positions [rad or m] by joint name, by the name of the
-            state; states of several groups that share a name are one.
-        path: The file.
-        groups: Groups of joints that are planned together.
-        rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
-        never_touch: Those of the disabled pairs that are said, or have to be taken, to
-            be apart at all configurations: with the reason "Never", or without one
-            where two joints or more are between the links.
-    """
-
-    disabled_pairs: tuple[tuple[str, str], ...]
-    group_states: Mapping[str, Mapping[str, float]] = field(hash=False)
-    path: Path
-    groups: JointGroups = field(default_factory=JointGroups)
-    rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
-    never_touch: tuple[tuple[str, str], ...] = ()
-
-    def __repr__(self) -> str:
-        """What it holds, on one line."""
-        return record_line(self)
 
 
 def read_semantics(
@@ -225,7 +216,9 @@ class _SrdfReader:
             tuple(disabled),
             self._group_states(),
             self.context.path,
-            JointGroups(self.root.get("name", ""), groups, tuple(passive)),
+            groups,
+            self.root.get("name", ""),
+            tuple(passive),
             self._rotor_inertias(),
             tuple(never),
         )
@@ -361,20 +354,19 @@ def group_locks(
     Raises:
         OptionsError: If there is no such group, or it has no joint.
     """
-    groups = JointGroups() if semantics is None else semantics.groups
-    states = {} if semantics is None else semantics.group_states
-    inside = _asked_for(groups, description, group)
+    said = SemanticDescription() if semantics is None else semantics
+    inside = _asked_for(said, description, group)
     outside = [j for j in description.joints if j.name not in inside and not j.mimic]
-    return {j.name: rest_position(j, states) for j in outside} | dict(locked)
+    return {j.name: rest_position(j, said.group_states) for j in outside} | dict(locked)
 
 
 def _asked_for(
-    groups: JointGroups, description: UrdfDescription, group: Group
+    said: SemanticDescription, description: UrdfDescription, group: Group
 ) -> Collection[str]:
     """Joints of the group of a name, or those that are meant."""
-    name = groups.find(group) if isinstance(group, str) else None
+    name = said.find_group(group) if isinstance(group, str) else None
     if name is not None:
-        found = groups.groups[name]
+        found = said.groups[name]
         if not found.joints:
             raise OptionsError(
                 f"group: the group {name!r} has no joint that the robot has", "group"
@@ -383,7 +375,7 @@ def _asked_for(
         return found.joints
     joints = _without_name(description, group)
     if joints is None:
-        raise OptionsError(_no_group(groups, group), "group")
+        raise OptionsError(_no_group(list(said.groups), group), "group")
     if not joints:
         raise OptionsError(f"group: no joint moves {brief(group)}", "group")
     return joints
@@ -407,12 +399,12 @@ def _without_name(description: UrdfDescription, group: object) -> set[str] | Non
     return None
 
 
-def _no_group(groups: JointGroups, group: object) -> str:
-    known = f"; the robot has: {', '.join(groups.groups)}"
-    if not groups.groups:
+def _no_group(groups: Sequence[str], group: object) -> str:
+    known = f"; the robot has: {', '.join(groups)}"
+    if not groups:
         known = ": the robot has no SRDF file with groups; give one with srdf="
     return (
-        f"group: there is no group {brief(group)}{closest(group, list(groups.groups))}"
+        f"group: there is no group {brief(group)}{closest(group, groups)}"
         f"{known}; or give the name of the last link of a chain, two links (base, tip),"
         " or names of joints"
     )
@@ -462,14 +454,13 @@ def srdf_file(
         name: Name of the robot.
         without: Links whose pairs are left out.
     """
-    groups = semantics.groups
-    root = Element("robot", name=groups.robot or name)
+    root = Element("robot", name=semantics.robot or name)
     for one, other in semantics.disabled_pairs:
         if not {one, other} & set(without):
             item = add(root, "disable_collisions", link1=one, link2=other)
             if (one, other) in semantics.never_touch:
                 item.set("reason", NEVER)
-    for group, found in groups.groups.items():
+    for group, found in semantics.groups.items():
         element = add(root, "group", name=group)
         for joint in (*found.joints, *found.unknown):
             add(element, "joint", name=joint)
@@ -481,7 +472,7 @@ def srdf_file(
         element = add(root, "group_state", name=state)
         for joint, value in positions.items():
             add(element, "joint", name=joint, value=value)
-    for joint in groups.passive:
+    for joint in semantics.passive:
         add(root, "passive_joint", name=joint)
     if semantics.rotor_inertias:
         rotors = add(root, "rotor_params")

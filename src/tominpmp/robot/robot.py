@@ -887,6 +887,6 @@ def load_robot(
         warn_of_inertia(robot.model, given.description)
     if given.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
-        warn_of_passive(given.semantics.groups.passive, motors)
+        warn_of_passive(given.semantics.passive, motors)
     _ = robot.collision_model  # a mesh that cannot be read is an error now
     return robot
