@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -198,6 +198,19 @@ def sticks(model: pin.Model, q: Array) -> Array:
         if frame.type == pin.FrameType.BODY and frame.parentJoint
     ]
     return np.array(lines or [np.zeros((2, 3))])
+
+
+def are_neighbours(
+    model: pin.Model, one: int, other: int, carriers: Collection[int]
+) -> bool:
+    """Whether of joints whose links have shapes, carriers, none is between two."""
+    for joint, target in ((one, other), (other, one)):
+        parent = int(model.parents[joint])
+        while parent and parent not in carriers:
+            parent = int(model.parents[parent])
+        if parent == target:
+            return True
+    return False
 
 
 def expansion(

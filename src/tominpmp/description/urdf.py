@@ -60,8 +60,6 @@ SLIGHT = 1e-9
 MOST = 10
 # Limits of joints that turn within which nobody gives radians: five to 115 turns.
 MANY_TURNS, DEGREES = 30.0, 720.0
-
-
 # The parsers recurse into the tree; humanoids have some hundred links.
 MAX_LINKS = 2000
 SHAPES = (*SIZES, "mesh")
@@ -152,7 +150,7 @@ def read_parsed(
             if said is not None:
                 given = {k: v for k, v in vars(said).items() if v is not None}
                 add(element, tag, **given)
-    return _UrdfReader(root, XmlContext(path), package_dirs).read()
+    return read_urdf(path, package_dirs, root)
 
 
 class _UrdfReader:
@@ -226,6 +224,7 @@ class _UrdfReader:
         """Placement by the <origin> of an element, shape (4, 4)."""
         origin, context = _part(element, "origin"), self.context
         angles = context.numbers(origin, "rpy", where, (0.0, 0.0, 0.0))
+        # Turned about x, y and z of the parent, one after another.
         (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
         placement = np.eye(4)
         placement[:3, :3] = (
@@ -251,10 +250,8 @@ class _UrdfReader:
         context = self.context
         element = self._needed(inertial, "mass", f"{where}: <inertial>")
         mass = context.number(element, "value", where, low=0.0)
-        placement, element = (
-            self._placement(inertial, where),
-            _part(inertial, "inertia"),
-        )
+        placement = self._placement(inertial, where)
+        element = _part(inertial, "inertia")
         # No check of the sign: rounding leaves moments of -1e-20, and whether the robot
         # as a whole has inertia is checked on its mass matrix.
         xx, xy, xz, yy, yz, zz = (context.number(element, m, where) for m in MOMENTS)

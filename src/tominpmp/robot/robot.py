@@ -174,12 +174,13 @@ class Robot(Record):
         """A stick figure and the limits, for notebooks."""
         low, high = self.limits.position_lower, self.limits.position_upper
         arm = sticks(self.model, self.expand(np.clip(np.zeros(self.n), low, high)))
-        columns = [low, high, self.limits.velocity, self.limits.effort_upper]
-        columns = columns[: 3 if self.kinematic else 4]
-        rows = zip(self.joint_names, *(x.tolist() for x in columns), strict=True)
-        head = ("joint", "lower", "upper", "velocity", "effort")[: 1 + len(columns)]
+        columns = {"lower": low, "upper": high, "velocity": self.limits.velocity}
+        if not self.kinematic:
+            columns["effort"] = self.limits.effort_upper
+        values = (column.tolist() for column in columns.values())
+        rows = list(zip(self.joint_names, *values, strict=True))
         picture = skeletons("at zero", {"robot": arm})
-        return card(f"Robot {self.name}", picture, table(head, list(rows)))
+        return card(f"Robot {self.name}", picture, table(("joint", *columns), rows))
 
     @property
     def n(self) -> int:
