@@ -51,19 +51,6 @@ Pair: TypeAlias = "tuple[str, str]"
 Group: TypeAlias = "str | Sequence[str]"
 
 
-class _ReadOnly:
-    """Base of frozen dataclasses with mappings: read-only ones, pickled as plain."""
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        for name, value in vars(self).items():
-            object.__setattr__(self, name, _mapped(value, MappingProxyType))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the read-only mappings as plain ones."""
-        return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
-
-
 def _mapped(value: Any, kind: Callable[[dict[Any, Any]], Any]) -> Any:
     """A mapping, and those in it, as one of another kind; other values remain."""
     if not isinstance(value, Mapping):
@@ -87,7 +74,7 @@ class JointGroup:
 
 
 @dataclass(frozen=True)
-class SemanticDescription(_ReadOnly):
+class SemanticDescription:
     """What an SRDF file says about a robot.
 
     Attributes:
@@ -115,6 +102,15 @@ class SemanticDescription(_ReadOnly):
     passive: tuple[str, ...] = ()
     rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
     never_touch: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, _mapped(value, MappingProxyType))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the read-only mappings as plain ones."""
+        return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
 
     def __repr__(self) -> str:
         """What it holds, on one line."""

@@ -552,9 +552,8 @@ def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, byte
         inertial = add(element, "inertial")
         add(inertial, "origin", xyz=link.com)
         add(inertial, "mass", value=link.mass)
-        moments = zip(*np.triu_indices(3), strict=True)
-        named = {f"i{'xyz'[i]}{'xyz'[k]}": link.inertia[i, k] for i, k in moments}
-        add(inertial, "inertia", **named)
+        moments = link.inertia[np.triu_indices(3)]
+        add(inertial, "inertia", **dict(zip(MOMENTS, moments, strict=True)))
     for tag, shapes in (("collision", link.collisions), ("visual", link.visuals)):
         for shape in shapes:
             item = add(element, tag)

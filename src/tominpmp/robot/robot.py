@@ -368,9 +368,7 @@ class Robot(Record):
         """
         instance(positions, Mapping, "positions", "positions by joint name")
         joints = self.description.joints
-        mimics = {joint.name for joint in joints if joint.mimic}
-        kept = {k: v for k, v in self.locked_joints.items() if k not in mimics}
-        linkage = Linkage.resolve(joints, {**positions, **kept})
+        linkage = Linkage.resolve(joints, {**positions, **self.locked_joints})
         linkage.warn_of_limits(joints)
         limits = self.motion_limits
         if limits is not None:
