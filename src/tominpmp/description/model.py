@@ -260,25 +260,21 @@ def configured_model(
         offset: c, shape (nv,), or ``None``.
     """
     model = model.copy()
-    n = len(table.joint_names)
-    matrix = np.eye(n) if matrix is None else matrix
-    leader = np.abs(matrix).argmax(axis=1)
-    ratio = matrix[np.arange(len(leader)), leader]
-    offset = np.zeros(len(leader)) if offset is None else offset
-    free = [int(model.getJointId(name)) - 1 for name in table.joint_names]
+    matrix = np.eye(len(table.joint_names)) if matrix is None else matrix
+    leader, ratio = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
+    shift = 0.0 if offset is None else offset
+    is_free = np.isin(list(model.names)[1:], table.joint_names)
 
     def scaled(values: Array) -> Array:
         # A limit at infinity times a ratio of zero is zero.
         return np.asarray(np.where(ratio == 0.0, 0.0, values[leader]) * ratio)
 
     def alone(values: Array) -> Array:
-        full = np.zeros(len(leader))
-        full[free] = values
-        return full
+        return np.where(is_free, values[leader], 0.0)
 
     ends = np.stack([scaled(end) for end in table.ends])
-    model.lowerPositionLimit = ends.min(axis=0) + offset
-    model.upperPositionLimit = ends.max(axis=0) + offset
+    model.lowerPositionLimit = ends.min(axis=0) + shift
+    model.upperPositionLimit = ends.max(axis=0) + shift
     model.velocityLimit = np.abs(scaled(table["velocity"]))
     model.lowerVelocityLimit = -model.velocityLimit
     model.effortLimit = alone(np.abs(table["effort"]).max(axis=1))

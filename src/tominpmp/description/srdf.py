@@ -21,6 +21,7 @@ from tominpmp.description.tree import JointDescription, UrdfDescription
 from tominpmp.description.xml_reader import (
     XmlContext,
     add,
+    given_text,
     parse_xml,
     read_xml,
     xml_text,
@@ -146,8 +147,8 @@ def read_semantics(
     """
     if path is None:
         return None
-    if isinstance(path, str) and path.lstrip().startswith("<"):
-        text = path.lstrip().encode("utf-8", "replace")
+    text = given_text(path)
+    if text is not None:
         return read_srdf(Path("<text of an SRDF file>"), description, text)
     file = checked_path(path, "srdf", RobotLoadError).absolute()
     return read_srdf(file, description)

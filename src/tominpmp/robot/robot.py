@@ -63,6 +63,7 @@ from tominpmp.description.srdf import (
 )
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.urdf import read_parsed
+from tominpmp.description.xml_reader import given_text
 from tominpmp.exceptions import (
     FrameNotFound,
     OptionsError,
@@ -622,7 +623,7 @@ def read_source(
         files = RobotFiles(Path(f"<yourdfpy.URDF {source.robot.name}>"), None)  # type: ignore[attr-defined]
         description = read_parsed(source, files.urdf, folders)
     else:
-        text = _text(source)
+        text = given_text(source)
         if text is not None:
             files = RobotFiles(Path(f"<text of {len(text)} bytes>"), None)
         else:
@@ -665,15 +666,6 @@ def _pinocchio_parts(
 
 # What a module of robot_descriptions may have; the first there is is read.
 _PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
-
-
-def _text(source: object) -> bytes | None:
-    """A text that is given instead of the name of a file; None if it is none."""
-    if isinstance(source, str):
-        # A declaration would name another encoding than that of the text given.
-        source = source.lstrip("\ufeff").encode("utf-8", "replace")
-    text = source.lstrip() if isinstance(source, bytes) else b""
-    return text if text.startswith(b"<") else None
 
 
 def _is_yourdfpy(source: object) -> bool:
