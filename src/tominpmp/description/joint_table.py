@@ -437,10 +437,6 @@ class JointTable:
         rows = [self.joint_names.index(name) for name in joint_names]
         return JointTable(tuple(joint_names), self.rows[rows])
 
-    def limits(self) -> JointLimits:
-        """The limits alone."""
-        return JointLimits(*self.ends, self["velocity"], *self["effort"].T)
-
     def check_complete(self, path: Path) -> None:
         """Check that every joint has all limits, and room to move.
 

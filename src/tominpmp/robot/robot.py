@@ -136,14 +136,13 @@ class Robot(Record):
         instance(self.limits, JointLimits, "limits")
         instance(self.locked_joints, Mapping, "locked_joints", "positions by name")
         instance(self.description, UrdfDescription, "description")
-        object.__setattr__(self, "joint_names", names(self.joint_names))
+        locked = MappingProxyType(dict(self.locked_joints))
+        self._keep(joint_names=names(self.joint_names), locked_joints=locked)
         matrices = ("expansion_matrix", "expansion_offset")
         for name in ("damping", "armature", "friction", "gravity", *matrices):
             if (value := getattr(self, name)) is not None:
-                value = frozen_array(array(value, name, (...,), "numbers"))
-                object.__setattr__(self, name, value)
-        locked = MappingProxyType(dict(self.locked_joints))
-        object.__setattr__(self, "locked_joints", locked)
+                value = array(value, name, (...,), "numbers")
+                self._keep(**{name: frozen_array(value)})
         if self.motion_limits is not None:
             limits = instance(self.motion_limits, MotionLimits, "motion_limits")
             limits.check(self.joint_names)
@@ -473,7 +472,7 @@ def assembled(
     return Robot(
         model=configured_model(plain, joints, gravity, *ties),
         joint_names=joint_names,
-        limits=joints.limits(),
+        limits=JointLimits(*joints.ends, joints["velocity"], *joints["effort"].T),
         damping=joints["damping"],
         armature=joints["armature"],
         friction=joints["friction"],
@@ -867,12 +866,10 @@ def load_robot(
         kinematic=kinematic,
     )
     if kinematic:
-        kinds = kinds_of(MotionLimits)
-        known = {
-            k: v for k, v in known.items() if k in kinds and not kinds[k].of_torques
-        }
-    further = limits_by_joint(known, robot.joint_names)
-    robot = replace(robot, motion_limits=further)
+        for name, kind in kinds_of(MotionLimits).items():
+            if kind.of_torques:
+                known.pop(name, None)
+    robot = replace(robot, motion_limits=limits_by_joint(known, robot.joint_names))
     robot._check_inertia()
     if not kinematic:
         warn_of_inertia(robot.model, given.description)
