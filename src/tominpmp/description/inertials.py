@@ -44,14 +44,13 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
     """
     bodies = description.bodies
     shaped = {link.name for link in bodies if link.collisions or link.visuals}
-    every = range(1, model.njoints)
     found = impossible_bodies(model) | {
         joint: f"{named_body(model, joint)} {fault}"
-        for joint in every
+        for joint in range(1, model.njoints)
         if (fault := _lack(model, joint, shaped)) is not None
     }
     if found:
-        faults = listed([found[joint] for joint in every if joint in found])
+        faults = listed([found[joint] for joint in sorted(found)])
         warn_caller(f"{description.path}: {faults}: mend the <inertial> elements")
 
 

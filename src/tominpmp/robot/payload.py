@@ -152,9 +152,8 @@ def attach(
         raise FrameNotFound(payload.frame, names)
     inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
     shapes = tuple(_shape(item) for item in payload.geometry)
-    inertia = frozen_array(inertia)
     carried = LinkDescription(
-        payload.name, payload.mass, payload.com, inertia, shapes, shapes
+        payload.name, payload.mass, payload.com, frozen_array(inertia), shapes, shapes
     )
     described = description.with_link(carried, link, payload)
     if srdf is None or not srdf.disabled_pairs:
