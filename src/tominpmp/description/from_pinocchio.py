@@ -199,10 +199,9 @@ class _ModelReader:
 
     def _add_frames(self) -> None:
         """Add a link for every further frame, fixed to the one of its joint."""
-        frames = self.model.frames
-        kinds = pin.FrameType
+        frames, kinds = self.model.frames, pin.FrameType
         carried = {
-            int(frame.parentFrame): index
+            int(frame.parentFrame)
             for index, frame in enumerate(frames)
             if frame.type == kinds.BODY and index not in self.link_of
         }

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.checks import JOINTS, array, choice, instance, names
-from tominpmp.datasheets import OVERRIDES, find_datasheet, published_values
+from tominpmp.datasheets import OVERRIDES, published_values
 from tominpmp.description.files import (
     RobotFiles,
     check_folders,
@@ -489,8 +489,7 @@ def datasheet_hint(robot: Robot, joint: str) -> str:
     """Says that a data sheet has accelerations of a joint; empty if none has."""
     joints = [joint.name for joint in robot.description.joints]
     names = robot.name, robot.description.name, robot.description.path.stem
-    sheet = find_datasheet(names, joints)
-    published = {} if sheet is None else sheet.by_joint(joints)
+    published = published_values(names, joints, needed=False)
     known = joint in published.get("acceleration", {})
     return "; limits='datasheet' has them" if known else ""
 
