@@ -37,8 +37,6 @@ DISTRIBUTIONS = {
 }
 # Distributions without a package, of which files are read.
 DATA = {"example-robot-data"}
-# Distributions that bring what trimesh needs, and whose robots are taken.
-BRINGING = {"yourdfpy"}
 
 
 def name_of(path: Path) -> str:
@@ -157,7 +155,7 @@ def test_declared_dependencies_are_those_imported() -> None:
     }
     assert imported - set(declared) == set()
     always_installed = {name for name, is_extra in declared.items() if not is_extra}
-    assert always_installed - imported == DATA | BRINGING
+    assert always_installed - imported == DATA
     sources = [path.read_text(encoding="utf-8") for path in MODULES]
     for name in DATA:
         assert any(f'Path("share", "{name}"' in text for text in sources)

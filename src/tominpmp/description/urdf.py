@@ -1,15 +1,18 @@
 """URDF files: a guarded XML file becomes a tree of links and joints, and back.
 
-Every element is looked at once: what is missing or no number is named with its joint or
-link and its field, and the result is a tree of links and joints
+The file is checked by name, parsed by yourdfpy, and becomes a tree of links and joints
 (:mod:`~tominpmp.description.tree`), in which every mesh is an absolute path of a file
-that exists. The remains of other programs are passed over, but a file that says more of
-a motion than is read causes a warning.
+that exists. A file that says more of a motion than is read causes a warning.
 
 Capsules may be given as ``<capsule radius="" length=""/>``, or as a cylinder named in
 Pinocchio's extension ``<collision_checking><capsule name=""/></collision_checking>``;
 the length is that of the straight part. ``<tominpmp gravity="x y z"/>`` in the robot
 element gives a gravity [m/s^2] other than the usual one along -z.
+
+yourdfpy reads what the specification has, but does not say which joint and which field
+is wrong, stumbles over the remains of other programs, and knows no capsules. So it gets
+a copy that holds nothing but what is read, in which every number is one, and also those
+are written out that the file leaves to their defaults.
 """
 
 from __future__ import annotations
@@ -17,12 +20,13 @@ from __future__ import annotations
 import difflib
 import hashlib
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
-from typing import Any
-from xml.etree.ElementTree import Element, fromstring
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -63,32 +67,214 @@ MANY_TURNS, DEGREES = 30.0, 720.0
 # The parsers recurse into the tree; humanoids have some hundred links.
 MAX_LINKS = 2000
 SHAPES = (*SIZES, "mesh")
-LIMITS = ("lower", "upper", "velocity", "effort")
-# Limits beyond those of the specification; Drake has its prefix before them.
+# Limits of joints that yourdfpy does not read; Drake has its prefix before them.
 MOTION = ("acceleration", "deceleration", "jerk")
-MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 # How alike a name must be to be taken for a mistake, from 0 to 1.
 ALIKE = 0.8
+
+
+class Form(NamedTuple):
+    """What is read of an element; whatever else it holds is passed over.
+
+    Attributes:
+        texts: Attributes that must be there.
+        numbers: Attributes of numbers, with the numbers that stand for those left out.
+        low: The least that a number may be.
+        limits: Attributes of numbers that may be infinite; NaN stands for those left
+            out.
+        hints: Numbers for other programs: NaN stands for wrong ones too.
+        needs: Children that must be there.
+        parts: Children that are written out with their defaults if they are left out.
+        may: Children that may be there; of several the first counts.
+    """
+
+    texts: Sequence[str] = ()
+    numbers: Mapping[str, tuple[float, ...]] = {}
+    low: float | None = None
+    limits: Sequence[str] = ()
+    hints: Sequence[str] = ()
+    needs: Sequence[str] = ()
+    parts: Sequence[str] = ()
+    may: Sequence[str] = ()
+
+
+_ZERO, _ZEROS = (0.0,), (0.0, 0.0, 0.0)
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+FORMS = {
+    "link": Form(("name",), may=("inertial",)),
+    "inertial": Form(needs=("mass",), parts=("origin", "inertia")),
+    "mass": Form(numbers={"value": _ZERO}, low=0.0),
+    # No check of the sign: rounding leaves moments of -1e-20, and whether the robot as
+    # a whole has inertia is checked on its mass matrix.
+    "inertia": Form(numbers=dict.fromkeys(_MOMENTS, _ZERO)),
+    "collision": Form(parts=("origin",)),
+    "visual": Form(parts=("origin",)),
+    **{
+        kind: Form(tuple(sizes), {name: _ZERO * n for name, n in sizes.items()})
+        for kind, sizes in SIZES.items()
+    },
+    "mesh": Form(("filename",), {"scale": (1.0, 1.0, 1.0)}),
+    "joint": Form(
+        ("name", "type"),
+        needs=("parent", "child"),
+        parts=("origin", "axis", "limit", "dynamics", "safety_controller"),
+        may=("mimic",),
+    ),
+    "fixed joint": Form(("name", "type"), needs=("parent", "child"), parts=("origin",)),
+    "parent": Form(("link",)),
+    "child": Form(("link",)),
+    "origin": Form(numbers={"xyz": _ZEROS, "rpy": _ZEROS}),
+    "axis": Form(numbers={"xyz": (1.0, 0.0, 0.0)}),
+    "limit": Form(limits=("lower", "upper", "velocity", "effort")),
+    "dynamics": Form(numbers={"damping": _ZERO, "friction": _ZERO}, low=0.0),
+    "mimic": Form(("joint",), {"multiplier": (1.0,), "offset": _ZERO}),
+    "safety_controller": Form(hints=("soft_lower_limit", "soft_upper_limit")),
+}
 
 # What is compared with what a file has: other names mean something to other programs,
 # unless they are nearly these.
 CHILDREN = {
     "robot": ("link", "joint", "material"),
     "link": ("inertial", "visual", "collision"),
-    "joint": (
-        *("parent", "child", "origin", "axis", "limit", "dynamics"),
-        *("safety_controller", "mimic"),
-    ),
-    "inertial": ("mass", "origin", "inertia"),
+    **{
+        tag: (*FORMS[tag].needs, *FORMS[tag].parts, *FORMS[tag].may)
+        for tag in ("joint", "inertial")
+    },
 }
 ATTRIBUTES = {
-    "dynamics": ("damping", "friction"),
-    "mimic": ("joint", "multiplier", "offset"),
-    "origin": ("xyz", "rpy"),
-    "axis": ("xyz",),
-    "mass": ("value",),
-    "limit": (*LIMITS, *MOTION),
+    tag: (*FORMS[tag].texts, *FORMS[tag].numbers, *FORMS[tag].limits)
+    for tag in ("dynamics", "mimic", "origin", "axis", "mass", "limit")
 }
+ATTRIBUTES["limit"] += MOTION
+
+
+class UrdfChecker:
+    """Checks the elements of a file, and copies what is read of them."""
+
+    def __init__(self, root: Element, context: XmlContext) -> None:
+        self.root, self.context = root, context
+        # Colours may be defined anywhere, and be used by their name.
+        self.materials: dict[str, Element] = {}
+        for element in root.iter("material"):
+            if len(element):
+                self.materials.setdefault(element.get("name", ""), element)
+
+    def copy(self) -> Element:
+        """The copy: shapes have the names of their kinds, and capsules are cylinders.
+
+        Raises:
+            RobotLoadError: If it is no URDF file, or something is missing, is no number
+                or has the name of something else.
+        """
+        self._check_root()
+        name = self.root.get("name", "").strip() or self.context.path.stem
+        robot = Element("robot", name=name)
+        for where, link in self._named("link").items():
+            self._add_shapes(self._add(robot, link, where), link, where)
+        for where, joint in self._named("joint").items():
+            is_fixed = self.context.text(joint, "type", where) == "fixed"
+            form = FORMS["fixed joint" if is_fixed else "joint"]
+            self._add(robot, joint, where, form)
+        return robot
+
+    def _check_root(self) -> None:
+        """Refuse other kinds of XML files, saying what they seem to be."""
+        if self.root.tag != "robot":
+            self.context.fail(
+                f"is no URDF file: its root is <{self.root.tag}>, expected <robot>"
+            )
+        if self.root.find("link") is None:
+            self.context.fail("is no URDF file: it has no <link>")
+
+    def _named(self, tag: str) -> dict[str, Element]:
+        """Links or joints by how messages name them; their names must differ."""
+        # Joints of a <transmission> or <gazebo> are not children of the root.
+        elements, found = self.root.findall(tag), dict[str, Element]()
+        if len(elements) > MAX_LINKS:
+            self.context.fail(
+                f"has {len(elements)} {tag}s, at most {MAX_LINKS} are read"
+            )
+        for number, element in enumerate(elements, 1):
+            name = self.context.text(element, "name", f"{tag} number {number}")
+            where = f"{tag} {name}"
+            if where in found:
+                self.context.fail(f"there are two {tag}s named {brief(name)}")
+            found[where] = element
+        return found
+
+    def _add(
+        self, parent: Element, element: Element, where: str, form: Form | None = None
+    ) -> Element:
+        """Add a copy of an element with what its form has."""
+        context, tag = self.context, element.tag
+        form = FORMS[tag] if form is None else form
+        values: dict[str, Any] = {
+            name: context.text(element, name, where) for name in form.texts
+        }
+        for name, default in form.numbers.items():
+            numbers = context.numbers(element, name, where, default, form.low)
+            if tag in SIZES and min(numbers) < 0.0:
+                context.fail(
+                    f"{where}: {tag} {name}={values[name]!r}, expected no negative one"
+                )
+            if tag == "mesh" and 0.0 in numbers:
+                context.fail(
+                    f"{where}: mesh {name}={list(numbers)}, expected none to be zero"
+                )
+            values[name] = numbers
+        values |= {name: context.limit(element, name, where) for name in form.limits}
+        values |= {name: to_number(element.get(name, "")) for name in form.hints}
+        copy = add(parent, tag, **values)
+        for child_tag in (*form.needs, *form.parts, *form.may):
+            child = element.find(child_tag)
+            if child is None and child_tag in form.needs:
+                holder = "" if "name" in form.texts else f": <{tag}>"
+                context.fail(f"{where}{holder} lacks <{child_tag}>")
+            if child is None and child_tag in form.parts:
+                child = Element(child_tag)
+            if child is not None:
+                self._add(copy, child, where)
+        return copy
+
+    def _add_shapes(self, parent: Element, link: Element, where: str) -> None:
+        """Add the shapes of a link to collide with, and to look at."""
+        capsules = {c.get("name") for c in link.findall("collision_checking/capsule")}
+        for tag in ("collision", "visual"):
+            for number, item in enumerate(link.findall(tag), 1):
+                copy = self._add(parent, item, f"{where}, {tag} {number}")
+                shape = self._add_shape(copy, item, f"{where}, {tag} {number}")
+                named = tag == "collision" and item.get("name") in capsules
+                if shape.tag == "cylinder" and named:
+                    shape.tag = "capsule"
+                copy.set("name", shape.tag)
+                if shape.tag == "capsule":
+                    shape.tag = "cylinder"
+                material = item.find("material")
+                if material is not None:
+                    self._add_material(copy, material)
+
+    def _add_shape(self, parent: Element, item: Element, where: str) -> Element:
+        """Add the one shape of a <collision> or <visual>."""
+        shapes = item.findall("geometry[1]/*")
+        if len(shapes) != 1 or shapes[0].tag not in SHAPES:
+            found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
+            self.context.fail(
+                f"{where}: <geometry> has {found}, expected one of {', '.join(SHAPES)}"
+            )
+        return self._add(add(parent, "geometry"), shapes[0], where)
+
+    def _add_material(self, parent: Element, material: Element) -> None:
+        """Add a colour and texture; these are looks, so what is wrong is left out."""
+        if not len(material):
+            material = self.materials.get(material.get("name", ""), material)
+        copy = add(parent, "material")
+        color, texture = material.find("color"), material.find("texture")
+        words = () if color is None else color.get("rgba", "").split()
+        rgba = tuple(map(to_number, words))
+        if len(rgba) == 4 and all(0.0 <= part <= 1.0 for part in rgba):
+            add(copy, "color", rgba=rgba)
+        if texture is not None and texture.get("filename"):
+            add(copy, "texture", filename=texture.get("filename"))
 
 
 def mistakes(element: Element, where: str) -> list[str]:
@@ -154,7 +340,7 @@ def read_parsed(
 
 
 class _UrdfReader:
-    """Reads links and joints, and collects what to warn of.
+    """Makes links and joints of those of yourdfpy, and collects what to warn of.
 
     Meshes to look at that are not there are left out: motions are the same without
     them. Those to collide with have to be there.
@@ -164,11 +350,6 @@ class _UrdfReader:
         self, root: Element, context: XmlContext, folders: Sequence[Path]
     ) -> None:
         self.root, self.context, self.folders = root, context, folders
-        # Colours may be defined anywhere, and be used by their name.
-        self.materials: dict[str, Element] = {}
-        for element in root.iter("material"):
-            if len(element):
-                self.materials.setdefault(element.get("name", ""), element)
         #: Visual shapes without their mesh, and shapes of no size.
         self.unseen: list[str] = []
         self.points: list[str] = []
@@ -178,19 +359,22 @@ class _UrdfReader:
 
     def read(self) -> UrdfDescription:
         root, context = self.root, self.context
-        if root.tag != "robot":
-            context.fail(f"is no URDF file: its root is <{root.tag}>, expected <robot>")
-        if root.find("link") is None:
-            context.fail("is no URDF file: it has no <link>")
-        links = tuple(self._link(*named) for named in self._named("link").items())
-        joints = tuple(self._joint(*named) for named in self._named("joint").items())
+        source = BytesIO(tostring(UrdfChecker(root, context).copy()))
+        # Its import takes a second: only what reads a file needs it.
+        import yourdfpy
+
+        only_text = {"build_scene_graph": False, "load_meshes": False}
+        robot = yourdfpy.URDF.load(source, **only_text).robot
+        links = tuple(self._link(link) for link in robot.links)
+        pairs = zip(robot.joints, root.findall("joint"), strict=True)
+        joints = tuple(self._joint(*pair) for pair in pairs)
         gravity, own = None, root.find("tominpmp")
         if own is not None and "gravity" in own.attrib:
             gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
         _check_tree([link.name for link in links], joints, context)
         self._warn()
         return UrdfDescription(
-            name=root.get("name", "").strip() or context.path.stem,
+            name=robot.name,
             bodies=links,
             tree=joints,
             gravity=gravity,
@@ -198,125 +382,53 @@ class _UrdfReader:
             package_dirs=tuple(self.folders),
         )
 
-    def _named(self, tag: str) -> dict[str, Element]:
-        """Links or joints by their names, which must differ."""
-        # Joints of a <transmission> or <gazebo> are not children of the root.
-        elements, found = self.root.findall(tag), dict[str, Element]()
-        if len(elements) > MAX_LINKS:
-            self.context.fail(
-                f"has {len(elements)} {tag}s, at most {MAX_LINKS} are read"
-            )
-        for number, element in enumerate(elements, 1):
-            name = self.context.text(element, "name", f"{tag} number {number}")
-            if name in found:
-                self.context.fail(f"there are two {tag}s named {brief(name)}")
-            found[name] = element
-        return found
-
-    def _needed(self, element: Element, tag: str, where: str) -> Element:
-        """A child that must be there."""
-        found = element.find(tag)
-        if found is None:
-            self.context.fail(f"{where} lacks <{tag}>")
-        return found
-
-    def _placement(self, element: Element, where: str) -> Array:
-        """Placement by the <origin> of an element, shape (4, 4)."""
-        origin, context = _part(element, "origin"), self.context
-        angles = context.numbers(origin, "rpy", where, (0.0, 0.0, 0.0))
-        # Turned about x, y and z of the parent, one after another.
-        (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
-        placement = np.eye(4)
-        placement[:3, :3] = (
-            (cp * cy, sp * (sr * cy) - cr * sy, sp * (cr * cy) + sr * sy),
-            (cp * sy, sp * (sr * sy) + cr * cy, sp * (cr * sy) - sr * cy),
-            (-sp, cp * sr, cp * cr),
-        )
-        placement[:3, 3] = context.numbers(origin, "xyz", where, (0.0, 0.0, 0.0))
-        return frozen_array(placement + 0.0)  # zeros have no sign
-
     # -- links -------------------------------------------------------------------------
 
-    def _link(self, name: str, link: Element) -> LinkDescription:
-        where, inertial = f"link {name}", link.find("inertial")
-        collisions = self._shapes(link, "collision", where)
-        visuals = self._shapes(link, "visual", where)
+    def _link(self, link: Any) -> LinkDescription:
+        where, inertial = f"link {link.name}", link.inertial
+        collisions = self._shapes(link.collisions, f"{where}, collision", seen=False)
+        visuals = self._shapes(link.visuals, f"{where}, visual", seen=True)
         if inertial is None:
-            return LinkDescription(name, collisions=collisions, visuals=visuals)
-        return LinkDescription(name, *self._body(inertial, where), collisions, visuals)
-
-    def _body(self, inertial: Element, where: str) -> tuple[float, Array, Array]:
-        """Mass, centre of mass, and inertia about it in the axes of the link."""
-        context = self.context
-        element = self._needed(inertial, "mass", f"{where}: <inertial>")
-        mass = context.number(element, "value", where, low=0.0)
-        placement = self._placement(inertial, where)
-        element = _part(inertial, "inertia")
-        # No check of the sign: rounding leaves moments of -1e-20, and whether the robot
-        # as a whole has inertia is checked on its mass matrix.
-        xx, xy, xz, yy, yz, zz = (context.number(element, m, where) for m in MOMENTS)
-        moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            return LinkDescription(link.name, collisions=collisions, visuals=visuals)
+        placement = frozen_array(inertial.origin)
         turn = placement[:3, :3]
-        return (
-            mass,
+        return LinkDescription(
+            link.name,
+            inertial.mass,
             frozen_array(placement[:3, 3]),
-            frozen_array(turn @ moments @ turn.T),
+            frozen_array(turn @ inertial.inertia @ turn.T),
+            collisions,
+            visuals,
         )
 
-    def _shapes(self, link: Element, tag: str, where: str) -> tuple[Shape, ...]:
+    def _shapes(
+        self, items: Iterable[Any], where: str, *, seen: bool
+    ) -> tuple[Shape, ...]:
         """Shapes to collide with, or those to be seen that are there."""
-        capsules = {c.get("name") for c in link.findall("collision_checking/capsule")}
-        shapes = []
-        for number, item in enumerate(link.findall(tag), 1):
-            shape = self._shape(item, f"{where}, {tag} {number}")
-            if shape is None:
-                continue
-            named = tag == "collision" and item.get("name") in capsules
-            if named and shape.kind == "cylinder":
-                shape = replace(shape, kind="capsule")
-            shapes.append(shape)
-        return tuple(shapes)
+        shapes = [
+            self._shape(item, f"{where} {number}", seen=seen)
+            for number, item in enumerate(items, 1)
+        ]
+        return tuple(shape for shape in shapes if shape is not None)
 
-    def _shape(self, item: Element, where: str) -> Shape | None:
+    def _shape(self, item: Any, where: str, *, seen: bool) -> Shape | None:
         """A shape; None if it has no size, or is only to be seen and not there."""
-        place, shapes = self._placement(item, where), item.findall("geometry[1]/*")
-        if len(shapes) != 1 or shapes[0].tag not in SHAPES:
-            found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
-            self.context.fail(
-                f"{where}: <geometry> has {found}, expected one of {', '.join(SHAPES)}"
-            )
-        seen, material = item.tag == "visual", item.find("material")
-        if shapes[0].tag == "mesh":
-            shape = self._mesh(shapes[0], place, where, seen=seen)
+        kind, geometry, place = item.name, item.geometry, frozen_array(item.origin)
+        if kind == "mesh":
+            shape = self._mesh(geometry.mesh, place, where, seen=seen)
         else:
-            shape = solid(shapes[0].tag, self._sizes(shapes[0], where), place)
+            held = geometry.box or geometry.sphere or geometry.cylinder
+            sizes = np.hstack([getattr(held, name) for name in SIZES[kind]])
+            shape = solid(kind, sizes, place)
             if shape is None:
                 self.points.append(where)
-        if seen and shape is not None and material is not None:
-            return self._coloured(shape, material)
+        if seen and shape is not None and item.material is not None:
+            return self._coloured(shape, item.material)
         return shape
 
-    def _sizes(self, element: Element, where: str) -> list[float]:
-        """Sizes of a shape that is no mesh [m]."""
-        context, tag, sizes = self.context, element.tag, list[float]()
-        for name, count in SIZES[tag].items():
-            text = context.text(element, name, where)
-            numbers = context.numbers(element, name, where, (0.0,) * count)
-            if min(numbers) < 0.0:
-                context.fail(
-                    f"{where}: {tag} {name}={text!r}, expected no negative one"
-                )
-            sizes += numbers
-        return sizes
-
-    def _mesh(
-        self, mesh: Element, place: Array, where: str, *, seen: bool
-    ) -> Shape | None:
+    def _mesh(self, mesh: Any, place: Array, where: str, *, seen: bool) -> Shape | None:
         """A mesh with the path of its file; None if one to look at has none."""
-        context, name = self.context, self.context.text(mesh, "filename", where)
-        scale = context.numbers(mesh, "scale", where, (1.0, 1.0, 1.0))
-        if 0.0 in scale:
-            context.fail(f"{where}: mesh scale={list(scale)}, expected none to be zero")
+        context, name = self.context, mesh.filename
         path, tried = self._find(name)
         if path is None and seen:
             self.unseen.append(f"{where} ({shortened(repr(name))})")
@@ -327,39 +439,29 @@ class _UrdfReader:
             context.fail(
                 f"{where}: the mesh {path} has more than {MAX_MESH_BYTES} bytes"
             )
-        return Shape("mesh", scale, place, str(path.absolute()))
+        return Shape("mesh", tuple(mesh.scale.tolist()), place, str(path.absolute()))
 
     def _find(self, name: str) -> tuple[Path | None, tuple[Path, ...]]:
         """A file that the description refers to, and the paths tried."""
         return resolve_resource(name, self.context.path, self.folders)
 
-    def _coloured(self, shape: Shape, material: Element) -> Shape:
-        """Colour and texture; these are looks, so what is wrong is left out."""
-        if not len(material):
-            material = self.materials.get(material.get("name", ""), material)
-        words = _part(material, "color").get("rgba", "").split()
-        rgba = tuple(map(to_number, words))
-        is_colour = len(rgba) == 4 and all(0.0 <= part <= 1.0 for part in rgba)
-        texture = _part(material, "texture").get("filename")
-        path = self._find(texture)[0] if texture else None
-        if not is_colour and path is None:
+    def _coloured(self, shape: Shape, material: Any) -> Shape:
+        """Colour and texture; these are looks, so a texture not there is left out."""
+        color, texture = material.color, material.texture
+        path = None if texture is None else self._find(texture.filename)[0]
+        if color is None and path is None:
             return shape
-        colour = rgba if is_colour else BLACK
-        return replace(shape, colour=colour, texture="" if path is None else str(path))
+        rgba = BLACK if color is None else tuple(color.rgba.tolist())
+        return replace(shape, colour=rgba, texture="" if path is None else str(path))
 
     # -- joints ------------------------------------------------------------------------
 
-    def _joint(self, name: str, joint: Element) -> JointDescription:
+    def _joint(self, joint: Any, element: Element) -> JointDescription:
         """A joint, with limits, friction and leader if it can move."""
-        context, where = self.context, f"joint {name}"
-        kind = context.text(joint, "type", where)
-        parent, child = (
-            context.text(self._needed(joint, tag, where), "link", where)
-            for tag in ("parent", "child")
-        )
-        ends = parent, child, self._placement(joint, where)
+        context, where, kind = self.context, f"joint {joint.name}", joint.type
+        ends = joint.parent, joint.child, frozen_array(joint.origin)
         if kind == "fixed":
-            return JointDescription(name, kind, *ends)
+            return JointDescription(joint.name, kind, *ends)
         if kind in ("floating", "planar"):
             context.fail(
                 f"{where} is {kind}; only revolute, continuous, prismatic and fixed "
@@ -367,16 +469,18 @@ class _UrdfReader:
             )
         if kind not in ("revolute", "continuous", "prismatic"):
             context.fail(f"{where} has the unknown type {brief(kind)}")
-        axis = context.numbers(_part(joint, "axis"), "xyz", where, (1.0, 0.0, 0.0))
-        norm = np.linalg.norm(axis)
+        norm = np.linalg.norm(joint.axis)
         if norm < 1e-6:
+            axis = tuple(joint.axis.tolist())
             context.fail(f"{where}: the axis {axis} has no direction")
-        limit = _part(joint, "limit")
-        limits = {key: context.limit(limit, key, where) for key in LIMITS}
-        for key in MOTION:
-            name_of_key = key if key in limit.attrib else f"drake:{key}"
-            limits[key] = context.limit(limit, name_of_key, where)
-        self._look_at_ends(name, joint, limits)
+        self._look_at_ends(joint)
+        limit = element.find("limit")
+        told = () if limit is None else limit.attrib
+        more = {
+            key: context.limit(limit, key if key in told else f"drake:{key}", where)
+            for key in MOTION
+        }
+        limits = {**vars(joint.limit), **more}
         for key, value in limits.items():
             if key not in ("lower", "upper") and value < 0.0:
                 context.fail(f"{where}: limit {key}={value:g} is negative")
@@ -393,45 +497,35 @@ class _UrdfReader:
             min((limits[key] for key in keys if limits[key] > 0.0), default=math.inf)
             for keys in (MOTION[:2], MOTION[2:])
         )
-        losses, follows = _part(joint, "dynamics"), joint.find("mimic")
+        leader = joint.mimic
         return JointDescription(
-            name,
+            joint.name,
             kind,
             *ends,
-            frozen_array(np.divide(axis, norm)),
+            frozen_array(joint.axis / norm),
             lower,
             upper,
             limits["velocity"],
             limits["effort"],
-            context.number(losses, "damping", where, low=0.0),
-            context.number(losses, "friction", where, low=0.0),
-            None if follows is None else self._mimic(follows, where),
+            # yourdfpy keeps these as text.
+            float(joint.dynamics.damping),
+            float(joint.dynamics.friction),
+            leader and Mimic(leader.joint, leader.multiplier, leader.offset),
             acceleration=acceleration,
             jerk=jerk,
         )
 
-    def _mimic(self, element: Element, where: str) -> Mimic:
-        return Mimic(
-            self.context.text(element, "joint", where),
-            self.context.numbers(element, "multiplier", where, (1.0,))[0],
-            self.context.number(element, "offset", where),
-        )
-
     # -- warnings ----------------------------------------------------------------------
 
-    def _look_at_ends(
-        self, name: str, joint: Element, limits: Mapping[str, float]
-    ) -> None:
+    def _look_at_ends(self, joint: Any) -> None:
         """Note soft limits within the limits of a joint, and limits in degrees."""
-        kind, soft = joint.get("type", "").strip(), _part(joint, "safety_controller")
-        least, most = limits["lower"], limits["upper"]
+        name, kind, soft = joint.name, joint.type, joint.safety_controller
+        least, most = joint.limit.lower, joint.limit.upper
         ends = [abs(x) for x in (least, most) if not math.isnan(x)]
         if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= DEGREES:
             self.turned.append(name)
         # What is left out, or no number, is neither more nor less than anything.
-        lower, upper = (
-            to_number(soft.get(f"soft_{end}_limit", "")) for end in ("lower", "upper")
-        )
+        lower, upper = soft.soft_lower_limit, soft.soft_upper_limit
         is_within = lower > least + SLIGHT or upper < most - SLIGHT
         # Two that are alike were left out, which the specification takes for zero.
         if kind != "continuous" and lower < upper and is_within:
@@ -462,12 +556,6 @@ class _UrdfReader:
                 f"{path}: position limits of many turns, which look like degrees: "
                 f"{_first(self.turned)}; a URDF file has radians"
             )
-
-
-def _part(element: Element, tag: str) -> Element:
-    """A child, or an empty one that has everything by default."""
-    found = element.find(tag)
-    return Element(tag) if found is None else found
 
 
 def _check_tree(
@@ -553,7 +641,7 @@ def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, byte
         add(inertial, "origin", xyz=link.com)
         add(inertial, "mass", value=link.mass)
         moments = link.inertia[np.triu_indices(3)]
-        add(inertial, "inertia", **dict(zip(MOMENTS, moments, strict=True)))
+        add(inertial, "inertia", **dict(zip(_MOMENTS, moments, strict=True)))
     for tag, shapes in (("collision", link.collisions), ("visual", link.visuals)):
         for shape in shapes:
             item = add(element, tag)

@@ -171,9 +171,9 @@ class XmlContext:
         """Read an attribute of one number: zero if it is left out."""
         return self.numbers(element, attribute, where, (0.0,), low)[0]
 
-    def limit(self, element: Element, attribute: str, where: str) -> float:
+    def limit(self, element: Element | None, attribute: str, where: str) -> float:
         """Read a number that may be infinite; NaN if it is left out."""
-        if attribute not in element.attrib:
+        if element is None or attribute not in element.attrib:
             return math.nan
         text = element.attrib[attribute]
         value = to_number(text.strip())
