@@ -38,10 +38,23 @@ from tominpmp.exceptions import (
 RESTING = ("default", "neutral", "home", "half_sitting")
 # Elements that are read, and those that do not touch a motion: hands and tools, spheres
 # for other collision checkers, metrics of samplers, footprints.
-READ = {"disable_collisions", "disable_default_collisions", "enable_collisions"}
-READ |= {"group", "group_state", "passive_joint", "rotor_params", "virtual_joint"}
-WITHOUT_EFFECT = {"end_effector", "gripper", "joint_property", "specificities"}
-WITHOUT_EFFECT |= {"link_sphere_approximation"}
+READ = {
+    "disable_collisions",
+    "disable_default_collisions",
+    "enable_collisions",
+    "group",
+    "group_state",
+    "passive_joint",
+    "rotor_params",
+    "virtual_joint",
+}
+WITHOUT_EFFECT = {
+    "end_effector",
+    "gripper",
+    "joint_property",
+    "link_sphere_approximation",
+    "specificities",
+}
 # The reason for which MoveIt disables pairs that it has not seen to touch, and the one
 # of pairs that a file disables for a link as a whole.
 NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
