@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 from weakref import WeakSet
@@ -32,7 +32,7 @@ from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError, brief
+from tominpmp.exceptions import ScenarioError, TominpmpError, brief
 from tominpmp.files.scenario import Scenario, load_scenario, scenario_text
 from tominpmp.initial_guess.parallel import end_with
 from tominpmp.motion.trajectory import Trajectory
@@ -224,15 +224,14 @@ def _in_rounds(
     rounds = rounds_of(problems)
     motions: dict[int, Trajectory] = {}
     for numbers in rounds.rounds:
-        chosen, fresh = [every[k] for k in numbers.tolist()], dict[int, Trajectory]()
+        chosen = [every[k] for k in numbers.tolist()]
         near = {task.index: rounds.start(task.index, motions) for task in chosen}
         starts = {k: (j, motions[j]) for k, j in near.items() if j is not None}
         for outcome in _outcomes(executor, settings, chosen, starts):
             solution = outcome.solution
             if outcome.success and solution is not None and solution.trajectory:
-                fresh[outcome.index] = solution.trajectory
+                motions[outcome.index] = solution.trajectory
             yield outcome
-        motions |= fresh
 
 
 def _in_order(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
@@ -324,8 +323,6 @@ class Settings:
 MOST_ROBOTS = 16
 # Those that were written to a file and read back.
 _checked_robots: WeakSet[Robot] = WeakSet()
-# Processes that this one ends with.
-_watched_parents: set[int] = set()
 
 
 @lru_cache(MOST_ROBOTS)
@@ -365,11 +362,15 @@ def _run_packed(packed: bytes) -> bytes:
     What is sent is a task, the settings and a motion to begin with.
     """
     task, settings, start = pickle.loads(packed)
-    if os.getpid() != settings.parent and settings.parent not in _watched_parents:
-        _watched_parents.add(settings.parent)
-        if hasattr(os, "getppid") and os.getppid() == settings.parent:
-            end_with(settings.parent)
+    _end_with(settings.parent)
     return _packed(_planned(task, settings, start))
+
+
+@cache
+def _end_with(handing_out: int) -> None:
+    """Let this process end with the one that hands out the work, if it is its child."""
+    if hasattr(os, "getppid") and os.getppid() == handing_out:
+        end_with(handing_out)
 
 
 def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcome:
@@ -413,11 +414,8 @@ def _problem(given: Any, options: Options | None) -> tuple[Problem, Options]:
         return given.problem, given.options if options is None else options
     if isinstance(given, Problem):
         return given, Options.of(options)
-    raise ProblemError(
-        f"the problem is {brief(given)}, expected a Problem, a Scenario or the path of "
-        "a scenario file",
-        "problems",
-    )
+    expected = "a Problem, a Scenario or the path of a scenario file"
+    raise wrong(given, "the problem", expected)
 
 
 def _written(problem: Problem, options: Options, folder: Path) -> tuple[str, str]:
