@@ -367,17 +367,11 @@ class Readout:
 
     def show_bars(self, shown: Shown, time: float) -> None:
         """Show speeds and torques at a time [s]."""
-        _set(self._bars, pictures.bars(shown, time))
+        self._bars.content = pictures.bars(shown, time)
 
     def tell(self, text: str, *, bad: bool = False) -> None:
         """Show a sentence; nothing takes it away."""
-        _set(self._notice, pictures.notice(text, bad=bad))
-
-
-def _set(field: Any, content: str) -> None:
-    """Send a text to the browsers, if it is another one."""
-    if field.content != content:
-        field.content = content
+        self._notice.content = pictures.notice(text, bad=bad)
 
 
 class Panel:
