@@ -144,18 +144,13 @@ def search_order(
         length, chosen = table.best_configurations(table.way(order))
         if length > before - LEAST_GAIN or not left:
             break
-        each = _OneEach(table.fixed(_by_node(table, order, chosen)), rules, table.ends)
+        by_node = np.zeros(len(table.nodes), dtype=int)
+        by_node[table.way(order)] = chosen
+        each = _OneEach(table.fixed(by_node.tolist()), rules, table.ends)
         order = each.improved(order, WARM, FEW_STEPS, rng)
     if not rules.allow(order):
         return np.inf, (), ()
     return length, tuple(order), tuple(chosen)
-
-
-def _by_node(table: LegTable, order: Sequence[int], chosen: Sequence[int]) -> list[int]:
-    """Configurations by node, of those along an order."""
-    at = np.zeros(len(table.nodes), dtype=int)
-    at[table.way(order)] = chosen
-    return at.tolist()
 
 
 def _least_times(table: LegTable) -> Array:

@@ -22,7 +22,7 @@ from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.files.export import export
-from tominpmp.motion.trajectory import InverseDynamics, Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment, segments_of
 from tominpmp.sensitivities import Sensitivities, analyse
@@ -316,21 +316,14 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
     }
     dynamics = [p.inverse_dynamics for p in parts if p.inverse_dynamics is not None]
     known = len(dynamics) == len(parts)
-    several = len({id(_robot_of(function)) for function in dynamics}) > 1
     return Trajectory(
         parts[0].joint_names,
         whole([begin + run.t for begin, run in zip(begins, runs, strict=True)]),
         **arrays,
         inverse_dynamics=dynamics[0] if known else None,
         segment_ends=ends[last],
-        segment_dynamics=tuple(dynamics) if known and several else (),
+        segment_dynamics=tuple(dynamics) if known else (),
     )
-
-
-def _robot_of(dynamics: InverseDynamics) -> object:
-    """The robot whose torques a function gives; itself where that is not known."""
-    owner = getattr(dynamics, "__self__", None)
-    return getattr(owner, "robot", dynamics)
 
 
 def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
