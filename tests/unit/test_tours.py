@@ -11,9 +11,11 @@ import pytest
 
 import tests.sample_arms as arms
 import tominpmp as tm
+from tominpmp import stopping
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.legs import JointTimes, direct_motion
+from tominpmp.cell.tours.legs import JointTimes, Legs, direct_motion
 from tominpmp.cell.tours.lower_bound import tour_bound
+from tominpmp.cell.tours.planning import TourSearch
 from tominpmp.cell.tours.station import Rules
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError
 from tominpmp.robot import Robot
@@ -290,6 +292,37 @@ def test_time_limits_leave_a_sentence(arm: Robot, goals: list[tm.PositionGoal]) 
         found.raise_if_failed()
     with pytest.raises(ProblemError, match="no tour"):
         found.export("tour.csv")
+
+
+def test_a_tour_that_is_found_as_the_time_ends_is_kept(
+    arm: Robot, goals: list[tm.PositionGoal], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was thrown away, as there was no time left for its bound."""
+    usual = TourSearch.run
+
+    def run(search: TourSearch) -> tm.Tour:
+        found = usual(search)
+        assert stopping.request()
+        return found
+
+    monkeypatch.setattr(TourSearch, "run", run)
+    found = tm.plan_tour(arm, HOME, goals[:2], motion_limits=LIMITS)
+    assert found.success and found.lower_bound == 0.0 and found.gap is None
+
+
+def test_a_place_where_the_arm_is_already_is_visited(
+    arm: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was left out where places that are passed had to become stops."""
+    monkeypatch.setattr(Legs, "passing", lambda *_: None)
+    goal = tm.JointGoal([0.7, 0.6])
+    stations = [
+        tm.Station("one", goal, stop=False),
+        tm.Station("other", goal, stop=False, after="one"),
+    ]
+    found = tm.plan_tour(arm, HOME, stations, motion_limits=LIMITS)
+    assert found.order == ("one", "other") and len(found.motions) == 2
+    assert found.visits[0].departure == found.visits[1].arrival
 
 
 def test_motions_and_stays_of_a_tour_are_on_the_clock(arm: Robot) -> None:
