@@ -102,8 +102,6 @@ def _nearest(
     table: Array, own: int, before: IntArray, members: list[int]
 ) -> list[tuple[int, float]]:
     """The problems before one that are nearest to it, three at most; how far."""
-    if not before.size:
-        return []
     away = np.linalg.norm(table[before] - table[own], axis=1)
     order = np.argsort(away, kind="stable")[:3]
     found = [(members[before[k]], float(away[k])) for k in order.tolist()]
@@ -112,11 +110,10 @@ def _nearest(
 
 def _spread(table: Array) -> IntArray:
     """An order in which each row is as far as can be from those before it."""
-    count = len(table)
     away = np.linalg.norm(table - table.mean(axis=0), axis=1)
     order = [int(np.argmin(away))]
     away = np.linalg.norm(table - table[order[0]], axis=1)
-    for _ in range(count - 1):
+    for _ in table[1:]:
         away[order] = -1.0
         order.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(table - table[order[-1]], axis=1))

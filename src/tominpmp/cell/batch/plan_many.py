@@ -188,7 +188,6 @@ def _outcomes(
 ) -> Iterator[Outcome]:
     """Outcomes as they finish, of tasks of which some begin with motions."""
     sent: dict[int, BatchTask] = {}
-    bad: list[Outcome] = []
 
     def work() -> Iterator[tuple[int, bytes]]:
         for task in tasks:
@@ -196,20 +195,16 @@ def _outcomes(
                 packed = _packed((task, settings, starts.get(task.index)))
             except Exception as error:  # whatever the caller's object does
                 reason = f"the problem cannot be sent: {brief(str(error), 300)}"
-                bad.append(task.failed(BROKEN, reason))
-                continue
+                packed = _packed(task.failed(BROKEN, reason))
             sent[task.index] = task
             yield task.index, packed
 
     for index, result in executor.results(work()):
-        while bad:
-            yield bad.pop(0)
         task = sent.pop(index)
         if result is None:
             yield task.failed(LOST, "the process that planned it was killed, twice")
         else:
             yield pickle.loads(result)
-    yield from bad
 
 
 def _in_rounds(
@@ -359,9 +354,13 @@ def _packed(item: Any) -> bytes:
 def _run_packed(packed: bytes) -> bytes:
     """In a process of a batch: plan what was sent, and send the outcome.
 
-    What is sent is a task, the settings and a motion to begin with.
+    What is sent is a task, the settings and a motion to begin with; or an outcome where
+    these cannot be sent.
     """
-    task, settings, start = pickle.loads(packed)
+    sent = pickle.loads(packed)
+    if isinstance(sent, Outcome):
+        return packed
+    task, settings, start = sent
     _end_with(settings.parent)
     return _packed(_planned(task, settings, start))
 
