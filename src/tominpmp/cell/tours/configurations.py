@@ -161,12 +161,6 @@ class Configurations:
             if one.frame_name is not None:
                 row[:] = ~np.any(kinematics.jacobian(home, one.frame_name), axis=0)
 
-    @property
-    def limits(self) -> tuple[Array, Array]:
-        """Position limits, shape (n,) each."""
-        limits = self.problem.robot.limits
-        return limits.position_lower, limits.position_upper
-
     def projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
         """Nearest configurations that meet goals, by damped least squares.
 
@@ -183,12 +177,13 @@ class Configurations:
     def _solved(self, q: Array, aim: IntArray) -> tuple[Array, BoolArray]:
         """Nearest configurations that meet alternatives, given by their index."""
         out, left = np.array(q), np.zeros(len(q))
+        limits = self.problem.robot.limits
         for begin in range(0, len(q), CHUNK):
             part = slice(begin, begin + CHUNK)
             out[part], left[part] = least_squares(
                 partial(self._residual, aim[part]),
                 q[part],
-                self.limits,
+                (limits.position_lower, limits.position_upper),
                 self._scales[aim[part]] / self.weights,
                 LONGEST_STEP * self._scales[aim[part]],
                 reached=REACHED,
@@ -270,11 +265,11 @@ class Configurations:
 
     def _random(self, rng: np.random.Generator, g: int, count: int) -> Array:
         """Configurations for a station within half a turn of the start, (count, n)."""
-        (low, high), home = self.limits, self.problem.q_start
+        limits, home = self.problem.robot.limits, self.problem.q_start
         around = AROUND * self._scales[self._first[g]]
-        low, high = np.maximum(low, home - around), np.minimum(high, home + around)
-        shape = count, home.size
-        return rng.uniform(np.minimum(low, high), np.maximum(low, high), shape)
+        low = np.maximum(limits.position_lower, home - around)
+        high = np.minimum(limits.position_upper, home + around)
+        return rng.uniform(low, high, (count, home.size))
 
     def _from_neighbours(self, found: list[Array], which: list[int]) -> None:
         """Add what the configurations of stations nearby lead to."""

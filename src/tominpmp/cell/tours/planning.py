@@ -23,14 +23,7 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds import LowerBound
 from tominpmp.cell.tours.configurations import Configurations, refined
-from tominpmp.cell.tours.legs import (
-    DIRECT,
-    JointTimes,
-    Leg,
-    Legs,
-    LegTable,
-    carrying,
-)
+from tominpmp.cell.tours.legs import DIRECT, JointTimes, Leg, Legs, LegTable, carrying
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.orders import best_order
 from tominpmp.cell.tours.station import (
@@ -229,8 +222,7 @@ class TourSearch:
             stays.append((arm, stay))
             visits.append(Visit(station.name, there, arrival, arrival + stay))
 
-        first = 0
-        for last in _stops(table, nodes):
+        for first, last in pairwise(_stops(table, nodes)):
             found = _run(legs, way, q, first, last)
             if found is None:
                 return self._failed()
@@ -245,7 +237,6 @@ class TourSearch:
                         halts.pop()
                     halts.append((begin + part.arrival, []))
                     visit(k, motion.trajectory(part.arrival).q)
-            first = last
         what = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
         count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
         return Tour(
@@ -288,13 +279,13 @@ MOST_TOGETHER = 8
 
 
 def _stops(table: LegTable, nodes: Sequence[int]) -> list[int]:
-    """Places at which motions end: stops, and some between if these are rare."""
+    """The start, and where motions end: stops, and some between if these are rare."""
     stops = [0]
     for place in range(1, len(nodes)):
         final = place == len(nodes) - 1
         if table.rests[nodes[place]] or final or place - stops[-1] >= MOST_TOGETHER:
             stops.append(place)
-    return stops[1:]
+    return stops
 
 
 def _run(
