@@ -440,11 +440,9 @@ class Panel:
     # -- robots ------------------------------------------------------------------------
 
     def _add_robots(self) -> None:
-        gui, source = self._gui, self._request.robot.source
-        names = [*ARMS, *(name for name in robot_names() if name not in ARMS)]
-        if source not in names:
-            names.insert(0, source)
-        self._robots = gui.add_dropdown("Robot", names, initial_value=source)
+        gui = self._gui
+        names = tuple(dict.fromkeys((*ARMS, *robot_names())))
+        self._robots = gui.add_dropdown("Robot", names)
         self._groups = gui.add_dropdown("Joints", (ALL_JOINTS,))
         self._datasheet = gui.add_checkbox("Maker's data sheet", False)
         self._kinematic = gui.add_checkbox("Kinematic", False)
@@ -525,7 +523,6 @@ class Panel:
         }
         self._bounded = gui.add_checkbox("Limit accelerations", False)
         self._acceleration = gui.add_slider("Acceleration", 1.0, 60.0, 0.5, MODERATE)
-        self._acceleration.visible = False
         for field in (*self._sliders.values(), self._bounded, self._acceleration):
             field.on_update(by_user(self._change_limits))
 
@@ -586,6 +583,5 @@ class Panel:
             self._page.ask(items=self._request.items_with(item.name, size=sizes))
 
     def _remove_item(self) -> None:
-        chosen = self._chosen()
-        kept = tuple(item for item in self._request.items if item != chosen)
-        self._page.ask(items=kept)
+        name, items = self._items.value, self._request.items
+        self._page.ask(items=tuple(item for item in items if item.name != name))
