@@ -206,6 +206,26 @@ def test_places_that_are_passed_take_less_than_stops(arm: Robot) -> None:
     assert len(found.motions) == 1 and 0.0 < times[0] < found.cycle_time
 
 
+def test_a_place_is_passed_with_a_load_that_may_touch() -> None:
+    """The arm stopped there: the load was named on the way there, where it is not."""
+    robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
+    part = tm.Box("part", size=(0.05, 0.05, 0.05))
+    load = tm.Payload(0.1, "tip", geometry=[part], name="part")
+    goal, touch = tm.JointGoal([0.8, 1.4, -1.6]), [("part", "table")]
+    station = tm.Station("s", goal, stop=False, payload=load, may_touch=touch)
+    few = {"intervals": 6, "refine": None, "starts": 1, "max_iterations": 12}
+    found = tm.plan_tour(
+        robot,
+        [0.5, 1.7, -1.7],
+        [station],
+        q_end=[1.1, 1.0, -1.4],
+        scene=tm.Scene([tm.Box("table", size=(1, 1, 0.1), position=(9, 9, 0))]),
+        motion_limits=LIMITS,
+        **few,
+    )
+    assert found.verified and len(found.motions) == 1
+
+
 def test_direct_motions_are_the_fastest(arm: Robot) -> None:
     rng = np.random.default_rng(1)
     for _ in range(5):

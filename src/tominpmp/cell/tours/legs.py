@@ -369,18 +369,25 @@ class Legs:
 
     # -- problems of legs --------------------------------------------------------------
 
-    def _carried(
-        self, begin: int | None, end: int | None
-    ) -> tuple[Payload | None, list[tuple[str, str]]]:
-        """The load between two stations, and the pairs that may touch.
+    def _load(self, station: int | None) -> Payload | None:
+        """What is carried from a station, by its index; None for the start."""
+        return None if station is None else self.stations[station].payload
+
+    def _setting(self, begin: int | None, end: int | None) -> Problem:
+        """The problem with the load between two stations, and what may touch there.
 
         Args:
             begin: Index of the station where the leg begins; None for the start.
             end: Where it ends; None for the end of the tour.
         """
         ends = [self.stations[index] for index in (begin, end) if index is not None]
-        payload = None if begin is None else self.stations[begin].payload
-        return payload, [pair for station in ends for pair in station.may_touch]
+        touch = [pair for station in ends for pair in station.may_touch]
+        payload, key = self._load(begin), (begin, end if touch else None)
+        if payload is None and not touch:
+            return self.problem
+        if key not in self._settings:
+            self._settings[key] = carrying(self.problem, payload, touch)
+        return self._settings[key]
 
     def _problem(self, leg: Leg) -> Problem:
         """The problem of a leg.
@@ -389,15 +396,9 @@ class Legs:
             ProblemError: If there cannot be such a leg.
         """
         begin, end = self.table.station(leg[0]), self.table.station(leg[2])
-        payload, touch = self._carried(begin, end)
         q_start, q_end = self.table.rows(leg)
-        setting = self.problem
-        if payload is not None or touch:
-            key = begin, end if touch else None
-            if key not in self._settings:
-                self._settings[key] = carrying(setting, payload, touch)
-            setting = self._settings[key]
-        return setting.with_ends(q_start, JointGoal(q_end, wrap=False))
+        goal = JointGoal(q_end, wrap=False)
+        return self._setting(begin, end).with_ends(q_start, goal)
 
     def stays(self, leg: Leg) -> bool:
         """Whether a leg leads nowhere."""
@@ -470,12 +471,15 @@ class Legs:
         for place, k in enumerate(way[1:-1]):
             if k is not None:
                 goals[place] = self.stations[k].goal
-        carried = [self._carried(begin, end) for begin, end in pairwise(way)]
 
         def made() -> Problem:
             segments = [
-                Segment(goal, payload=payload, may_touch=touch)
-                for goal, (payload, touch) in zip(goals, carried, strict=True)
+                Segment(
+                    goal,
+                    payload=self._load(begin),
+                    may_touch=self._setting(begin, end).may_touch,
+                )
+                for goal, (begin, end) in zip(goals, pairwise(way), strict=True)
             ]
             begin, end = q[0], goals[-1]
             return replace(self.problem, q_start=begin, goal=end, segments=segments)
