@@ -538,7 +538,7 @@ class Panel:
     def _add_obstacles(self) -> None:
         gui, page = self._gui, self._page
         kinds = gui.add_button_group("Add", tuple(SIZES))
-        self._items = gui.add_dropdown("Obstacle", ("none",))
+        self._items = gui.add_dropdown("Obstacle", ("",))
         self._sizes = [
             gui.add_slider(f"size {number + 1}", 0.01, 2.0, 0.01, 0.1)
             for number in range(3)
