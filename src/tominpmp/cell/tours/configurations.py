@@ -209,13 +209,13 @@ class Configurations:
             best[nearer] = k
         return first + best
 
-    def free(self, q: Array, g: int | None) -> BoolArray:
+    def free(self, q: Array, g: int) -> BoolArray:
         """At which configurations a station can be, shape (m,).
 
         They keep clear, when it is left, too, with what is carried from there; and
         constraints hold.
         """
-        loaded = None if g is None else self.leaving.get(g)
+        loaded = self.leaving.get(g)
         asked = [self.problem] if loaded is None else [self.problem, loaded]
         return np.array([all(_keeps(p, row) for p in asked) for row in q], dtype=bool)
 
@@ -392,17 +392,17 @@ def refined(
         Configurations of all places.
     """
     goals, nodes = configurations.goals, [node for node, _ in places]
-    stations = [table.station(node) for node in nodes]
-    open_ones = [
-        k
-        for k, g in enumerate(stations)
+    # Stations whose configurations are not given, by their places.
+    open_ones = {
+        k: g
+        for k, g in enumerate(map(table.station, nodes))
         if g is not None and goals[g].configuration is None
-    ]
+    }
     way, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
     for _ in range(ROUNDS if open_ones else 0):
         starts = [_around(way, k, radius, rng) for k in open_ones]
-        place = np.repeat(open_ones, [len(rows) for rows in starts])
-        which = np.array([stations[k] for k in place.tolist()], dtype=np.int64)
+        place = np.repeat([*open_ones], [len(rows) for rows in starts])
+        which: IntArray = np.array([open_ones[k] for k in place.tolist()])
         q, good = configurations.projected(np.concatenate(starts), which)
         q, place = q[good], place[good]
         choices = [
@@ -414,9 +414,9 @@ def refined(
             now, chosen = tried.best_configurations(range(len(nodes)))
             # Whether they are clear is asked of those that would be taken.
             bad = [
-                (k, c)
-                for k, c in enumerate(chosen)
-                if c and not configurations.free(choices[k][c : c + 1], stations[k])[0]
+                (k, chosen[k])
+                for k, g in open_ones.items()
+                if chosen[k] and not configurations.free(choices[k][[chosen[k]]], g)[0]
             ]
             for k, c in bad:
                 choices[k] = np.delete(choices[k], c, axis=0)

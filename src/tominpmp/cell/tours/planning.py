@@ -48,7 +48,7 @@ from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
 from tominpmp.problem.segments import known_names
-from tominpmp.problem.state_checks import onto_limits
+from tominpmp.problem.state_checks import joint_vector, onto_limits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 from tominpmp.solution import Solution
@@ -456,9 +456,8 @@ def _problem(
     name = "q_start" if anywhere else "q_end"
     end: Any = q_start if anywhere else q_end
     try:
-        goal = JointGoal(end).resolved(robot)
-        goal.validate(robot)
-        q, snapped = onto_limits(robot, "position", goal.q, name)
+        given = joint_vector(robot, end, name)
+        q, snapped = onto_limits(robot, "position", given, name)
         for message in snapped:
             warn_caller(message)
         problem = Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)
