@@ -135,10 +135,9 @@ def _by_color(body: Body) -> list[tuple[Surface, Color]]:
     colors, which = np.unique(np.round(surface.colors, 2), axis=0, return_inverse=True)
     if len(colors) > MOST_COLORS:
         colors, which = surface.colors.mean(axis=0)[None], np.zeros_like(which)
-    parts = [surface.faces[which.ravel() == number] for number in range(len(colors))]
     return [
-        (Surface(surface.vertices, faces), tuple(color))
-        for faces, color in zip(parts, colors.tolist(), strict=True)
+        (Surface(surface.vertices, surface.faces[which.ravel() == k]), tuple(color))
+        for k, color in enumerate(colors.tolist())
     ]
 
 

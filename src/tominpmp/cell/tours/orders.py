@@ -186,13 +186,9 @@ class _OneEach:
         self.cost, self.n = cost, n
         inner = cost[1 : n + 1, 1 : n + 1]
         self.near = np.argsort(inner + inner.T, axis=1, kind="stable") + 1
-        # By node those that have to come before it, and after it.
+        # By node those that have to come before it.
         needs = [{i + 1 for i in needed} for needed in rules.all_needs]
-        self.earlier: list[set[int]] = [set(), *needs]
-        self.later: list[set[int]] = [set() for _ in range(n + 1)]
-        for node, before in enumerate(self.earlier):
-            for other in before:
-                self.later[other].add(node)
+        self.earlier: list[set[int]] = [set(), *needs, set()]
 
     def length(self, way: Sequence[int]) -> float:
         """Time of a way over nodes, from the start to the end."""
@@ -258,6 +254,6 @@ class _OneEach:
             for k, other in enumerate(way):
                 if other in self.earlier[node]:
                     first = k
-                elif other in self.later[node]:
+                elif node in self.earlier[other]:
                     last = min(last, k)
             way.insert(first + int(np.argmin(more[first:last])) + 1, node)
