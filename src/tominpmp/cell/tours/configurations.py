@@ -44,20 +44,17 @@ class GoalRows:
     def __init__(self, robot: Robot, goals: Sequence[Goal]) -> None:
         self.goals, self.kinematics = tuple(goals), RobotKinematics(robot)
         nothing = FrameTarget(np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6)), False)
-        targets, frames, zero = [], list[str](), np.zeros(robot.n)
-        self.rows = 6
+        targets, frames = list[FrameTarget](), list[str]()
         for goal in goals:
             target = frame_target(goal)
             targets.append(target or nothing)
             # Other kinds of goals are evaluated one by one.
             frames.append(str(goal.frame_name) if target else "")
-            if target is None:
-                size = goal.place(self.kinematics, zero).value.size
-                self.rows = max(self.rows, size)
+        zero = np.zeros(robot.n)
+        self.rows = max(6, *(g.place(self.kinematics, zero).value.size for g in goals))
         self._frames = np.array(frames)
         self._motions = {name: FrameMotions(robot, name) for name in {*frames} - {""}}
-        each = zip(*targets, strict=True)
-        self._targets = tuple(np.stack(part) for part in each)
+        self._targets = tuple(np.stack(part) for part in zip(*targets, strict=True))
 
     def __call__(self, q: Array, which: IntArray) -> tuple[Array, Array]:
         """Evaluate residuals.

@@ -166,8 +166,9 @@ class TourSearch:
         table = self.table
         begin = [node - 1 for node, _ in (before or [])[1 : table.stations + 1]]
         length, order, chosen = best_order(table, self.rules, self.rng, begin)
-        found = np.isfinite(length) and order
-        return list(zip(table.way(order), chosen, strict=True)) if found else None
+        if not np.isfinite(length):
+            return None
+        return list(zip(table.way(order), chosen, strict=True))
 
     def _refine(self, way: Way) -> bool:
         """Add better configurations for an order; whether there are any."""
@@ -453,8 +454,7 @@ def _problem(
             "scene",
         )
     anywhere = q_end is None or isinstance(q_end, str)
-    name = "q_start" if anywhere else "q_end"
-    end: Any = q_start if anywhere else q_end
+    name, end = ("q_start", q_start) if anywhere else ("q_end", q_end)
     try:
         given = joint_vector(robot, end, name)
         q, snapped = onto_limits(robot, "position", given, name)
