@@ -73,25 +73,26 @@ def exact_order(
         ends: Whether there is an end, else the tour ends at any station.
     """
     n = len(sizes)
-    last, full = [block(1, n + 1).shape[1]] if ends else [], (1 << n + 1 + ends) - 1
+    # Without an end there is one that is reached from anywhere in no time.
+    last, full = block(1, n + 1).shape[1] if ends else 1, (1 << n + 2) - 1
     # Configurations of all nodes stand one after the other.
-    edges = np.cumsum([0, len(block(0, 1)), *sizes, *last]).tolist()
+    edges = np.cumsum([0, len(block(0, 1)), *sizes, last]).tolist()
     part = [slice(a, b) for a, b in pairwise(edges)]
     node = np.repeat(np.arange(len(part)), np.diff(edges))
     # Sets of nodes are bits: of those that come before each.
-    need = [0, *(1 | sum(2 << i for i in needed) for needed in rules.needs)]
-    need += [full >> 1] if ends else []
+    before_end = full >> 1
+    need = [0, *(1 | sum(2 << i for i in needed) for needed in rules.needs), before_end]
     between = np.full((edges[-1], edges[-1]), np.inf)
     for i, j in permutations(range(len(part)), 2):
         inner = max(i, j) <= n
         allowed = rules.follows(i - 1, j - 1) if inner else rules.may_end(i - 1)
         if j and i <= n and (i == 0 or allowed):
-            between[part[i], part[j]] = block(i, j)
+            between[part[i], part[j]] = block(i, j) if inner or ends else 0.0
     # By set: best time by last configuration, and the one before that.
     never = np.full(edges[-1], np.inf)
     cost, came = {1: never.copy()}, dict[tuple[int, int], Array]()
     cost[1][part[0]] = 0.0
-    for done in range(1, full, 2):
+    for done in range(1, before_end + 1, 2):
         check()
         row = cost.pop(done, never)
         alive = np.flatnonzero(np.isfinite(row))
@@ -105,9 +106,6 @@ def exact_order(
             after = cost.setdefault(done | 1 << j, never.copy())
             after[part[j]] = np.min(through, axis=0)
     total = cost.get(full, never)
-    for i in range(0 if ends else n):
-        if not rules.may_end(i):
-            total[part[i + 1]] = np.inf
     way, done = [int(np.argmin(total))], full
     if not np.isfinite(total[way[0]]):
         return np.inf, (), ()
@@ -116,7 +114,7 @@ def exact_order(
         way.append(int(came[done, j][way[-1] - edges[j]]))
         done ^= 1 << j
     nodes = node[way[::-1]]
-    chosen = np.array(way[::-1]) - np.array(edges)[nodes]
+    chosen = (np.array(way[::-1]) - np.array(edges)[nodes])[: n + 1 + ends]
     order = nodes[1 : n + 1] - 1
     return float(total[way[0]]), tuple(order.tolist()), tuple(chosen.tolist())
 
