@@ -12,7 +12,7 @@ configurations along an order are found by dynamic programming, and the two take
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise, permutations
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
@@ -156,10 +156,9 @@ def _least_times(table: LegTable) -> Array:
     n = len(table.nodes)
     least = np.zeros((n, n))
     few = [rows[:8] for rows in table.nodes]
-    for i in range(n):
-        for j in range(i + 1, n):
-            found = table.factor * np.min(table.times.matrix(few[i], few[j]))
-            least[i, j] = least[j, i] = found
+    for i, j in combinations(range(n), 2):
+        found = table.factor * np.min(table.times.matrix(few[i], few[j]))
+        least[i, j] = least[j, i] = found
     return least
 
 

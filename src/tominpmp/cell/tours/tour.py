@@ -156,13 +156,10 @@ class Tour:
             ProblemError: If there is no tour, or a motion has no multipliers.
         """
         self._motion()  # there has to be one
-        parts = []
-        for motion in self.motions:
-            found = motion.sensitivities
-            kept = tuple(item for item in found if item.kind != "goal")
-            parts.append(replace(found, records=kept))
+        parts = [motion.sensitivities for motion in self.motions]
         whole = Sensitivities.of_cycle(parts, T=self.cycle_time)
-        return replace(whole, records=(*whole.records, *self._places()))
+        kept = [item for item in whole if item.kind != "goal"]
+        return replace(whole, records=(*kept, *self._places()))
 
     def _places(self) -> list[Sensitivity]:
         """What the places of stations at which the arm stops are worth."""
