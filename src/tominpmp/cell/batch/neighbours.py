@@ -125,15 +125,12 @@ def _place(problem: Problem | None) -> tuple[Any, Array]:
     if problem is None or problem.segments:
         # Motions of segments do not begin with others.
         return ("alone", id(problem)), np.zeros(1)
-    goal = problem.goal
-    target = goal.configuration
-    parts = [problem.q_start]
-    if target is None and goal.ball is not None:
-        target = LENGTH * goal.ball.centre
-    if target is not None:
-        parts.append(np.asarray(target))
+    robot, goal, parts = problem.robot, problem.goal, [problem.q_start]
+    if goal.configuration is not None:
+        parts.append(goal.configuration)
+    elif goal.ball is not None:
+        parts.append(LENGTH * goal.ball.centre)
     parts += [LENGTH * item.position for item in problem.scene]
-    robot, kind = problem.robot, (type(goal).__name__, goal.frame_name)
     obstacles = tuple(item.name for item in problem.scene)
-    key = robot.joint_names, robot.name, *kind, obstacles
+    key = robot.joint_names, robot.name, type(goal).__name__, goal.frame_name, obstacles
     return key, np.concatenate(parts)
