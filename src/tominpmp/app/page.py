@@ -244,15 +244,14 @@ class Page:
             }
             self._arms["robot"].move(request.q_start)
             self._size = stage.look_at(self.server, robot, request)
-            self.handles.rebuild(0.16 * self._size)
+            self.handles.clear(0.16 * self._size)
             self.panel.rebuild()
-        self.refresh()
+            self.refresh()
 
     def _found(self, outcome: Outcome) -> None:
         """Take an outcome of the planning."""
         with self._lock:
-            same = outcome.request.robot == self.controller.request.robot
-            if not same or not hasattr(self, "handles"):
+            if outcome.request.robot != self.controller.request.robot:
                 return
             if outcome.shown is not None:
                 if self._shown is None:
@@ -426,7 +425,6 @@ class Panel:
                 slider.value = getattr(limits, name)
             self._bounded.value = limits.acceleration is not None
             self._acceleration.visible = self._bounded.value
-        self.refresh_lines()
 
     def refresh_lines(self) -> None:
         """Show the lines of Python, and the names of the obstacles."""

@@ -211,11 +211,10 @@ class Handles:
         self._known: dict[str, tuple[object, Any]] = {}
         self._held: dict[str, float] = {}
 
-    def rebuild(self, size: float) -> None:
-        """Make all anew, for another robot; size of the handles [m]."""
+    def clear(self, size: float) -> None:
+        """Take all off the stage, for another robot; size of the next ones [m]."""
         self._size = size
         self._keep(())
-        self.refresh()
 
     def allow_turning(self, wanted: bool) -> None:
         """Whether obstacles are turned, too."""
