@@ -164,11 +164,11 @@ def _check_names(stations: Sequence[Station]) -> None:
                 "stations",
             )
     for k, station in enumerate(stations, 1):
-        others = numbers.keys() - {station.name}
         for field in ("after", "then"):
             for name in getattr(station, field):
-                if name not in others:
-                    known = brief(", ".join(sorted(others)))
+                if name not in numbers or name == station.name:
+                    others = sorted(numbers.keys() - {station.name})
+                    known = brief(", ".join(others))
                     there = f"one of the others: {known}" if others else "none"
                     raise ProblemError(
                         f"{called(k, station.name)}: {field} names "
