@@ -331,8 +331,8 @@ class _Search:
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
         """Go downhill until nothing is gained."""
         span = high - low
-        best = self._at(np.zeros(low.size), [None] * len(self.tasks))
-        T_before = best.T
+        start = np.zeros(low.size)
+        best = self._point(start, self._motions(start, [None] * len(self.tasks)))
         radius, curvature = FIRST, np.zeros((low.size, low.size))
         # Left out where the curvature is not positive; scaled by the first update.
         model = BFGS(exception_strategy="skip_update", init_scale="auto")
@@ -344,11 +344,12 @@ class _Search:
             if promised < ENOUGH * best.T:
                 break
             try:
-                found = self._at(x, best.solutions)
+                motions = self._motions(x, best.solutions)
             except TominpmpError:
                 self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
                 radius *= SHRINK
                 continue
+            found = self._point(x, motions)
             model.update(found.x - best.x, found.slope - best.slope)
             curvature = model.get_matrix()
             if found.T >= best.T:
@@ -362,13 +363,13 @@ class _Search:
             values=frozen_array(best.x),
             placement=self.moves.placement(best.x),
             T=best.T,
-            T_before=T_before,
+            T_before=self.trials[0].T,
             plans=self.plans,
             trials=tuple(self.trials),
             solutions=best.solutions,
         )
 
-    def _at(self, x: Array, starts: Sequence[Solution | None]) -> _Point:
+    def _motions(self, x: Array, starts: Sequence[Solution | None]) -> list[Solution]:
         """Plan all tasks at a placement.
 
         Args:
@@ -394,6 +395,10 @@ class _Search:
                     f"tasks[{number}]",
                 )
             solutions.append(found)
+        return solutions
+
+    def _point(self, x: Array, solutions: list[Solution]) -> _Point:
+        """What the motions of all tasks take at a placement, and its slope."""
         T = float(self.weights @ np.array([item.T for item in solutions]))
         slopes = [self.moves.gradient(item.sensitivities, x) for item in solutions]
         self.trials.append(Trial(frozen_array(x), T, self.plans))
