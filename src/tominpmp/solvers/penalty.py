@@ -156,6 +156,6 @@ def _scaled(torques: AdjointTranscription, z: Array) -> tuple[Array, Array, Arra
     rest = np.ones(columns)
     return (
         np.concatenate([units, z[count:]]),
-        np.concatenate([least / units, DURATIONS[0] * rest]),
-        np.concatenate([most / units, DURATIONS[1] * rest]),
+        np.append(least.ravel() / units, DURATIONS[0] * rest),
+        np.append(most.ravel() / units, DURATIONS[1] * rest),
     )

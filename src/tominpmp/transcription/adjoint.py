@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
-from tominpmp.transcription.base import LENGTH_STEP, StepBounds
+from tominpmp.transcription.base import StepBounds
 from tominpmp.transcription.controls import (
     TorqueTranscription,
     driving_torque,
@@ -94,14 +94,6 @@ class AdjointTranscription(TorqueTranscription):
         """Torques [N m or N] and lengths [s], shapes (N, n) and (N,)."""
         return self.torques(z), self.lengths(z)
 
-    @property
-    def torque_bounds(self) -> tuple[Array, Array]:
-        """Bounds of the torque shares, shape (N n,) each."""
-        if self.ways is None:
-            ones = np.ones(self._N * self._n)
-            return -ones, ones
-        return self.ways.lower.ravel(), self.ways.upper.ravel()
-
     def motion(self, z: Array) -> SteppedMotion:
         """The motion of an iterate, integrated forward.
 
@@ -131,15 +123,10 @@ class AdjointTranscription(TorqueTranscription):
         """The transcription centred at an iterate; it has no scales."""
         return self.near(z)
 
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within the torque limits: a share of the whole range."""
+    def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
+        """Steps of the torques within their limits: a share of the whole range."""
         reach = 2.0 * min(1.0, CONTROL_FACTOR * radius)
-        lower, upper = self.torque_steps(z, np.full(self._n, reach))
-        length = min(LENGTH_STEP, radius) * z[-self._m :]
-        return StepBounds(
-            np.concatenate([lower.ravel(), -length]),
-            np.concatenate([upper.ravel(), length]),
-        )
+        return self.torque_steps(z, np.full(self._n, reach))
 
     def fixed_steps(
         self, z: Array, control_step: float, time_step: float
@@ -155,9 +142,9 @@ class AdjointTranscription(TorqueTranscription):
         duration = float(self.cost @ z)
         factor = time_step / duration
         shorter = min(factor, 1.0 - SHORTEST)
+        eta = z[-self._m :]
         return StepBounds(
-            np.concatenate([lower.ravel(), -shorter * z[-self._m :]]),
-            np.concatenate([upper.ravel(), factor * z[-self._m :]]),
+            np.append(lower, -shorter * eta), np.append(upper, factor * eta)
         )
 
     def with_ways(self, duration: float, ways: Ways) -> AdjointTranscription:

@@ -307,8 +307,19 @@ class Transcription(ABC, Generic[M]):
         return np.inf
 
     @abstractmethod
+    def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
+        """Least and largest steps of all unknowns but the durations, in their order.
+
+        Args:
+            z: Iterate.
+            radius: Radius of the trust region [rad].
+        """
+
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Box of steps: the trust region of a radius [rad] within the bounds of z."""
+        lower, upper = self.steps(z, radius)
+        length = min(LENGTH_STEP, radius) * z[-self.shares.shape[1] :]
+        return StepBounds(np.append(lower, -length), np.append(upper, length))
 
     @abstractmethod
     def variation(self, z: Array) -> Variation:

@@ -32,7 +32,6 @@ from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import (
-    LENGTH_STEP,
     Hull,
     StepBounds,
     Transcription,
@@ -272,18 +271,14 @@ class BSplineTranscription(Transcription[SplineMotion]):
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
         return self.within_limits(np.concatenate([points, eta]))
 
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within position limits and positive durations."""
+    def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
+        """Steps of the control points within position limits."""
         limits = self.system.problem.robot.limits
         points = z[: self.point_unknowns].reshape(-1, self._n) + self._base
         box = np.broadcast_to(radius * self.system.step_scale, points.shape)
         lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
         upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
-        length = min(LENGTH_STEP, radius) * z[self.point_unknowns :]
-        return StepBounds(
-            np.concatenate([lower.ravel(), -length]),
-            np.concatenate([upper.ravel(), length]),
-        )
+        return lower, upper
 
     # -- states ------------------------------------------------------------------------
 

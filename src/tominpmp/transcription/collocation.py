@@ -21,7 +21,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
 from tominpmp.linear_programs.compressed import Compressed
-from tominpmp.transcription.base import LENGTH_STEP, Hull, StepBounds
+from tominpmp.transcription.base import Hull, StepBounds
 from tominpmp.transcription.controls import (
     TorqueTranscription,
     driving_torque,
@@ -128,19 +128,15 @@ class CollocationTranscription(TorqueTranscription):
         x = z[: self._torques.start].reshape(self._N + 1, 2 * self._n)
         return x, self.torques(z), self.lengths(z)
 
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within the limits, fixed ends and positive lengths."""
+    def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
+        """Steps of states and torques within their limits, for fixed ends."""
         scale, (x, _, h) = self.system.step_scale, self.split(z)
         box = radius * np.concatenate([scale, SPEED_FACTOR / h.sum() * scale])
         box = np.where(np.isnan(self._given), box, 0.0)
         lower = np.maximum(-box, np.minimum(self._low - x, 0.0))
         upper = np.minimum(box, np.maximum(self._high - x, 0.0))
         less, more = self.torque_steps(z, np.full(self._n, 2.0))
-        length = min(LENGTH_STEP, radius) * z[-self._m :]
-        return StepBounds(
-            np.concatenate([lower.ravel(), less.ravel(), -length]),
-            np.concatenate([upper.ravel(), more.ravel(), length]),
-        )
+        return np.append(lower, less), np.append(upper, more)
 
     # -- dry friction ------------------------------------------------------------------
 

@@ -74,6 +74,14 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         """Lengths of the intervals [s], shape (N,)."""
         return np.asarray(self.shares @ z[-self._m :])
 
+    @property
+    def torque_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the torque shares, shape (N, n) each."""
+        if self.ways is None:
+            ones = np.ones((self._N, self._n))
+            return -ones, ones
+        return self.ways.lower, self.ways.upper
+
     def torque_steps(self, z: Array, largest: Array) -> tuple[Array, Array]:
         """Smallest and largest steps of torque shares, shape (N, n) each.
 
@@ -83,15 +91,10 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             z: Iterate.
             largest: Largest step of each joint, in shares, shape (n,).
         """
-        shares, driven = self.shares_at(z), driven_joints(self.system)
-        lower, upper = np.zeros_like(shares), np.zeros_like(shares)
-        here = shares[:, driven]
-        low, high = np.full_like(here, -1.0), np.ones_like(here)
-        if self.ways is not None:
-            low, high = self.ways.lower[:, driven], self.ways.upper[:, driven]
-        lower[:, driven] = np.clip(low - here, -largest[driven], 0.0)
-        upper[:, driven] = np.clip(high - here, 0.0, largest[driven])
-        return lower, upper
+        shares, (low, high) = self.shares_at(z), self.torque_bounds
+        driven, most = driven_joints(self.system), np.zeros(self._n)
+        most[driven] = largest[driven]
+        return np.clip(low - shares, -most, 0.0), np.clip(high - shares, 0.0, most)
 
     def turned(self, z: Array) -> tuple[TorqueTranscription, Array] | None:
         """With the directions of joints in an iterate, and the iterate within limits.
