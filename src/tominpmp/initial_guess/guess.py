@@ -13,18 +13,11 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
-from tominpmp.initial_guess.constrained import (
-    keeping_paths,
-    keeps_positions,
-)
+from tominpmp.initial_guess.constrained import keeping_paths, keeps_positions
 from tominpmp.initial_guess.inverse_kinematics import find_configurations, shut_out
 from tominpmp.initial_guess.pace import load_stretch, stretch
 from tominpmp.initial_guess.path import RoundedPath
-from tominpmp.initial_guess.rrt import (
-    is_free,
-    is_free_line,
-    sample_paths,
-)
+from tominpmp.initial_guess.rrt import is_free, is_free_line, sample_paths
 from tominpmp.initial_guess.timing import time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -302,12 +295,9 @@ def _guesses(
 ) -> Iterator[Guess]:
     problem = system.problem
     final = problem.goal.configuration
-    straight = [line_guess(system, q) for q in ends]
-    both = sorted(
-        zip(straight, ends, strict=True),
-        key=lambda one: (not one[0].keeps, _pace(one[0])),
-    )
-    straight, ends = [one[0] for one in both], [one[1] for one in both]
+    lines = [(line_guess(system, q), q) for q in ends]
+    lines.sort(key=lambda one: (not one[0].keeps, _pace(one[0])))
+    straight, ends = zip(*lines, strict=True)
     rest = resting_guess(system, duration or straight[0].duration)
     if system.in_free_space:
         yield from straight[:FEW_LINES]

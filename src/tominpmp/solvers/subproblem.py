@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.linear_programs.compressed import Compressed, single, sorted_in
+from tominpmp.linear_programs.compressed import Compressed, sorted_in
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
 from tominpmp.solvers.model import Model
@@ -101,24 +101,20 @@ def build_subproblem(
     )
     violation = rows.group_violation(values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
-    matrix = body.rows()
-    columns, count = [matrix], chosen.size
-    cost, lower, upper = (
-        [model.gradient[free]],
-        [steps.lower[free]],
-        [steps.upper[free]],
-    )
-    keys, row_keys, row_low, row_high = [free], [chosen], [low], [high]
+    every_row, count = body, chosen.size
+    cost, keys = [model.gradient[free]], [free]
+    lower, upper = [steps.lower[free]], [steps.upper[free]]
+    row_keys, row_low, row_high = [chosen], [low], [high]
     further: list[Compressed] = []
     if model.variation is not None:
         variation = model.variation
         differences = variation.at(state.z)
         k = differences.size
         own = Compressed.of(variation.matrix).chosen(moving)
-        columns, count = [body.followed_by(own).rows()], count + k
+        every_row, count = body.followed_by(own), count + k
         either = np.repeat([-1.0, 1.0], k)
         places = chosen.size + np.tile(np.arange(k), 2)
-        further.append(single(either, places, count))
+        further.append(Compressed.of_table(either[:, None], places[:, None], count))
         cost += [np.full(2 * k, model.weight)]
         lower += [np.zeros(2 * k)]
         upper += [np.full(2 * k, np.inf)]
@@ -126,30 +122,28 @@ def build_subproblem(
         row_low.append(-differences)
         row_high.append(-differences)
         row_keys.append(_KEY_BLOCK + np.arange(k))
-    if slack_groups.size:
-        further.append(
-            _elastic_columns(rows, values, chosen, violation, slack_groups, count)
-        )
-        cost += [merit.weights[rows.group_kind[slack_groups]]]
-        lower += [np.zeros(slack_groups.size)]
-        upper += [np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)]
-        keys += [2 * _KEY_BLOCK + slack_groups]
-    whole = columns[0].tocsc()
-    if further:
-        whole = Compressed.of(whole).followed_by(*further).columns()
+    further.append(
+        _elastic_columns(rows, values, chosen, violation, slack_groups, count)
+    )
+    cost += [merit.weights[rows.group_kind[slack_groups]]]
+    lower += [np.zeros(slack_groups.size)]
+    upper += [np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)]
+    keys += [2 * _KEY_BLOCK + slack_groups]
+    columns = Compressed.of(every_row.rows().tocsc())
+    matrix = columns.followed_by(*further).columns()
     program = LinearProgram(
         np.concatenate(cost),
-        whole,
+        matrix,
         np.concatenate(row_low),
         np.concatenate(row_high),
         np.concatenate(lower),
         np.concatenate(upper),
         np.concatenate(row_keys),
         np.concatenate(keys),
-        _curvature(model, free, whole.shape[1]),
+        _curvature(model, free, matrix.shape[1]),
         accuracy,
     )
-    return Subproblem(program, free, chosen, state.z.size, rows.size, matrix)
+    return Subproblem(program, free, chosen, state.z.size, rows.size, body.rows())
 
 
 def _curvature(model: Model, free: IntArray, size: int) -> sp.csc_matrix | None:

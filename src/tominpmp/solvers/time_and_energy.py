@@ -195,15 +195,17 @@ class SquaredTorques(Energy):
         jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
         longer = 0.5 * torques * share / size
         jacobian = sp.csr_matrix(jacobian + sp.diags(longer) @ by_length)
-        stays = list(self._held(motion, differentiated=True))
-        values = [size * torques, *(held for held, _ in stays)]
-        matrices = [jacobian, *(by for _, by in stays if by is not None)]
+        values, matrices = [size * torques], [jacobian]
+        for held, by in self._held(motion):
+            values.append(held)
+            matrices.append(by)
         return np.concatenate(values), sp.vstack(matrices, format="csr")
 
-    def _held(
-        self, motion: Motion, *, differentiated: bool = False
-    ) -> Iterator[tuple[Array, sp.csr_matrix | None]]:
-        """Roots of what it takes to stay at the end of each segment that has a stay."""
+    def _held(self, motion: Motion) -> Iterator[tuple[Array, sp.csr_matrix]]:
+        """Roots of what it takes to stay at the ends of segments, and their Jacobians.
+
+        Of segments that have a dwell.
+        """
         of = self.nlp.transcription
         asked = of.system.problem.segments
         for part, (_, end), one in zip(
@@ -217,9 +219,6 @@ class SquaredTorques(Energy):
             states = States(states.t, states.q, still, still)
             root = np.sqrt(one.dwell)
             held = root * part.motors.torque(states)[0]
-            if not differentiated:
-                yield held, None
-                continue
             joints = np.arange(held.size)
             partials = part.motors.differentiate(states, 0 * joints, joints)
             scale = root * part.motors.half[:, None]

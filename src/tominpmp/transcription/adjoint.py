@@ -20,6 +20,7 @@ from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
 from tominpmp.transcription.base import StepBounds
 from tominpmp.transcription.controls import (
+    SPEED_FACTOR,
     TorqueTranscription,
     driving_torque,
     torque_shares,
@@ -36,8 +37,6 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # Torques change by this share of their range per radian of the trust region: the
 # larger, the likelier the obstacle of the paper's example is passed on the faster side.
 CONTROL_FACTOR = 2.0
-# Scale of velocities, in units of the scale of positions over the duration.
-SPEED_FACTOR = 5.0
 # A step leaves at least this share of the duration (the paper: T + dT >= 0).
 SHORTEST = 0.1
 # Clearances above this share of the arm's reach are left out of a linear program.

@@ -24,6 +24,9 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
 
+# Value of the rows of a motion that could not be integrated to its end, or of those of
+# an interval whose inner stage cannot be solved for.
+NOT_INTEGRATED = 1e3
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
 

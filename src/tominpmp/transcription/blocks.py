@@ -64,12 +64,6 @@ class ContinuousRows:
         """Row values."""
         return self.hull.values(motion)
 
-    def values_as(
-        self, of: Transcription[Any], motion: Motion, former: Motion, known: Array
-    ) -> Array:
-        """Row values; the values of a former motion are not used."""
-        return self.values(of, motion)
-
     def jacobian(
         self, of: Transcription[Any], motion: Motion, chosen: IntArray
     ) -> sp.csr_matrix:
@@ -167,26 +161,18 @@ class SampledRows:
         _, states = self.states(of, motion)
         return self.constraint.evaluate(states, min(of.cutoff, room)).ravel()
 
-    def values_as(
-        self, of: Transcription[Any], motion: Motion, former: Motion, known: Array
-    ) -> Array:
-        """Row values, taken from a former motion where both have equal positions.
+    def keeps_values(
+        self, of: Transcription[Any], motion: Motion, former: Motion
+    ) -> bool:
+        """Whether row values that are costly to evaluate are those of a former motion.
 
-        The constraints that are costly to evaluate depend on positions alone, unless
-        obstacles move.
-
-        Args:
-            of: The transcription.
-            motion: A motion of it.
-            former: The former motion.
-            known: Row values of the former motion, shape (r p,).
+        They depend on positions alone, unless obstacles move.
         """
         constraint = self.constraint
         if not constraint.gradual or constraint.moving or constraint.order:
-            return self.values(of, motion)
+            return False
         here, there = self.states(of, motion)[1].q, self.states(of, former)[1].q
-        same = bool(np.max(np.abs(here - there), initial=0.0) <= SAME_PLACE)
-        return known if same else self.values(of, motion)
+        return bool(np.max(np.abs(here - there), initial=0.0) <= SAME_PLACE)
 
     def jacobian(
         self, of: Transcription[Any], motion: Motion, chosen: IntArray

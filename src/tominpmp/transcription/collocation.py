@@ -21,8 +21,9 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
 from tominpmp.linear_programs.compressed import Compressed
-from tominpmp.transcription.base import Hull, StepBounds
+from tominpmp.transcription.base import NOT_INTEGRATED, Hull, StepBounds
 from tominpmp.transcription.controls import (
+    SPEED_FACTOR,
     TorqueTranscription,
     driving_torque,
     first_ways,
@@ -32,10 +33,6 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Scale of velocities, in units of the scale of positions over the duration.
-SPEED_FACTOR = 5.0
-# Value of the defects of an interval whose inner stage cannot be solved for.
-NOT_INTEGRATED = 1e3
 # Clearances above this, per rad of trust region and in shares of the reach, are no rows
 # of the linear program.
 ATTENTION = 2.0

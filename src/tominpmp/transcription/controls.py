@@ -23,6 +23,9 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import SteppedMotion
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
+# Scale of velocities, in units of the scale of positions over the duration.
+SPEED_FACTOR = 5.0
+
 
 class TorqueTranscription(Transcription[SteppedMotion]):
     """A problem whose torques are unknowns, as shares of their limits in [-1, 1].

@@ -69,29 +69,6 @@ LOOKS = 8
 BESIDE = 0.02
 
 
-def revised(
-    program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
-) -> tuple[NonlinearProgram, Array] | None:
-    """The program with missing rows and updated assumptions, and the iterate.
-
-    Args:
-        program: The program.
-        z: Its iterate.
-        effort_tolerance: Tolerated relative excess of torques; below zero, a margin
-            that torques must keep.
-
-    Returns:
-        The program and the iterate within its bounds; None if nothing has to change.
-    """
-    turned = program.transcription.turned(z)
-    if turned is not None:
-        program, z = replace(program, transcription=turned[0]), turned[1]
-    more = exchanged(program, z, effort_tolerance)
-    if more is None and turned is None:
-        return None
-    return more or program, z
-
-
 def exchanged(
     program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
 ) -> NonlinearProgram | None:

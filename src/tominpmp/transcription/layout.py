@@ -57,11 +57,10 @@ class Layout:
             return None
         shares = transcription.shares
         eta = np.array(z[z.size - shares.shape[1] :])
-        layout = cls(LIFTED, shares, eta, transcription.segment_ends)
-        if isinstance(transcription, CollocationTranscription):
-            return layout
-        degree, breaks = transcription.degree, transcription.breaks
-        return replace(layout, degree=degree, breaks=breaks)
+        degree, breaks = LIFTED, tuple[int, ...]()
+        if isinstance(transcription, BSplineTranscription):
+            degree, breaks = transcription.degree, transcription.breaks
+        return cls(degree, shares, eta, transcription.segment_ends, breaks)
 
     @classmethod
     def of_motion(

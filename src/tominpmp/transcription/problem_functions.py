@@ -59,7 +59,18 @@ class LazyClearanceRows:
     @cached_property
     def room(self) -> Array:
         """Padding beyond the margin, by collision pair [m]."""
-        return self._share * _padding(self._problem)
+        problem, checker = self._problem, self._problem.checker
+        ends = [problem.q_start]
+        if problem.goal.configuration is not None:
+            ends.append(problem.goal.configuration)
+        # Distances beyond this do not change the padding.
+        cutoff = problem.margins + PADDING / PADDING_SHARE
+        room = checker.distances(np.stack(ends), cutoff) - problem.margins
+        # The arrival time is not known, nor is the place of moving obstacles then.
+        room[1:, checker.moving_pairs] = np.inf
+        room = np.min(room, axis=0)
+        most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
+        return np.asarray(self._share * np.clip(PADDING_SHARE * room, 0.0, most))
 
     @cached_property
     def clearance(self) -> ClearanceConstraint | None:
@@ -70,21 +81,6 @@ class LazyClearanceRows:
         margin = self._problem.margins + self.room
         padding = self.room / self._reach
         return ClearanceConstraint(checker, margin, self._reach, padding=padding)
-
-
-def _padding(problem: Problem) -> Array:
-    """Padding beyond the margin, by collision pair [m]."""
-    checker, ends = problem.checker, [problem.q_start]
-    if problem.goal.configuration is not None:
-        ends.append(problem.goal.configuration)
-    # Distances beyond this do not change the padding.
-    cutoff = problem.margins + PADDING / PADDING_SHARE
-    room = checker.distances(np.stack(ends), cutoff) - problem.margins
-    # The arrival time is not known, nor is the place of moving obstacles then.
-    room[1:, checker.moving_pairs] = np.inf
-    room = np.min(room, axis=0)
-    most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
-    return np.asarray(np.clip(PADDING_SHARE * room, 0.0, most))
 
 
 @dataclass(frozen=True, eq=False)

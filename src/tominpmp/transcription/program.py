@@ -19,6 +19,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints import Arrival, GoalReached, JointLimit
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import (
+    NOT_INTEGRATED,
     Linearization,
     StepBounds,
     Transcription,
@@ -29,8 +30,6 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
 
-# Value of the rows of a motion that could not be integrated to its end.
-NOT_INTEGRATED = 1e3
 # An instant whose value is this close to the maximum of a constraint attains it.
 ATTAINED = 1e-4
 
@@ -298,11 +297,13 @@ class NonlinearProgram:
         former, motion = of.motion(self.timed(z)), of.motion(self.timed(slow))
         if not (former.finite and motion.finite):
             return slow, self.evaluate(slow)
-        known = np.split(values, self.first[1:])
-        parts = [
-            block.values_as(of, motion, former, mine)
-            for block, mine in zip(self.blocks, known, strict=True)
-        ]
+        parts = np.split(values, self.first[1:])
+        for index, block in enumerate(self.blocks):
+            if not (
+                isinstance(block, SampledRows)
+                and block.keeps_values(of, motion, former)
+            ):
+                parts[index] = block.values(of, motion)
         return slow, np.concatenate(parts)
 
     def trajectory(self, z: Array) -> Trajectory:
