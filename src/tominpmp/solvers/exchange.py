@@ -17,7 +17,6 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.solvers.loop import Loop
 from tominpmp.status import STOPPED, Status
-from tominpmp.transcription.base import Program
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
@@ -38,12 +37,12 @@ ITERATIONS, EXTENSIONS = 25, 12
 # with its square.
 LEAST_RADIUS, SMALLEST = 0.1, 0.01
 
-Revise = Callable[[Program, Array], tuple[Program, Array] | None]
+Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | None]
 
 
 def with_missing_rows(
-    program: Program, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
-) -> tuple[Program, Array] | None:
+    program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
+) -> tuple[NonlinearProgram, Array] | None:
     """A program with missing rows and updated assumptions, and the iterate.
 
     Args:
@@ -55,7 +54,6 @@ def with_missing_rows(
     Returns:
         The program and the iterate within its bounds; None if nothing has to change.
     """
-    assert isinstance(program, NonlinearProgram)  # noqa: S101
     turned = program.transcription.turned(z)
     if turned is not None:
         program, z = replace(program, transcription=turned[0]), turned[1]

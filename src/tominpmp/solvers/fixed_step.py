@@ -32,7 +32,7 @@ from tominpmp.solvers.stop import Iterations, exhausted, first_of
 from tominpmp.status import Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.base import Linearization, Program, StepBounds
+from tominpmp.transcription.base import Linearization, StepBounds
 from tominpmp.transcription.program import NonlinearProgram
 
 # Weight of the elastic variables, in shares of T; far above the multipliers, so that
@@ -78,7 +78,9 @@ class FixedStep:
     control_step: float
     time_step: float
 
-    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+    def start(
+        self, program: NonlinearProgram, objective: Objective, z: Array
+    ) -> Iterate:
         """The iterate to begin with: the paper's u^0 and T^0."""
         return Iterate.of(program, z, ELASTIC_WEIGHT * float(program.cost @ z))
 
@@ -86,7 +88,6 @@ class FixedStep:
         """Solve one linear program, and take its step."""
         check()
         nlp, state = loop.program, loop.state
-        assert isinstance(nlp, NonlinearProgram)  # noqa: S101
         torques, z = nlp.transcription, state.z
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         steps = torques.fixed_steps(z, self.control_step, self.time_step)

@@ -18,7 +18,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,7 +31,6 @@ from tominpmp.solvers.objective import Objective
 from tominpmp.transcription.base import (
     Linearization,
     Motion,
-    Program,
     StepBounds,
     Variation,
 )
@@ -316,7 +314,7 @@ class TimeAndEnergy(Objective):
         weighed = options.energy, options.energy_weight
         return cls(SETTLED, options.feasibility, *weighed)
 
-    def value(self, program: Program, z: Array, values: Array) -> float:
+    def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """T + k times the energy [s]; infinite for no motion."""
         energy = self._energy(program)
         if not energy.nlp.transcription.motion(z).finite:
@@ -325,7 +323,7 @@ class TimeAndEnergy(Objective):
 
     def model(
         self,
-        program: Program,
+        program: NonlinearProgram,
         state: Iterate,
         steps: StepBounds,
         linearization: Linearization,
@@ -342,5 +340,5 @@ class TimeAndEnergy(Objective):
             k * model.weight,
         )
 
-    def _energy(self, program: Program) -> Energy:
-        return MEASURES[self.measure](cast(NonlinearProgram, program))
+    def _energy(self, program: NonlinearProgram) -> Energy:
+        return MEASURES[self.measure](program)

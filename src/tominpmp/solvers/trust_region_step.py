@@ -40,7 +40,7 @@ from tominpmp.solvers.objective import RESTORABLE, Objective
 from tominpmp.solvers.stop import Iterations, Raises, exhausted, first_of, settled
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
-from tominpmp.transcription.base import Program
+from tominpmp.transcription.program import NonlinearProgram
 
 # Weights of the merit before any multiplier is known, in shares of the objective: what
 # the duration can gain at most from a violation of 100 % of a torque (T/2), or of a
@@ -136,7 +136,9 @@ class TrustRegionStep:
     radius: float
     accuracy: float | None = None
 
-    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+    def start(
+        self, program: NonlinearProgram, objective: Objective, z: Array
+    ) -> Iterate:
         """The iterate to begin with, and the weights of its violations."""
         state = Iterate.of(program, z, 0.0)
         shares = np.array([first_weight(kind) for kind in program.rows.kinds])
