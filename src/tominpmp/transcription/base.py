@@ -104,35 +104,6 @@ class Solved(Protocol):
         """The motion of an iterate."""
 
 
-class Program(Solved, Protocol):
-    """A nonlinear program, as the solvers see it."""
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-
-    def attention(self, steps: StepBounds) -> float:
-        """How far below their bounds gradual constraints matter to steps of a box."""
-
-    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
-        """Jacobian of the rows that can become active within a box of steps."""
-
-    def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
-        """Root of the weighted curvature of the rows; None without curvature."""
-
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Box of steps: the trust region of a radius [rad] within the bounds of z."""
-
-    def near(self, z: Array) -> Program:
-        """The same program, quicker to evaluate near z; values differ by rounding."""
-
-    def variation(self, z: Array) -> Variation:
-        """Differences of the controls, as a linear function near z."""
-
-    def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
-        """The same path, slower by a factor, and its row values, from those of z."""
-
-
 class Motion(Protocol):
     """A motion of a transcription, from which states are evaluated."""
 
@@ -151,21 +122,44 @@ M = TypeVar("M", bound=Motion)
 class Hull(ABC, Generic[M]):
     """Rows that keep a derivative of the positions within bounds at all times.
 
+    Equations of a transcription are such rows, too.
+
     Attributes:
-        lower: Lower bounds, shape (m,).
-        upper: Upper bounds, shape (m,).
+        name: Name of the kind.
+        lower: Lower bounds, shape (1, m).
+        upper: Upper bounds, shape (1, m).
+        curable: Whether a slower motion violates them less.
+        gradual: Whether rows far below their bounds may be left out.
     """
 
+    name: str
     lower: Array
     upper: Array
+    curable: bool = False
+    gradual: bool = False
 
     @abstractmethod
-    def values(self, motion: M) -> Array:
+    def of_motion(self, motion: M) -> Array:
         """Row values, shape (m,)."""
 
     @abstractmethod
-    def jacobian(self, motion: M) -> sp.csr_matrix:
+    def by_unknowns(self, motion: M) -> sp.csr_matrix:
         """Their Jacobian, shape (m, size)."""
+
+    def groups(self, by_component: bool) -> IntArray:
+        """One group."""
+        return np.zeros(self.lower.size, dtype=np.int64)
+
+    def values(self, of: Transcription[M], motion: M, room: float = np.inf) -> Array:
+        """Row values, shape (m,)."""
+        return self.of_motion(motion)
+
+    def jacobian(
+        self, of: Transcription[M], motion: M, chosen: IntArray
+    ) -> sp.csr_matrix:
+        """Jacobian of some of the rows, shape (k, size)."""
+        whole = self.by_unknowns(motion)
+        return whole if chosen.size == whole.shape[0] else whole[chosen]
 
 
 class Transcription(ABC, Generic[M]):
@@ -279,12 +273,13 @@ class Transcription(ABC, Generic[M]):
         return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
 
     def hull(
-        self, limit: JointLimit, within: tuple[int, int] | None = None
+        self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
     ) -> Hull[M] | None:
         """Rows that keep a joint limit at all times; None without them.
 
         Args:
             limit: The limit.
+            name: Name of the kind of rows.
             within: First interval of the segment on which it holds, and the one after
                 its last; None for all.
         """

@@ -30,49 +30,6 @@ SAME_PLACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class ContinuousRows:
-    """Rows that hold at all times, or equations of a transcription.
-
-    Attributes:
-        name: Name of the kind.
-        hull: The rows.
-        curable: Whether a slower motion violates them less.
-    """
-
-    name: str
-    hull: Hull[Any]
-    curable: bool = False
-    gradual: bool = False
-
-    @property
-    def lower(self) -> Array:
-        """Lower bounds, shape (1, m)."""
-        return self.hull.lower[None]
-
-    @property
-    def upper(self) -> Array:
-        """Upper bounds, shape (1, m)."""
-        return self.hull.upper[None]
-
-    def groups(self, by_component: bool) -> IntArray:
-        """One group."""
-        return np.zeros(self.hull.lower.size, dtype=np.int64)
-
-    def values(
-        self, of: Transcription[Any], motion: Motion, room: float = np.inf
-    ) -> Array:
-        """Row values."""
-        return self.hull.values(motion)
-
-    def jacobian(
-        self, of: Transcription[Any], motion: Motion, chosen: IntArray
-    ) -> sp.csr_matrix:
-        """Jacobian of some of the rows."""
-        whole = self.hull.jacobian(motion)
-        return whole if chosen.size == whole.shape[0] else whole[chosen]
-
-
-@dataclass(frozen=True, eq=False)
 class SampledRows:
     """A constraint at instants.
 
@@ -273,7 +230,7 @@ class SampledRows:
         )
 
 
-Block = ContinuousRows | SampledRows
+Block = Hull[Any] | SampledRows
 
 
 def assumed(
@@ -337,10 +294,9 @@ def block_of(
         )
     suffix = "" if within is None else f" on segment {segment + 1}"
     if isinstance(constraint, JointLimit):
-        hull = of.hull(constraint, within)
+        hull = of.hull(constraint, constraint.name + suffix, within)
         if hull is not None:
-            name = constraint.name + suffix
-            return ContinuousRows(name, hull, curable=constraint.curable)
+            return hull
     if isinstance(constraint, PathConstraint) and constraint.window is not None:
         return SampledRows(constraint, Instants.none())
     at = of.instants(constraint.order, constraint.field)

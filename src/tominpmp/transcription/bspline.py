@@ -337,10 +337,10 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return self.by_unknowns(by_coordinates, places(points, width * n), by_durations)
 
     def hull(
-        self, limit: JointLimit, within: tuple[int, int] | None = None
+        self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
     ) -> Hull[SplineMotion] | None:
         """Derivatives are in the convex hull of their control points."""
-        return DerivativeHull(self, limit, within)
+        return DerivativeHull(self, limit, name, within)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up."""
@@ -448,9 +448,11 @@ class DerivativeHull(Hull[SplineMotion]):
         self,
         of: BSplineTranscription,
         limit: JointLimit,
+        name: str,
         within: tuple[int, int] | None = None,
     ) -> None:
         self._of, self._limit = of, limit
+        self.name, self.curable = name, limit.curable
         first, end = within or (0, of.intervals)
         intervals = KnotVector(of.shares.sum(axis=1), of.degree, of.breaks).first
         degree = of.degree - limit.order
@@ -462,23 +464,24 @@ class DerivativeHull(Hull[SplineMotion]):
             moving = of.hung.slopes.reshape(mine.size, -1)
             mine &= np.any(moving, axis=1)
         self._points = np.flatnonzero(mine)
-        self.lower = np.tile(limit.lower / limit.scale, self._points.size)
-        self.upper = np.tile(limit.upper / limit.scale, self._points.size)
+        times = 1, self._points.size
+        self.lower = np.tile(limit.lower / limit.scale, times)
+        self.upper = np.tile(limit.upper / limit.scale, times)
 
-    def values(self, motion: SplineMotion) -> Array:
+    def of_motion(self, motion: SplineMotion) -> Array:
         """Control points of the derivative."""
         limit = self._limit
         points = motion.derivative(limit.order)[self._points]
         return np.asarray(points[:, limit.joints] / limit.scale).ravel()
 
-    def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
+    def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
         """By the unknowns."""
         limit, points, of = self._limit, self._points, self._of
         bands = motion.knots.bands(limit.order)[points]
         by_points, places = of_each_joint(bands, points, limit.joints, of.system.n)
         by_points /= np.tile(limit.scale, points.size)[:, None]
         by_points /= motion.unit**limit.order
-        by_durations = motion.by_durations(self.values, limit.order)
+        by_durations = motion.by_durations(self.of_motion, limit.order)
         return of.by_unknowns(by_points, places, by_durations)
 
 

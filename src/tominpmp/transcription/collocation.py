@@ -252,16 +252,18 @@ class Defects(Hull[SteppedMotion]):
     of a group for each interval on the paper's example.
     """
 
+    name = "dynamics"
+
     def __init__(self, of: CollocationTranscription) -> None:
         self._of = of
-        self.lower = self.upper = np.zeros(of.intervals * of.scale.size)
+        self.lower = self.upper = np.zeros((1, of.intervals * of.scale.size))
 
-    def values(self, motion: SteppedMotion) -> Array:
+    def of_motion(self, motion: SteppedMotion) -> Array:
         """Defects; a large value on intervals whose inner stage was not solved."""
         solved = motion.stage.solved[:, None]
         return np.where(solved, motion.defects / self._of.scale, NOT_INTEGRATED).ravel()
 
-    def jacobian(self, motion: SteppedMotion) -> sp.csr_matrix:
+    def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
         """By the unknowns."""
         by, scale = motion.derivatives, self._of.scale
         entries = np.concatenate(

@@ -52,10 +52,9 @@ class Stage(NamedTuple):
 
 
 class DefectJacobians(NamedTuple):
-    """Defects of intervals, and partial derivatives of defects and inner stages.
+    """Partial derivatives of the defects of intervals, and of their inner stages.
 
     Attributes:
-        value: x_{k+1} minus the end of the step from x_k, shape (m, 2n).
         by_start: With respect to x_k, shape (m, 2n, 2n).
         by_end: With respect to x_{k+1}, shape (m, 2n, 2n).
         by_control: With respect to u_k, shape (m, 2n, n).
@@ -64,7 +63,6 @@ class DefectJacobians(NamedTuple):
             above, shape (m, 2n, 5n + 1).
     """
 
-    value: Array
     by_start: Array
     by_end: Array
     by_control: Array
@@ -149,7 +147,7 @@ def evaluate_defects(
 def differentiate_defects(
     dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
 ) -> DefectJacobians:
-    """Defects and their derivatives, the inner stage eliminated.
+    """Derivatives of defects, the inner stage eliminated.
 
     Args:
         dynamics: Equations of motion.
@@ -183,7 +181,6 @@ def differentiate_defects(
     inner_by = step * a21 * F1 @ stage
     slope = a21 * f1 + a22 * f2
     return DefectJacobians(
-        end - start - h[:, None] * slope,
         -eye - inner_by[..., :size],
         eye - step * a22 * F2 - inner_by[..., size : 2 * size],
         -step * (a21 * B1 + a22 * B2) - inner_by[..., 2 * size : 2 * size + n],

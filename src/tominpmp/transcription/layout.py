@@ -175,10 +175,8 @@ class Layout:
 
             z = of.interpolated(eta, position)
             return of, of.within_limits(z) if within else z
-        nodes, middle = (
-            motion(np.minimum(t, motion.duration)),
-            motion(0.5 * (t[1:] + t[:-1])),
-        )
+        nodes = motion(np.minimum(t, motion.duration))
+        middle = motion(0.5 * (t[1:] + t[:-1]))
         u = net_torque(system, middle.u, middle.v)
         return of, of.pack(np.hstack([nodes.q, nodes.v]), u, eta)
 

@@ -25,7 +25,7 @@ from tominpmp.transcription.base import (
     Transcription,
     Variation,
 )
-from tominpmp.transcription.blocks import Block, ContinuousRows, SampledRows, blocks_of
+from tominpmp.transcription.blocks import Block, SampledRows, blocks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
@@ -70,7 +70,7 @@ class NonlinearProgram:
         system = transcription.system
         blocks: list[Block] = []
         if transcription.equations is not None:
-            blocks.append(ContinuousRows("dynamics", transcription.equations))
+            blocks.append(transcription.equations)
         blocks += [block for block in blocks_of(transcription) if block.lower.size]
         blocks += _at_ends_of_segments(transcription)
         scale = transcription.goal_scale
@@ -149,7 +149,7 @@ class NonlinearProgram:
         return np.append(z[:-1], T)
 
     def evaluate(self, z: Array, room: float = np.inf) -> Array:
-        """Row values; rows with a margin above ``room`` are not exact, see Program."""
+        """Row values; rows with a margin above ``room`` are not exact, see Solved."""
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return np.full(self.rows.size, NOT_INTEGRATED)

@@ -49,21 +49,10 @@ class Rows:
 
     def group_violation(self, values: Array) -> Array:
         """Largest violation in each group, shape (number of groups,)."""
-        violation, starts = self.violation(values), self._starts
-        if starts is not None:
-            return np.asarray(np.maximum.reduceat(violation, starts))
         count = int(self.group.max()) + 1 if self.size else 0
         out = np.zeros(count)
-        np.maximum.at(out, self.group, violation)
+        np.maximum.at(out, self.group, self.violation(values))
         return out
-
-    @cached_property
-    def _starts(self) -> IntArray | None:
-        """First row of each group; None if the rows of a group are not contiguous."""
-        rise = np.diff(self.group, prepend=-1)
-        if not self.size or np.any((rise != 0) & (rise != 1)):
-            return None
-        return np.flatnonzero(rise)
 
     @cached_property
     def group_kind(self) -> IntArray:
