@@ -32,7 +32,7 @@ from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.layout import SHORTEST, split_intervals
+from tominpmp.transcription.layout import SHORTEST, Gridded, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.stages import with_segments
@@ -158,13 +158,11 @@ class WarmStart(Guess):
             return _program(transcription, z)
         transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
         z = transcription.interpolated(np.array([T]), self.position)
-        program, z = _program(transcription, transcription.within_limits(z))
-        of = program.transcription
-        if not self.halved or nodes.size - 1 > intervals:
-            return program, z
-        assert isinstance(of, InverseTranscription)  # noqa: S101
-        finer, z = split_intervals(of, z, to_be_split(of, z))
-        return NonlinearProgram.of(finer).at(z), z
+        of: Gridded = transcription
+        z = transcription.within_limits(z)
+        if self.halved and nodes.size - 1 <= intervals:
+            of, z = split_intervals(of, z, to_be_split(of, z))
+        return _program(of, z)
 
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int

@@ -203,19 +203,20 @@ class TrustRegionStep:
         selecting = values
         linearization = nlp.linearize(z, selecting, steps)
         model = objective.model(nlp, state, steps, linearization).bent(root)
-        for additions in range(1 + ADDITIONS):
+
+        def solved(model: Model) -> tuple[Subproblem, LpSolution]:
             check()
             program = build_subproblem(state, model, linearization, steps, accuracy)
-            solution = loop.counted(self.lp.solve(program.program))
+            return program, loop.counted(lp.solve(program.program))
+
+        for additions in range(1 + ADDITIONS):
+            program, solution = solved(model)
             if unknown and solution.optimal:
                 root = nlp.curvature(z, program.multipliers(solution))
                 unknown = False
                 if root is not None:
                     model = model.bent(root)
-                    program = build_subproblem(
-                        state, model, linearization, steps, accuracy
-                    )
-                    solution = loop.counted(self.lp.solve(program.program))
+                    program, solution = solved(model)
             if not solution.optimal:
                 return None
             step = program.step(solution)

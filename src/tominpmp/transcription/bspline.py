@@ -31,12 +31,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import (
-    Hull,
-    StepBounds,
-    Transcription,
-    Variation,
-)
+from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation
 from tominpmp.transcription.curve import (
     KnotVector,
     SplineMotion,
@@ -259,14 +254,13 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     def fitted(self, times: Array, q: Array, duration: float) -> Array:
         """Iterate that is nearest to positions at shares of T, in least squares."""
-        hung, moved = self.hung, np.flatnonzero(self.hung.column >= 0)
-        eta = np.array([duration])
+        hung, eta = self.hung, np.array([duration])
         knots = self._knots_for(eta)
         design = knots.design(times * knots.knots[-1])
         design = sp.kron(design, sp.identity(self._n), format="csr")
-        pick = np.ones(moved.size), (moved, hung.column[moved])
-        shape = hung.column.size, self.point_unknowns
-        by_free = design @ sp.csr_matrix(pick, shape=shape)
+        ones, column = np.ones((hung.column.size, 1)), hung.column[:, None]
+        moved = Compressed.of_table(ones, column, self.point_unknowns).rows()
+        by_free = design @ moved
         rest = (q - self._base).ravel() - design @ (hung.offset + hung.slopes @ eta)
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
         return self.within_limits(np.concatenate([points, eta]))
@@ -508,30 +502,27 @@ def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:
     segments = of.system.problem.segments
     if not segments:
         return motion
-    whole = replace(motion, segment_ends=motion.t[list(of.segment_ends)])
-    for k, segment in enumerate(segments):
-        if segment.dwell > 0.0:
-            whole = _with_stay(whole, k, segment.dwell)
+    count, ends = motion.t.size, np.array(of.segment_ends)
+    dwells = np.array([segment.dwell for segment in segments])
+    stays = dwells > 0.0
+    at = ends[stays]
+    # After a dwell its node comes once more.
+    node = np.insert(np.arange(count), at + 1, at)
+    dwelt = np.cumsum(np.insert(np.zeros(count), at + 1, dwells[stays]))
+    t, still = motion.t[node] + dwelt, np.isin(node, at)[:, None]
+    a = motion.a
+    if a is not None and len(a) == count:
+        a = np.where(still, 0.0, a[node])
+    elif a is not None:
+        a = np.insert(a, at, 0.0, axis=0)
+    whole = replace(
+        motion,
+        t=t,
+        q=motion.q[node],
+        v=np.where(still, 0.0, motion.v[node]),
+        u=motion.u[node],
+        a=a,
+        segment_ends=t[ends + np.cumsum(stays)],
+    )
     inverses = tuple(part.motor_dynamics.inverse for part in of.system.segments)
     return whole.with_torques(inverses[0], inverses)
-
-
-def _with_stay(motion: Trajectory, segment: int, dwell: float) -> Trajectory:
-    """A motion with a dwell at the end of a segment [s], at rest."""
-    assert motion.segment_ends is not None  # noqa: S101
-    ends = np.array(motion.segment_ends)
-    node = int(np.searchsorted(motion.t, ends[segment]))
-    t = np.concatenate([motion.t[: node + 1], motion.t[node:] + dwell])
-    v = np.array(motion.v)
-    v[node] = 0.0
-    q, v, u = (np.insert(x, node + 1, x[node], axis=0) for x in (motion.q, v, motion.u))
-    a = None if motion.a is None else np.array(motion.a)
-    if a is not None and len(a) == motion.t.size:
-        a[node] = 0.0
-        a = np.insert(a, node + 1, 0.0, axis=0)
-    elif a is not None:
-        a = np.insert(a, node, 0.0, axis=0)
-    ends[segment:] += dwell
-    # Sums may round: each end is set to its node.
-    ends = t[np.argmin(np.abs(t[:, None] - ends), axis=0)]
-    return replace(motion, t=t, q=q, v=v, u=u, a=a, segment_ends=ends)

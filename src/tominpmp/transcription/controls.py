@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials, States
-from tominpmp.constraints.friction import EFFORT_TOLERANCE, NEAR, Ways, interval_signs
+from tominpmp.constraints.friction import EFFORT_TOLERANCE, Ways, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.motion.trajectory import Trajectory, reversals
 from tominpmp.problem.controls import control_bounds
@@ -247,18 +247,15 @@ def turned_ways(
         ways = first_ways(system, v)
         return ways, np.clip(shares, ways.lower, ways.upper)
     sign, change = interval_signs(v)
-    here = ways.friction * np.where(change, 1.0, sign)
-    beyond = np.abs(shares + here) > 1.0 + EFFORT_TOLERANCE
-    beyond |= change & (np.abs(shares - here) > 1.0 + EFFORT_TOLERANCE)
-    at_limit = np.abs(shares + ways.load) > 1.0 - NEAR
-    apart = ((sign != ways.sign) | change) & ~ways.both & (ways.friction > 0.0)
-    wrong = apart & (beyond | at_limit)
+    # A joint that reverses within an interval moves in both directions there.
+    wrong = ways.wrong(np.where(change, 1.0, sign), shares, EFFORT_TOLERANCE)
+    wrong |= ways.wrong(np.where(change, -1.0, sign), shares, EFFORT_TOLERANCE)
     if not wrong.any():
         return None
     new = ways.turned(sign, wrong)
-    # Where a joint reverses within an interval its torque has to suit both directions.
+    # Its torque has to suit both of them.
     both = new.both | (change & (ways.friction > 0.0))
-    new = Ways(new.friction, np.where(both, 0.0, new.sign), both, new.turns)
+    new = replace(new, sign=np.where(both, 0.0, new.sign), both=both)
     return new, np.clip(shares, new.lower, new.upper)
 
 
