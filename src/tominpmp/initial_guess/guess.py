@@ -41,6 +41,8 @@ RESTS = 0.5
 RESTING = "at rest"
 # Name of guesses along paths around obstacles.
 SAMPLED = "sampled path"
+# Name of guesses through random configurations.
+ANYWHERE = "via point"
 # Name of guesses that keep constraints on the way.
 KEEPING = "within constraints"
 # Samples of a guess.
@@ -86,7 +88,7 @@ class Guess:
     stops: bool = False
 
     @classmethod
-    def of_motion(cls, name: str, motion: Trajectory, count: int = 200) -> Guess:
+    def of_motion(cls, name: str, motion: Trajectory, count: int = SAMPLES) -> Guess:
         """The path of a motion, sampled at a number of instants."""
         t = np.linspace(0.0, motion.duration, count)
         return cls(name, t, motion(t).q, False)
@@ -199,7 +201,7 @@ def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
     limits = system.problem.robot.limits
     q = weights @ np.stack([start, middle, q_end])
     q = np.clip(q, limits.position_lower, limits.position_upper)
-    return _untimed_guess(system, q, "via point")
+    return _untimed_guess(system, q, ANYWHERE)
 
 
 def _quintic() -> Array:

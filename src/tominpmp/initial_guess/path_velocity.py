@@ -19,7 +19,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, Window
-from tominpmp.initial_guess.guess import SAMPLED, Guess, initial_guesses
+from tominpmp.initial_guess.guess import ANYWHERE, SAMPLED, Guess, initial_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of places on the path, and the shortest time between two [s].
@@ -41,8 +41,6 @@ CAUTION = 0.02
 # moving obstacles are frozen for later guesses, as shares of the time of a motion.
 WITHOUT_MOVING = 4
 MOMENTS = (0.5, 0.25, 0.75, 1.0)
-# Name of guesses through random configurations.
-ANYWHERE = "via point"
 
 
 def guesses_of(

@@ -50,10 +50,8 @@ SHARES = (0.5, 1.0)
 TORQUE_SHARES = (0.0, 0.5)
 # Instants at which torques are inspected between these: torques of fast wrists rise and
 # fall by half of their range within a quarter of an interval.
-INSPECTED = (
-    (0.0625, 0.125, 0.1875, 0.25, 0.3125, 0.375, 0.4375),
-    (0.5625, 0.625, 0.6875, 0.75, 0.8125, 0.875, 0.9375),
-)
+SIXTEENTHS = tuple((np.arange(16) / 16).tolist())
+INSPECTED = SIXTEENTHS[1:8], SIXTEENTHS[9:]
 # A torque rate is taken over this share of an interval, at both of its ends; a hair
 # inside, so that both instants are of the same interval.
 RATE_SHARES = (0.0, 0.05, 0.95, 1.0 - 1e-9)
