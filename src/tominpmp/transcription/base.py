@@ -202,9 +202,9 @@ class Transcription(ABC, Generic[M]):
     def delays(self) -> Array:
         """Sum of the dwells before each interval [s], shape (N,)."""
         out = np.zeros(self.intervals)
-        stays = (segment.dwell for segment in self.system.problem.segments)
-        for (_, end), dwell in zip(self.segments, stays, strict=False):
-            out[end:] += dwell
+        segments = self.system.problem.segments
+        for end, segment in zip(self.segment_ends, segments, strict=False):
+            out[end:] += segment.dwell
         return out
 
     @property

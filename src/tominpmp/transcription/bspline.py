@@ -164,10 +164,6 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """Number of unknowns."""
         return self.point_unknowns + self._m
 
-    def points(self, z: Array) -> Array:
-        """Control points, shape (M, n)."""
-        return self._from_base(z) + self._base
-
     def _from_base(self, z: Array) -> Array:
         """Control points relative to the start, shape (M, n)."""
         hung, moved = self.hung, self.hung.column >= 0

@@ -190,9 +190,7 @@ def _closer_looks(
     """
     usable, h, most = constraint.usable, motion.h, most_instants(constraint.count)
     assert usable is not None  # noqa: S101
-    rises = np.zeros(constraint.count)
-    if constraint.moving:
-        rises = constraint.rises(float(h.sum() + of.delays[-1]))
+    rises = constraint.rises(float(h.sum() + of.delays[-1]))
     moving, rise = np.flatnonzero(rises > 0.0), float(np.max(rises, initial=0.0))
     at = _samples(h, most).within(*within)
     width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]

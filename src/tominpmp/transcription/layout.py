@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.motion.trajectory import Trajectory
@@ -80,12 +81,10 @@ class Layout:
         for begin, arrival, _ in spans_of(motion, segments):
             moving = (motion.t >= begin) & (motion.t <= arrival)
             lengths.append(np.diff(motion.t[moving]))
-        counts = [part.size for part in lengths]
-        segment, T = np.repeat(np.arange(len(counts)), counts), motion.duration
-        shares = np.zeros((segment.size, len(counts)))
-        shares[np.arange(segment.size), segment] = np.concatenate(lengths) / T
-        ends = tuple(np.cumsum(counts).tolist())
-        return cls(motion.degree, shares, np.full(len(counts), T), ends)
+        shares = block_diag(*(part[:, None] for part in lengths)) / motion.duration
+        ends = tuple(np.cumsum([part.size for part in lengths]).tolist())
+        eta = np.full(len(lengths), motion.duration)
+        return cls(motion.degree, shares, eta, ends)
 
     @classmethod
     def of_torques(cls, motion: Trajectory) -> Layout:

@@ -58,7 +58,10 @@ class LazyClearanceRows:
 
     @cached_property
     def room(self) -> Array:
-        """Padding beyond the margin, by collision pair [m]."""
+        """Padding beyond the margin, by collision pair [m].
+
+        It makes the motion keep the margin between the rows.
+        """
         problem, checker = self._problem, self._problem.checker
         ends = [problem.q_start]
         if problem.goal.configuration is not None:
@@ -139,14 +142,6 @@ class ProblemFunctions:
     def clearance(self) -> ClearanceConstraint | None:
         """Distances to obstacles and between links; None without either."""
         return None if self.watched is None else self.watched.clearance
-
-    @property
-    def padding(self) -> Array:
-        """Padding of the clearance rows beyond the margin, as shares of the reach.
-
-        The padding makes the motion keep the margin between the rows; by pair.
-        """
-        return np.zeros(0) if self.watched is None else self.watched.room / self.reach
 
     @property
     def in_free_space(self) -> bool:
@@ -233,19 +228,18 @@ class ProblemFunctions:
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
         """All constraints along a motion."""
-        motors: list[Constraint] = []
-        others: list[Constraint] = []
+        limits: list[Constraint] = []
         for item in joint_limits(self.problem):
             joints, kind, most = item.joints, item.kind, item.upper
             if kind.of == "u":
-                motors.append(TorqueLimit(self.motors, kind))
+                limits.append(TorqueLimit(self.motors, kind))
             elif kind.of == "du":
-                motors.append(TorqueRate(self.motors, joints, most[joints]))
+                limits.append(TorqueRate(self.motors, joints, most[joints]))
             elif kind.of == "uv":
-                motors.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
+                limits.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
             elif joints.size:
                 scale = most if kind.order else self.step_scale
-                others.append(
+                limits.append(
                     JointLimit(
                         joints,
                         item.lower[joints],
@@ -258,9 +252,9 @@ class ProblemFunctions:
                         curable=kind.order > 0,
                     )
                 )
-        # Positions last.
-        others.sort(key=lambda item: item.order == 0)
-        found = [*motors, *others, self.clearance, *self.problem.ready_constraints]
+        # Those of the motors first, positions last.
+        limits.sort(key=lambda item: (isinstance(item, JointLimit), item.order == 0))
+        found = [*limits, self.clearance, *self.problem.ready_constraints]
         return tuple(item for item in found if item is not None)
 
     @property

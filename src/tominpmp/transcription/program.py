@@ -241,7 +241,7 @@ class NonlinearProgram:
         rows = self.rows
         chosen = np.zeros(rows.size, dtype=bool)
         for excess in (values - rows.upper, rows.lower - values):
-            largest = np.full(int(rows.group.max()) + 1, -np.inf)
+            largest = np.full(rows.group_count, -np.inf)
             np.maximum.at(largest, rows.group, excess)
             attained = excess >= largest[rows.group] - ATTAINED
             chosen |= attained & np.isfinite(excess)
