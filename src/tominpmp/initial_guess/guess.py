@@ -186,12 +186,6 @@ def _paced(
     return Guess(name, slower * factor * times, q, timed and factor == 1.0)
 
 
-def resting_guess(system: ProblemFunctions, duration: float) -> Guess:
-    """Stay at the start for a duration [s]."""
-    q = np.tile(system.problem.q_start, (2, 1))
-    return Guess(RESTING, np.array([0.0, duration]), q, False)
-
-
 def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
     """Quadratic Bézier curve through a configuration halfway, from rest to rest."""
     start, s = system.problem.q_start, _quintic()
@@ -300,7 +294,9 @@ def _guesses(
     lines = [(line_guess(system, q), q) for q in ends]
     lines.sort(key=lambda one: (not one[0].keeps, _pace(one[0])))
     straight, ends = zip(*lines, strict=True)
-    rest = resting_guess(system, duration or straight[0].duration)
+    # Stays at the start for as long as the fastest line takes.
+    times = np.array([0.0, duration or straight[0].duration])
+    rest = Guess(RESTING, times, np.tile(problem.q_start, (2, 1)), False)
     if system.in_free_space:
         yield from straight[:FEW_LINES]
         # The paper's initial guess, which does not even reach the goal: the linear

@@ -177,7 +177,7 @@ def mean_speeds(nlp: NonlinearProgram, z: Array) -> Variation:
     scale = np.where(np.isfinite(limits), limits, highest)
     # What does not move at all gets no infinite weight.
     scale = np.maximum(scale, 1e-3 * max(float(scale.max()), 1e-3))
-    nodes = Instants.spread(count, (0.0,)).joined(Instants.end(count))
+    nodes = Instants.nodes(count)
     each = Partials(
         np.repeat(np.arange(count + 1), n), by_q=np.tile(np.eye(n), (count + 1, 1))
     )

@@ -102,9 +102,9 @@ def build_subproblem(
     violation = rows.group_violation(values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     every_row, count = body, chosen.size
-    cost, keys = [model.gradient[free]], [free]
-    lower, upper = [steps.lower[free]], [steps.upper[free]]
-    row_keys, row_low, row_high = [chosen], [low], [high]
+    # Costs, bounds and keys of columns, and bounds and keys of rows, part by part.
+    columns = [(model.gradient[free], steps.lower[free], steps.upper[free], free)]
+    bounds = [(low, high, chosen)]
     further: list[Compressed] = []
     if model.variation is not None:
         variation = model.variation
@@ -115,31 +115,30 @@ def build_subproblem(
         either = np.repeat([-1.0, 1.0], k)
         places = chosen.size + np.tile(np.arange(k), 2)
         further.append(Compressed.of_table(either[:, None], places[:, None], count))
-        cost += [np.full(2 * k, model.weight)]
-        lower += [np.zeros(2 * k)]
-        upper += [np.full(2 * k, np.inf)]
-        keys += [_KEY_BLOCK + np.arange(2 * k)]
-        row_low.append(-differences)
-        row_high.append(-differences)
-        row_keys.append(_KEY_BLOCK + np.arange(k))
+        weights, most = np.full(2 * k, model.weight), np.full(2 * k, np.inf)
+        keys = _KEY_BLOCK + np.arange(2 * k)
+        columns.append((weights, np.zeros(2 * k), most, keys))
+        bounds.append((-differences, -differences, keys[:k]))
     further.append(
         _elastic_columns(rows, values, chosen, violation, slack_groups, count)
     )
-    cost += [merit.weights[rows.group_kind[slack_groups]]]
-    lower += [np.zeros(slack_groups.size)]
-    upper += [np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)]
-    keys += [2 * _KEY_BLOCK + slack_groups]
-    columns = Compressed.of(every_row.rows().tocsc())
-    matrix = columns.followed_by(*further).columns()
+    weights = merit.weights[rows.group_kind[slack_groups]]
+    most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
+    keys = 2 * _KEY_BLOCK + slack_groups
+    columns.append((weights, np.zeros(keys.size), most, keys))
+    cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
+    row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
+    of_unknowns = Compressed.of(every_row.rows().tocsc())
+    matrix = of_unknowns.followed_by(*further).columns()
     program = LinearProgram(
-        np.concatenate(cost),
+        cost,
         matrix,
-        np.concatenate(row_low),
-        np.concatenate(row_high),
-        np.concatenate(lower),
-        np.concatenate(upper),
-        np.concatenate(row_keys),
-        np.concatenate(keys),
+        row_lower,
+        row_upper,
+        lower,
+        upper,
+        row_keys,
+        column_keys,
         _curvature(model, free, matrix.shape[1]),
         accuracy,
     )
