@@ -311,6 +311,9 @@ class Transcription(ABC, Generic[M]):
         Args:
             z: Iterate.
             radius: Radius of the trust region [rad].
+
+        Returns:
+            An entry for each of these unknowns, in any shape.
         """
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:

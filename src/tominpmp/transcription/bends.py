@@ -56,7 +56,8 @@ def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
 def _losses(of: Gridded, z: Array, h: Array) -> Array | None:
     """Missing torque of saturated joints, times length, (N,); None if it is small.
 
-    It is the mean share of the torque of a joint, of the joint that misses most.
+    It is the mean over an interval, in shares of the half range, of the joint that
+    misses most.
     """
     if not isinstance(of, InverseTranscription):
         return None
