@@ -83,10 +83,9 @@ def waiting_guesses(
     """
     alone = initial_guesses(system.resting(), count, rng, duration, deadline)
     first: Guess | None = None
-    last: Guess | None = None
     for guess in itertools.islice(alone, WITHOUT_MOVING):
         if guess.name == ANYWHERE:
-            last = guess
+            alone = itertools.chain([guess], alone)
             break
         first = guess if first is None else first
         yield from _with_passages(system, guess)
@@ -100,7 +99,7 @@ def waiting_guesses(
             if guess.name == SAMPLED:  # the straight lines are known from above
                 yield from _with_passages(system, guess)
                 break
-    for guess in alone if last is None else itertools.chain([last], alone):
+    for guess in alone:
         yield from _with_passages(system, guess)
 
 

@@ -107,13 +107,14 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         motion = self.motion(z)
         if self.system.friction is None or not motion.finite:
             return None
-        known, v = self.assumed(z), motion.x[:, self._n :]
-        found = turned_ways(self.system, known, v, self.shares_at(z))
-        if found is None:
+        known, v, shares = self.assumed(z), motion.x[:, self._n :], self.shares_at(z)
+        # Friction was left out while no directions were known.
+        ways = turned_ways(known, v, shares) if known else first_ways(self.system, v)
+        if ways is None:
             return None
         out = z.copy()
-        out[self._torques] = found[1].ravel()
-        return self.with_ways(float(self.cost @ z), found[0]), out
+        out[self._torques] = np.clip(shares, ways.lower, ways.upper).ravel()
+        return self.with_ways(float(self.cost @ z), ways), out
 
     def assumed(self, z: Array) -> Ways | None:
         """Assumed directions of joints in an iterate; None if not known."""
@@ -228,24 +229,17 @@ def first_ways(system: ProblemFunctions, v: Array) -> Ways:
     return replace(ways, both=change & (system.friction > 0.0))
 
 
-def turned_ways(
-    system: ProblemFunctions, ways: Ways | None, v: Array, shares: Array
-) -> tuple[Ways, Array] | None:
+def turned_ways(ways: Ways, v: Array, shares: Array) -> Ways | None:
     """Directions of joints on intervals of a motion, if they affect its torques.
 
     Args:
-        system: The problem.
-        ways: Assumed directions on N intervals; None if friction was left out.
+        ways: Assumed directions on N intervals.
         v: Velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
         shares: Torques without friction as shares of their limits, shape (N, n).
 
     Returns:
-        The directions, and the torques clipped to their limits; None if the assumed
-        directions are consistent with the motion.
+        The directions; None if the assumed ones are consistent with the motion.
     """
-    if ways is None:
-        ways = first_ways(system, v)
-        return ways, np.clip(shares, ways.lower, ways.upper)
     sign, change = interval_signs(v)
     # A joint that reverses within an interval moves in both directions there.
     wrong = ways.wrong(np.where(change, 1.0, sign), shares, EFFORT_TOLERANCE)
@@ -255,8 +249,7 @@ def turned_ways(
     new = ways.turned(sign, wrong)
     # Its torque has to suit both of them.
     both = new.both | (change & (ways.friction > 0.0))
-    new = replace(new, sign=np.where(both, 0.0, new.sign), both=both)
-    return new, np.clip(shares, new.lower, new.upper)
+    return replace(new, sign=np.where(both, 0.0, new.sign), both=both)
 
 
 def motor_torques(

@@ -117,15 +117,12 @@ class ProblemFunctions:
         whole = cls._of(problem)
         if not problem.segments:
             return whole
-        parts: list[ProblemFunctions] = []
+        # One set of rows for the same pairs, on all segments at once.
+        rows, parts = {id(problem.checker): whole.watched}, list[ProblemFunctions]()
         for phase in problem.phases:
             part = cls._of(phase)
-            for known in (whole, *parts):
-                # One set of rows for the same pairs, on all segments at once.
-                if phase.checker is known.problem.checker:
-                    part = replace(part, watched=known.watched)
-                    break
-            parts.append(part)
+            watched = rows.setdefault(id(phase.checker), part.watched)
+            parts.append(replace(part, watched=watched))
         return replace(whole, parts=tuple(parts))
 
     @classmethod
