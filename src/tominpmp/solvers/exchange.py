@@ -138,11 +138,10 @@ class RowExchange:
             return looked, Status.ITERATION_LIMIT if settled else status
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
-        radius = max(joined.region.radius, LEAST_RADIUS)
+        radius = max(joined.radius, LEAST_RADIUS)
         if self.level == 0.0:
             radius = min(max(math.sqrt(joined.violation), SMALLEST), LEAST_RADIUS)
-        region = replace(joined.region, radius=radius)
-        loop.state, loop.best = replace(joined, region=region, gains=()), None
+        loop.state, loop.best = replace(joined, radius=radius, gains=()), None
         looked = replace(looked, joined_at=loop.state.duration)
         if self.extensions < EXTENSIONS:
             looked = replace(looked, extensions=self.extensions + 1)

@@ -95,7 +95,7 @@ class FixedStep:
         program = _build_program(state, linearization, steps)
         solution = loop.counted(self.lp.solve(program))
         if not solution.optimal:
-            loop.reached(replace(state, region=replace(state.region, radius=0.0)), None)
+            loop.reached(replace(state, radius=0.0), None)
             return
         z = z + solution.x[: z.size]
         values = nlp.evaluate(z)

@@ -26,6 +26,9 @@ ACCEPT = 0.1
 AIM = 0.5
 GROWTH = 2.5
 SHRINK = 0.5
+# The radius grows up to this share of the first one; below the other share the
+# iteration has stalled.
+LARGEST_RADIUS, SMALLEST_RADIUS = 5.0, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,37 +85,20 @@ class Merit:
         return replace(self, weights=factor * self.weights)
 
 
-@dataclass(frozen=True)
-class TrustRegion:
-    """Trust region radius, as a share of the initial one.
+def next_radius(radius: float, ratio: float, damping: float) -> float:
+    """Radius of the trust region for the next iteration.
 
-    Attributes:
-        radius: The share.
-        smallest: Below this the iteration has stalled.
-        largest: It grows no further.
+    Args:
+        radius: The present one, as a share of the first one.
+        ratio: Actual and predicted reduction, of the whole step.
+        damping: Share of the step that was taken after a line search.
     """
-
-    radius: float = 1.0
-    smallest: float = 1e-6
-    largest: float = 5.0
-
-    def after(self, ratio: float, damping: float) -> TrustRegion:
-        """Radius for the next iteration.
-
-        From the ratio of actual and predicted reduction of the whole step, and the
-        share of the step that was taken after a line search.
-        """
-        if damping < 1.0:
-            factor = max(damping, 0.3)
-        else:
-            # The loss 1 - ratio is proportional to the radius.
-            factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
-        return replace(self, radius=min(self.radius * factor, self.largest))
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether the radius is too small to get anywhere."""
-        return self.radius < self.smallest
+    if damping < 1.0:
+        factor = max(damping, 0.3)
+    else:
+        # The loss 1 - ratio is proportional to the radius.
+        factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
+    return min(radius * factor, LARGEST_RADIUS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +110,8 @@ class Iterate:
         values: Row values there.
         cost: Gradient of the duration, which is cost @ z.
         merit: Weights of the violations.
-        region: Trust region.
         multipliers: Of all rows, from the last program.
+        radius: Radius of the trust region, as a share of the first one.
         raises: How often weights were raised for want of feasibility.
         gains: Merit gained in the last iterations [s], the newest last.
     """
@@ -134,8 +120,8 @@ class Iterate:
     values: Array
     cost: Array
     merit: Merit
-    region: TrustRegion
     multipliers: Array
+    radius: float = 1.0
     raises: int = 0
     gains: tuple[float, ...] = ()
 
@@ -151,7 +137,7 @@ class Iterate:
         rows = program.rows
         merit = Merit(rows, np.broadcast_to(weights, len(rows.kinds)))
         none = np.zeros(rows.size)
-        return cls(z, program.evaluate(z), program.cost, merit, TrustRegion(), none)
+        return cls(z, program.evaluate(z), program.cost, merit, none)
 
     @property
     def duration(self) -> float:

@@ -169,7 +169,7 @@ class Loop:
             objective=np.inf if outcome is None else outcome.trial.merit,
             predicted=0.0 if outcome is None else outcome.predicted,
             actual=0.0 if outcome is None else outcome.actual,
-            radius=state.region.radius,
+            radius=state.radius,
             accepted=outcome is not None and outcome.accepted,
             programs=len(self._solved),
             pivots=sum(solution.iterations for solution in self._solved),

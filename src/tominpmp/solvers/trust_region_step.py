@@ -32,7 +32,7 @@ from tominpmp.solvers.iterate import (
     Iterate,
     Outcome,
     Trial,
-    TrustRegion,
+    next_radius,
 )
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.model import Model
@@ -150,8 +150,8 @@ class TrustRegionStep:
         state, objective = loop.state, loop.objective
         found = self._propose(loop)
         if found is None:
-            region = state.region.after(0.0, 0.1)
-            loop.reached(replace(state, region=region), None)
+            radius = next_radius(state.radius, 0.0, 0.1)
+            loop.reached(replace(state, radius=radius), None)
             return
         outcome = self._search(loop, found)
         trial, merit = outcome.trial, state.merit
@@ -162,7 +162,7 @@ class TrustRegionStep:
         state = replace(
             state,
             merit=merit.raised(multipliers, loop.state.values, found.promised),
-            region=self._region_after(loop, found, outcome),
+            radius=self._radius_after(loop, found, outcome),
             multipliers=multipliers,
             gains=(*state.gains, gained)[-WINDOW:],
         )
@@ -189,7 +189,7 @@ class TrustRegionStep:
         """
         nlp, objective, state, lp = loop.program, loop.objective, loop.state, self.lp
         z, values = state.z, state.values
-        radius = self.radius * state.region.radius
+        radius = self.radius * state.radius
         steps = objective.within(nlp, nlp.step_bounds(z, radius))
         # The next step may be as much longer as trust regions grow.
         room = GROWTH * nlp.attention(steps)
@@ -283,25 +283,23 @@ class TrustRegionStep:
         actual = now - best.merit
         return Outcome(best, predicted, actual, ratio, actual > 0.0)
 
-    def _region_after(
-        self, loop: Loop, found: _Proposal, outcome: Outcome
-    ) -> TrustRegion:
-        """Trust region for the next step.
+    def _radius_after(self, loop: Loop, found: _Proposal, outcome: Outcome) -> float:
+        """Radius of the trust region for the next step, as a share of the first one.
 
         A linear program uses the whole of it for unknowns that the objective leaves
         free, with an error of the square of the radius. Once the objective has settled
         it is kept below the last violation, which a step of its size removes.
         """
         state, trial, objective = loop.state, outcome.trial, loop.objective
-        region = state.region.after(outcome.ratio, trial.damping)
+        radius = next_radius(state.radius, outcome.ratio, trial.damping)
         left = loop.program.rows.largest_violation(trial.values)
         little = objective.tolerance * found.value
         gradient = found.model.gradient
         change = max(abs(gradient @ (trial.z - state.z)), abs(gradient @ found.step))
         if change > little or not objective.feasibility < left <= RESTORABLE:
-            return region
+            return radius
         enough = math.sqrt(SETTLED_ERROR * left) / self.radius
-        return replace(region, radius=min(region.radius, max(enough, SETTLED_RADIUS)))
+        return min(radius, max(enough, SETTLED_RADIUS))
 
 
 def first_weight(kind: str) -> float:
