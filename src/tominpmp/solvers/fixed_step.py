@@ -101,7 +101,7 @@ class FixedStep:
         values = nlp.evaluate(z)
         multipliers = np.zeros(nlp.rows.size)
         multipliers[linearization.rows] = solution.row_duals
-        merit = float(nlp.cost @ z) + state.merit.penalty(values)
+        merit = float(nlp.cost @ z) + state.penalty(values)
         state = replace(state, z=z, values=values, multipliers=multipliers)
         loop.reached(state, Outcome(Trial(z, values, merit), 0.0, 0.0, 0.0, True))
 
@@ -116,8 +116,7 @@ def _build_program(
         linearization: Jacobian of the rows of the program.
         steps: Box for the step.
     """
-    merit, chosen = state.merit, linearization.rows
-    rows = merit.rows
+    rows, chosen = state.rows, linearization.rows
     here, group = state.values[chosen], rows.group[chosen]
     low, high = rows.lower[chosen] - here, rows.upper[chosen] - here
     # Elastic variables, one upwards and one downwards: for each equation, and for each
@@ -126,18 +125,16 @@ def _build_program(
     column = np.where(equation, chosen, rows.size + group)
     used, column = np.unique(column, return_inverse=True)
     shape = (chosen.size, used.size)
-    index = np.arange(chosen.size)
-    ones = np.ones(chosen.size)
-    over = sp.csr_matrix((-ones, (index, column)), shape=shape)
-    under = sp.csr_matrix((ones, (index, column)), shape=shape)
+    places = np.arange(chosen.size), column
+    under = sp.csr_matrix((np.ones(chosen.size), places), shape=shape)
     weights = np.zeros(used.size)
-    weights[column] = merit.weights[rows.kind[chosen]]
+    weights[column] = state.weights[rows.kind[chosen]]
     count = used.size
     size = steps.lower.size
     keys = np.concatenate([np.arange(size), size + used, size + 2 * rows.size + used])
     return LinearProgram(
         np.concatenate([state.cost, weights, weights]),
-        sp.hstack([linearization.matrix, over, under], format="csc"),
+        sp.hstack([linearization.matrix, -under, under], format="csc"),
         low,
         high,
         np.concatenate([steps.lower, np.zeros(2 * count)]),

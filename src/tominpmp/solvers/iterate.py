@@ -31,60 +31,6 @@ SHRINK = 0.5
 LARGEST_RADIUS, SMALLEST_RADIUS = 5.0, 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Merit:
-    r"""Exact penalty merit: an objective and the weighted violations of its limits.
-
-    .. math::
-        \phi(z) = f(z) + \sum_g \mu_g \max_{i \in g} v_i(z)
-
-    with the violations v of the rows of a group g. It is exact when each weight is
-    above the sum of the multipliers of its group (Fletcher, 1987); the program of an
-    iteration has one elastic variable a group for it.
-
-    Attributes:
-        rows: What the rows are.
-        weights: Weight mu of each kind of row [s], shape (kinds,).
-    """
-
-    rows: Rows
-    weights: Array
-
-    def penalty(self, values: Array) -> float:
-        """Weighted violations [s]."""
-        violation = self.rows.group_violation(values)
-        return float(self.weights[self.rows.group_kind] @ violation)
-
-    def raised(self, multipliers: Array, before: Array, promised: Array) -> Merit:
-        """Raise the weights above the multipliers of a program.
-
-        Those of a group with an elastic variable add up to its weight at most and say
-        nothing about it; its weight is doubled where the program would leave the
-        violation as it is.
-
-        Args:
-            multipliers: Of all rows, shape (m,).
-            before: Row values, shape (m,).
-            promised: Row values that the program promises, shape (m,).
-        """
-        violation = self.rows.group_violation(before)
-        after = self.rows.group_violation(promised)
-        elastic = violation > NEGLIGIBLE
-        groups = np.zeros(elastic.size)
-        np.add.at(groups, self.rows.group, np.abs(multipliers))
-        kind = self.rows.group_kind
-        needed = np.zeros_like(self.weights)
-        np.maximum.at(needed, kind[~elastic], WEIGHT_MARGIN * groups[~elastic])
-        stuck = np.zeros(self.weights.size, dtype=bool)
-        stuck[kind[elastic & (after > STUCK * violation)]] = True
-        weights = np.where(stuck, 2.0 * self.weights, self.weights)
-        return replace(self, weights=np.maximum(weights, needed))
-
-    def scaled(self, factor: float) -> Merit:
-        """Multiply all weights."""
-        return replace(self, weights=factor * self.weights)
-
-
 def next_radius(radius: float, ratio: float, damping: float) -> float:
     """Radius of the trust region for the next iteration.
 
@@ -103,13 +49,24 @@ def next_radius(radius: float, ratio: float, damping: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """Where an iteration stands.
+    r"""Where an iteration stands.
+
+    What it is to lower is an exact penalty merit, an objective and the weighted
+    violations of its limits,
+
+    .. math::
+        \phi(z) = f(z) + \sum_g \mu_g \max_{i \in g} v_i(z)
+
+    with the violations v of the rows of a group g. It is exact when each weight is
+    above the sum of the multipliers of its group (Fletcher, 1987); the program of an
+    iteration has one elastic variable a group for it.
 
     Attributes:
         z: Unknowns.
         values: Row values there.
         cost: Gradient of the duration, which is cost @ z.
-        merit: Weights of the violations.
+        rows: What the rows are.
+        weights: Weight mu of each kind of row [s], shape (kinds,).
         multipliers: Of all rows, from the last program.
         radius: Radius of the trust region, as a share of the first one.
         raises: How often weights were raised for want of feasibility.
@@ -119,7 +76,8 @@ class Iterate:
     z: Array
     values: Array
     cost: Array
-    merit: Merit
+    rows: Rows
+    weights: Array
     multipliers: Array
     radius: float = 1.0
     raises: int = 0
@@ -134,10 +92,9 @@ class Iterate:
             z: Unknowns.
             weights: Weights of the violations, by kinds of rows or of all [s].
         """
-        rows = program.rows
-        merit = Merit(rows, np.broadcast_to(weights, len(rows.kinds)))
-        none = np.zeros(rows.size)
-        return cls(z, program.evaluate(z), program.cost, merit, none)
+        rows, values = program.rows, program.evaluate(z)
+        weights = np.broadcast_to(weights, len(rows.kinds))
+        return cls(z, values, program.cost, rows, weights, np.zeros(rows.size))
 
     @property
     def duration(self) -> float:
@@ -147,17 +104,45 @@ class Iterate:
     @property
     def violation(self) -> float:
         """Largest violation of all rows."""
-        return self.merit.rows.largest_violation(self.values)
+        return self.rows.largest_violation(self.values)
+
+    def penalty(self, values: Array) -> float:
+        """Weighted violations of row values [s]."""
+        violation = self.rows.group_violation(values)
+        return float(self.weights[self.rows.group_kind] @ violation)
+
+    def raised_weights(self, multipliers: Array, promised: Array) -> Array:
+        """Weights above the multipliers of a program, shape (kinds,).
+
+        Those of a group with an elastic variable add up to its weight at most and say
+        nothing about it; its weight is doubled where the program would leave the
+        violation as it is.
+
+        Args:
+            multipliers: Of all rows, shape (m,).
+            promised: Row values that the program promises, shape (m,).
+        """
+        violation = self.rows.group_violation(self.values)
+        after = self.rows.group_violation(promised)
+        elastic = violation > NEGLIGIBLE
+        groups = np.zeros(elastic.size)
+        np.add.at(groups, self.rows.group, np.abs(multipliers))
+        kind = self.rows.group_kind
+        needed = np.zeros_like(self.weights)
+        np.maximum.at(needed, kind[~elastic], WEIGHT_MARGIN * groups[~elastic])
+        stuck = np.zeros(self.weights.size, dtype=bool)
+        stuck[kind[elastic & (after > STUCK * violation)]] = True
+        weights = np.where(stuck, 2.0 * self.weights, self.weights)
+        return np.asarray(np.maximum(weights, needed))
 
     def on(self, program: Solved, z: Array) -> Iterate:
         """The iterate of nearly the same program, with other rows and unknowns."""
-        former = self.merit.rows
         return replace(
             self,
             z=z,
             values=program.evaluate(z),
-            merit=replace(self.merit, rows=program.rows),
-            multipliers=program.rows.carried(former, self.multipliers),
+            rows=program.rows,
+            multipliers=program.rows.carried(self.rows, self.multipliers),
         )
 
 

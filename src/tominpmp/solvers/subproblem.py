@@ -93,7 +93,7 @@ def build_subproblem(
         steps: Box for the step.
         accuracy: A duality gap that is none [s].
     """
-    merit, values, rows = state.merit, state.values, state.merit.rows
+    values, rows = state.values, state.rows
     moving = steps.upper - steps.lower > 0.0
     free = np.flatnonzero(moving)
     chosen, body, low, high = _rows_within_reach(
@@ -122,7 +122,7 @@ def build_subproblem(
     further.append(
         _elastic_columns(rows, values, chosen, violation, slack_groups, count)
     )
-    weights = merit.weights[rows.group_kind[slack_groups]]
+    weights = state.weights[rows.group_kind[slack_groups]]
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     keys = 2 * _KEY_BLOCK + slack_groups
     columns.append((weights, np.zeros(keys.size), most, keys))

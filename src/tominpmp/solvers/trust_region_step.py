@@ -143,7 +143,7 @@ class TrustRegionStep:
         state = Iterate.of(program, z, 0.0)
         shares = np.array([first_weight(kind) for kind in program.rows.kinds])
         weights = objective.value(program, z, state.values) * shares
-        return replace(state, merit=replace(state.merit, weights=weights))
+        return replace(state, weights=weights)
 
     def __call__(self, loop: Loop) -> None:
         """Linearise, solve, correct, search, accept or shrink."""
@@ -154,14 +154,14 @@ class TrustRegionStep:
             loop.reached(replace(state, radius=radius), None)
             return
         outcome = self._search(loop, found)
-        trial, merit = outcome.trial, state.merit
         multipliers = found.program.multipliers(found.solution)
+        weights = state.raised_weights(multipliers, found.promised)
         if outcome.accepted:
-            state = replace(state, z=trial.z, values=trial.values)
+            state = replace(state, z=outcome.trial.z, values=outcome.trial.values)
         gained = max(outcome.actual, 0.0)
         state = replace(
             state,
-            merit=merit.raised(multipliers, loop.state.values, found.promised),
+            weights=weights,
             radius=self._radius_after(loop, found, outcome),
             multipliers=multipliers,
             gains=(*state.gains, gained)[-WINDOW:],
@@ -174,8 +174,8 @@ class TrustRegionStep:
         )
         if settled and not objective.restorable(loop.program, state):
             # Settled on a violated constraint: its weight may be below its multiplier.
-            merit = state.merit.scaled(WEIGHT_GROWTH)
-            state = replace(state, merit=merit, raises=state.raises + 1, gains=())
+            weights = WEIGHT_GROWTH * state.weights
+            state = replace(state, weights=weights, raises=state.raises + 1, gains=())
         loop.reached(state, replace(outcome, settled=settled))
 
     def _propose(self, loop: Loop) -> _Proposal | None:
@@ -234,7 +234,7 @@ class TrustRegionStep:
     def _search(self, loop: Loop, found: _Proposal) -> Outcome:
         """Try the step, corrections of it, then shorter ones."""
         nlp, state, rows = loop.program, loop.state, loop.program.rows
-        program, model, penalty = found.program, found.model, state.merit.penalty
+        program, model, penalty = found.program, found.model, state.penalty
         z, values, step = state.z, state.values, found.step
 
         def tried(
