@@ -203,20 +203,19 @@ class TrustRegionStep:
         selecting = values
         linearization = nlp.linearize(z, selecting, steps)
         model = objective.model(nlp, state, steps, linearization).bent(root)
-
-        def solved(model: Model) -> tuple[Subproblem, LpSolution]:
+        for additions in range(1 + ADDITIONS):
             check()
             program = build_subproblem(state, model, linearization, steps, accuracy)
-            return program, loop.counted(lp.solve(program.program))
-
-        for additions in range(1 + ADDITIONS):
-            program, solution = solved(model)
+            solution = loop.counted(self.lp.solve(program.program))
             if unknown and solution.optimal:
                 root = nlp.curvature(z, program.multipliers(solution))
                 unknown = False
                 if root is not None:
                     model = model.bent(root)
-                    program, solution = solved(model)
+                    program = build_subproblem(
+                        state, model, linearization, steps, accuracy
+                    )
+                    solution = loop.counted(self.lp.solve(program.program))
             if not solution.optimal:
                 return None
             step = program.step(solution)
