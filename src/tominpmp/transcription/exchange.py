@@ -398,8 +398,8 @@ def turning(
         within: First interval that is inspected, and the one after the last.
     """
     first, end = within
-    shares = np.linspace(0.0, 1.0, LOOKS + 1)
-    at = Instants.spread(of.intervals, shares.tolist()).within(first, end)
+    shares = tuple(np.linspace(0.0, 1.0, LOOKS + 1).tolist())
+    at = Instants.spread(of.intervals, shares).within(first, end)
     v = of.states(motion, at, 1).v[:, joints].reshape(end - first, LOOKS + 1, -1)
     before, after = v[:, :-1], v[:, 1:]
     interval, look, joint = np.nonzero(before * after < 0.0)
