@@ -151,9 +151,8 @@ class WarmStart(Guess):
         T, motion = self.duration, self.trajectory
         nodes = self.grid(intervals)
         if nodes is None or motion.degree != 2:
-            transcription = InverseTranscription(
-                system, interval_shares(kind, intervals), T
-            )
+            shares = interval_shares(kind, intervals)
+            transcription = InverseTranscription(system, shares, T)
             z = transcription.start(self.position, T, np.array([T]))
             return _program(transcription, z)
         transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)

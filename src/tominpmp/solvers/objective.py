@@ -104,10 +104,8 @@ class Objective(ABC):
         rows = program.rows
         violation = rows.violation(state.values)
         equations = violation[rows.lower == rows.upper]
-        return bool(
-            np.max(violation, initial=0.0) <= RESTORABLE
-            and np.max(equations, initial=0.0) <= self.feasibility
-        )
+        light = np.max(violation, initial=0.0) <= RESTORABLE
+        return bool(light and np.max(equations, initial=0.0) <= self.feasibility)
 
     def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """Slow a motion down until it keeps its limits, where that is enough.

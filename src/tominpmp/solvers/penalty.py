@@ -51,9 +51,8 @@ def penalty_rounds(options: Options, z: Array) -> tuple[PenaltyRound, Rule]:
         z: Where the first one begins.
     """
     most = ITERATION_FACTOR * options.max_iterations
-    return PenaltyRound(z, most), first_of(
-        settled, Raises(ROUNDS - 1), Iterations(most)
-    )
+    stop = first_of(settled, Raises(ROUNDS - 1), Iterations(most))
+    return PenaltyRound(z, most), stop
 
 
 @dataclass(frozen=True, eq=False)

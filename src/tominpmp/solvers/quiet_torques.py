@@ -149,9 +149,8 @@ def _differences(
     sequence = sp.hstack([sequence, sp.csr_matrix((count, later))])
     # Rows are in half ranges.
     steps = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
-    of_rows = sp.csr_matrix(
-        sp.kron(sp.diags(weights) @ steps @ sequence, sp.identity(n))
-    )
+    weighted = sp.diags(weights) @ steps @ sequence
+    of_rows = sp.csr_matrix(sp.kron(weighted, sp.identity(n)))
     differences = np.asarray(of_rows @ values[rows])
     if linearization is None:
         return differences, of_rows
@@ -178,9 +177,8 @@ def mean_speeds(nlp: NonlinearProgram, z: Array) -> Variation:
     # What does not move at all gets no infinite weight.
     scale = np.maximum(scale, 1e-3 * max(float(scale.max()), 1e-3))
     nodes = Instants.nodes(count)
-    each = Partials(
-        np.repeat(np.arange(count + 1), n), by_q=np.tile(np.eye(n), (count + 1, 1))
-    )
+    node = np.repeat(np.arange(count + 1), n)
+    each = Partials(node, by_q=np.tile(np.eye(n), (count + 1, 1)))
     steps = sp.diags([-1.0, 1.0], [0, 1], shape=(count, count + 1))
     weights = 1.0 / np.sqrt(motion.h * np.sum(motion.h))
     speeds = sp.csr_matrix(sp.kron(sp.diags(weights) @ steps, sp.diags(1.0 / scale)))

@@ -62,7 +62,6 @@ class Iterations:
 
     def __call__(self, loop: Loop) -> Status | None:
         """ITERATION_LIMIT once there were as many."""
-        over = loop.outcome is not None and len(loop.history) >= max(
-            self.most, loop.granted
-        )
+        most = max(self.most, loop.granted)
+        over = loop.outcome is not None and len(loop.history) >= most
         return Status.ITERATION_LIMIT if over else None

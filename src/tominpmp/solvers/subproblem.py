@@ -119,9 +119,7 @@ def build_subproblem(
         keys = _KEY_BLOCK + np.arange(2 * k)
         columns.append((weights, np.zeros(2 * k), most, keys))
         bounds.append((-differences, -differences, keys[:k]))
-    further.append(
-        _elastic_columns(rows, values, chosen, violation, slack_groups, count)
-    )
+    elastic = _elastic_columns(rows, values, chosen, violation, slack_groups, count)
     weights = state.weights[rows.group_kind[slack_groups]]
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     keys = 2 * _KEY_BLOCK + slack_groups
@@ -129,7 +127,7 @@ def build_subproblem(
     cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
     row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
     of_unknowns = Compressed.of(every_row.rows().tocsc())
-    matrix = of_unknowns.followed_by(*further).columns()
+    matrix = of_unknowns.followed_by(*further, elastic).columns()
     program = LinearProgram(
         cost,
         matrix,

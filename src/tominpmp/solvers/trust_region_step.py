@@ -166,12 +166,10 @@ class TrustRegionStep:
             multipliers=multipliers,
             gains=(*state.gains, gained)[-WINDOW:],
         )
-        little = objective.tolerance * max(
-            objective.value(loop.program, state.z, state.values), SHORTEST
-        )
-        settled = outcome.predicted < QUIET * little or (
-            len(state.gains) == WINDOW and sum(state.gains) < little
-        )
+        value = objective.value(loop.program, state.z, state.values)
+        little = objective.tolerance * max(value, SHORTEST)
+        slow = len(state.gains) == WINDOW and sum(state.gains) < little
+        settled = slow or outcome.predicted < QUIET * little
         if settled and not objective.restorable(loop.program, state):
             # Settled on a violated constraint: its weight may be below its multiplier.
             weights = WEIGHT_GROWTH * state.weights
@@ -260,9 +258,8 @@ class TrustRegionStep:
             brought = (now - trial.merit) / max(predicted, 1e-12)
             if brought >= ENOUGH or not EXACT < left < CORRECTABLE:
                 break
-            error = trial.values[program.rows] - (
-                values[program.rows] + program.change(trial.z - z)
-            )
+            linear = values[program.rows] + program.change(trial.z - z)
+            error = trial.values[program.rows] - linear
             again = loop.counted(self.lp.resolve(*program.corrected(error)))
             if not again.optimal:
                 break

@@ -142,9 +142,8 @@ class AdjointTranscription(TorqueTranscription):
         factor = time_step / duration
         shorter = min(factor, 1.0 - SHORTEST)
         eta = z[-self._m :]
-        return StepBounds(
-            np.append(lower, -shorter * eta), np.append(upper, factor * eta)
-        )
+        less, more = -shorter * eta, factor * eta
+        return StepBounds(np.append(lower, less), np.append(upper, more))
 
     def with_ways(self, duration: float, ways: Ways) -> AdjointTranscription:
         """The transcription with other velocity scales, and directions of joints."""
@@ -205,12 +204,8 @@ class AdjointTranscription(TorqueTranscription):
             direct[inside] += stage[:, 4 * n : 5 * n]
             along[inside] += stage[:, 5 * n] / self.substeps
         # States at the ends of the steps, torques, and lengths.
-        swept = sweep_adjoint(
-            motion.sensitivities,
-            np.concatenate([step, step + 1]),
-            np.concatenate([first, last]),
-            np.tile(rows, 2),
-        )
+        ends, by_ends = np.concatenate([step, step + 1]), np.concatenate([first, last])
+        swept = sweep_adjoint(motion.sensitivities, ends, by_ends, np.tile(rows, 2))
         # Steps of an interval have its torque, and shares of its length.
         each = (len(swept[0]), N, self.substeps)
         by_control = swept[0].reshape(*each, n).sum(axis=2)

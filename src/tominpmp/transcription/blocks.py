@@ -176,9 +176,8 @@ class SampledRows:
         if partials is None or partials.row is None:
             return None
         roots = np.sqrt(multipliers[chosen])[partials.row]
-        return of.pull_back(
-            motion, at, self._pinned(of, motion, at, partials.times(roots[:, None]))
-        )
+        bent = self._pinned(of, motion, at, partials.times(roots[:, None]))
+        return of.pull_back(motion, at, bent)
 
     def _pinned(
         self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
@@ -225,9 +224,8 @@ class SampledRows:
         """The block with the assumptions of its constraint, from a motion."""
         if self.constraint.informed:
             return self
-        return replace(
-            self, constraint=assumed(self.constraint, of, motion, self.fixed)
-        )
+        informed = assumed(self.constraint, of, motion, self.fixed)
+        return replace(self, constraint=informed)
 
 
 Block = Hull[Any] | SampledRows

@@ -183,9 +183,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """
         hung = self.hung
         if hung.moving:
-            by_durations = by_durations + np.einsum(
-                "kw,kwm->km", by_points, hung.slopes[points]
-            )
+            moved = np.einsum("kw,kwm->km", by_points, hung.slopes[points])
+            by_durations = by_durations + moved
         durations = np.arange(self.point_unknowns, self.size)
         columns = np.broadcast_to(durations, by_durations.shape)
         matrix = Compressed.of_table(
@@ -398,9 +397,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def sequence_times(self, z: Array) -> Array:
         """Instants of the torque sequence as shares of T: nodes and middles."""
         h = self.motion(z).h
-        return np.asarray(
-            self.torque_sequence @ self._torque_instants.times(h) / h.sum()
-        )
+        times = self.torque_sequence @ self._torque_instants.times(h)
+        return np.asarray(times / h.sum())
 
     def time_scale(self, z: Array, factor: float) -> Array:
         """The same control points, traversed slower."""

@@ -206,14 +206,10 @@ class CollocationTranscription(TorqueTranscription):
         N, n = self._N, self._n
         states = (N + 1) * 2 * n
         k = np.arange(N)[:, None]
-        return np.concatenate(
-            [
-                k * 2 * n + np.arange(4 * n),
-                states + k * n + np.arange(n),
-                np.broadcast_to(states + N * n + np.arange(self._m), (N, self._m)),
-            ],
-            axis=1,
-        )
+        ends = k * 2 * n + np.arange(4 * n)
+        torques = states + k * n + np.arange(n)
+        lengths = np.broadcast_to(states + N * n + np.arange(self._m), (N, self._m))
+        return np.concatenate([ends, torques, lengths], axis=1)
 
     def interval_rows(
         self, entries: Array, interval: IntArray, by_eta: Array | float = 0.0
@@ -266,9 +262,8 @@ class Defects(Hull[SteppedMotion]):
     def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
         """By the unknowns."""
         by, scale = motion.derivatives, self._of.scale
-        entries = np.concatenate(
-            [by.by_start, by.by_end, by.by_control, by.by_length[..., None]], axis=2
-        )
+        parts = by.by_start, by.by_end, by.by_control, by.by_length[..., None]
+        entries = np.concatenate(parts, axis=2)
         N, size, width = entries.shape
         entries = (entries / scale[:, None]).reshape(N * size, width)
         return self._of.interval_rows(entries, np.repeat(np.arange(N), size))

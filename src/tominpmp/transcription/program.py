@@ -125,18 +125,11 @@ class NonlinearProgram:
     def rows(self) -> Rows:
         """Bounds, kinds and groups of the rows."""
         by_component = self.transcription.by_component
-        return Rows.stack(
-            [
-                (
-                    block.name,
-                    block.lower.ravel(),
-                    block.upper.ravel(),
-                    block.groups(by_component),
-                )
-                for block in self.blocks
-            ],
-            {block.name for block in self.blocks if block.curable},
-        )
+        parts = []
+        for block in self.blocks:
+            bounds = block.lower.ravel(), block.upper.ravel()
+            parts.append((block.name, *bounds, block.groups(by_component)))
+        return Rows.stack(parts, {block.name for block in self.blocks if block.curable})
 
     def timed(self, z: Array) -> Array:
         """An iterate with exactly the least duration, where it has that up to a trace.
@@ -200,12 +193,11 @@ class NonlinearProgram:
         ]
         if not bending:
             return None
-        motion = self.transcription.motion(self.timed(z))
+        of = self.transcription
+        motion = of.motion(self.timed(z))
         if not motion.finite:
             return None
-        found = [
-            block.bend(self.transcription, motion, mine) for block, mine in bending
-        ]
+        found = [block.bend(of, motion, mine) for block, mine in bending]
         roots = [root for root in found if root is not None]
         return sp.vstack(roots, format="csr") if roots else None
 
