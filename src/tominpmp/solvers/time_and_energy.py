@@ -201,9 +201,8 @@ class SquaredTorques(Energy):
         """
         of = self.nlp.transcription
         asked = of.system.problem.segments
-        for part, (_, end), one in zip(
-            of.system.segments, of.segments, asked, strict=False
-        ):
+        segments = zip(of.system.segments, of.segments, asked, strict=False)
+        for part, (_, end), one in segments:
             if one.dwell == 0.0:
                 continue
             at = Instants.end(end)

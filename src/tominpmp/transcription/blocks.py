@@ -118,9 +118,7 @@ class SampledRows:
         _, states = self.states(of, motion)
         return self.constraint.evaluate(states, min(of.cutoff, room)).ravel()
 
-    def keeps_values(
-        self, of: Transcription[Any], motion: Motion, former: Motion
-    ) -> bool:
+    def keeps(self, of: Transcription[Any], motion: Motion, former: Motion) -> bool:
         """Whether row values that are costly to evaluate are those of a former motion.
 
         They depend on positions alone, unless obstacles move.

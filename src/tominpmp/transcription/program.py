@@ -291,10 +291,8 @@ class NonlinearProgram:
             return slow, self.evaluate(slow)
         parts = np.split(values, self.first[1:])
         for index, block in enumerate(self.blocks):
-            if not (
-                isinstance(block, SampledRows)
-                and block.keeps_values(of, motion, former)
-            ):
+            kept = isinstance(block, SampledRows) and block.keeps(of, motion, former)
+            if not kept:
                 parts[index] = block.values(of, motion)
         return slow, np.concatenate(parts)
 
