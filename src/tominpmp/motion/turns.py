@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
+from scipy.linalg import pascal
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import RESTING, STANDSTILL, STEADY, directions
@@ -116,14 +118,9 @@ class Turns:
 
 def _bernstein(c: Array) -> Array:
     """Coefficients of Bernstein's polynomials, between which the values lie."""
-    K = c.shape[-1]
-    binomial = np.cumprod([1.0, *((K - 1 - i) / (i + 1.0) for i in range(K - 1))])
     # b_i = sum over j <= i of C(i, j) / C(K - 1, j) c_j.
-    pascal = np.zeros((K, K))
-    pascal[:, 0] = 1.0
-    for i in range(1, K):
-        pascal[i, 1:] = pascal[i - 1, 1:] + pascal[i - 1, :-1]
-    return np.asarray(c @ (pascal / binomial).T)
+    binomials = pascal(c.shape[-1], kind="lower", exact=False)
+    return np.asarray(c @ (binomials / binomials[-1]).T)
 
 
 def _one_way(velocity: Array) -> Array:
@@ -271,10 +268,7 @@ def _sign_changes(c: Array) -> Array:
 
 def _values(c: Array, x: Array) -> Array:
     """Values of polynomials of shape (m, K) at points of shape (m, p)."""
-    out = np.zeros_like(x)
-    for k in range(c.shape[1] - 1, -1, -1):
-        out = c[:, k, None] + x * out
-    return out
+    return np.asarray(polyval(x, c.T[:, :, None], tensor=False))
 
 
 def _together(times: Array, apart: float) -> Array:
