@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import TypeAlias
 
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, array_or_nan
 from tominpmp.checks import of_kind, split_pose, vector
 from tominpmp.collision import CollisionChecker
-from tominpmp.collision.narrow import NarrowPhase
+from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import links_of
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
 from tominpmp.description.srdf import SemanticDescription
@@ -244,8 +244,8 @@ def _base_overlap(robot: Robot, one: str, other: str) -> float | None:
     fixed = [body for body in links_of(robot, "convex") if not body.joint]
     mine = [i for i, body in enumerate(fixed) if body.name.startswith(one)]
     its = [i for i, body in enumerate(fixed) if body.name.startswith(other)]
-    if not mine or not its:
+    pairs = np.array(list(product(mine, its)))
+    if not pairs.size:
         return None
-    first, second = (index.ravel() for index in np.meshgrid(mine, its))
-    narrow = NarrowPhase(robot.model, fixed, first, second)
-    return -float(np.min(narrow.all(robot.expand(np.zeros(robot.n)))))
+    distances = PairDistances(robot, watched=(fixed, pairs))
+    return -float(np.min(distances.distances(np.zeros((1, robot.n)))))

@@ -32,6 +32,8 @@ ROUNDING = 1e-9
 # Placements joint_to_world of joints and moving obstacles: rotations, shape
 # (m, joints, 3, 3), and positions, shape (m, joints, 3) [m].
 Joints = tuple[Array, Array]
+# First and second body of each pair, shape (pairs, 2).
+Pairs = IntArray
 # Balls that cover a body, side by side along its longest axis. Four leave 1 to 3 cm
 # between bound and distance on the links of a Panda.
 BALLS = 4
@@ -158,10 +160,8 @@ class BroadPhase:
             [m], shape (bodies,).
     """
 
-    def __init__(
-        self, bodies: Sequence[Body], first: IntArray, second: IntArray
-    ) -> None:
-        self.first, self.second = first, second
+    def __init__(self, bodies: Sequence[Body], pairs: Pairs) -> None:
+        self.first, self.second = pairs.T.copy()
         found = [Enclosure.of(body.outline) for body in bodies]
         boxes = [
             body.placement * pin.SE3(item.R, item.t)
@@ -182,7 +182,7 @@ class BroadPhase:
         self._origin = np.einsum("bij,bi->bj", self._R, self._t)
         # No point of a body is farther than this from the origin of its joint.
         self.farthest = self.radius + np.linalg.norm(self.centre, axis=1)
-        fixed = self.joint[second] == 0
+        fixed = self.joint[self.second] == 0
         self._fixed, self._moving = np.flatnonzero(fixed), np.flatnonzero(~fixed)
         self._carried = [
             (int(joint), np.flatnonzero(self.joint == joint))

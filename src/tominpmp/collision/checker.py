@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -10,9 +11,10 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body, Geometry, scene_bodies
+from tominpmp.collision.broad import Pairs
 from tominpmp.collision.narrow import Guard
 from tominpmp.collision.placements import MovingObstacles
-from tominpmp.collision.query import PairDistances, Pairs
+from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import links_of, own_pairs, scene_pairs, without
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
@@ -49,6 +51,7 @@ class Contact(NamedTuple):
         return f"link {self.link!r} and obstacle {self.obstacle!r}"
 
 
+@dataclass(eq=False)
 class CollisionChecker(PairDistances):
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
@@ -59,41 +62,30 @@ class CollisionChecker(PairDistances):
         scene: The obstacles.
         self_collision: Whether pairs of links, and pairs of links and bodies fixed to
             the base, are checked.
-        geometry: Representation of the meshes of the links.
-        cut: Names of the links whose meshes have that representation; None for all.
-        may_touch: Pairs of bodies that are not checked.
+        geometry: Representation of the meshes of the links: "convex" takes them as
+            convex pieces, "hull" as one hull each; "mesh" takes their triangles, which
+            is slow and gives no depth of overlaps.
+        cut: Names of the links whose meshes have that representation; None for all. The
+            meshes of other links are taken as one hull each, for which distances are
+            never larger; they are not cut into pieces.
+        may_touch: Pairs of names of bodies that are not checked.
+
+    Raises:
+        SceneError: If there are obstacles, but no geometry on moving links.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene,
-        *,
-        self_collision: bool = False,
-        geometry: Geometry = "convex",
-        cut: frozenset[str] | None = None,
-        may_touch: frozenset[frozenset[str]] = frozenset(),
-    ) -> None:
-        """Prepare the pairs; see also the attributes.
+    robot: Robot
+    scene: Scene
+    _: KW_ONLY
+    self_collision: bool = False
+    geometry: Geometry = "convex"
+    cut: frozenset[str] | None = None
+    may_touch: frozenset[frozenset[str]] = frozenset()
 
-        Args:
-            robot: The robot.
-            scene: The obstacles.
-            self_collision: See the attribute.
-            geometry: "convex" takes meshes of links as convex pieces, "hull" as one
-                hull each; "mesh" takes their triangles, which is slow and gives no
-                depth of overlaps.
-            cut: Names of the links whose meshes have that representation; None for all.
-                The meshes of other links are taken as one hull each, for which
-                distances are never larger; they are not cut into pieces.
-            may_touch: Pairs of names, see the attribute.
-
-        Raises:
-            SceneError: If there are obstacles, but no geometry on moving links.
-        """
+    def __post_init__(self) -> None:
+        """Look for geometry, and prepare the pairs."""
+        robot, scene = self.robot, self.scene
         super().__init__(robot, MovingObstacles(scene.moving, robot.model.njoints))
-        self.scene, self.geometry = scene, geometry
-        self.self_collision, self.cut, self.may_touch = self_collision, cut, may_touch
         shapes = robot.collision_model.geometryObjects
         if len(scene) and not any(item.parentJoint for item in shapes):
             raise SceneError(
@@ -119,22 +111,13 @@ class CollisionChecker(PairDistances):
         pairs = scene_pairs(bodies, len(self.links))
         if self.self_collision:
             own = own_pairs(self.robot, self.geometry, self.cut)
-            pairs = (
-                np.concatenate([pairs[0], own[0]]),
-                np.concatenate([pairs[1], own[1]]),
-            )
+            pairs = np.concatenate([pairs, own])
         return bodies, without(self.may_touch, bodies, pairs)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         """Pickle without the geometry, which is built again."""
-        make = partial(
-            CollisionChecker,
-            self_collision=self.self_collision,
-            geometry=self.geometry,
-            cut=self.cut,
-            may_touch=self.may_touch,
-        )
-        return make, (self.robot, self.scene)
+        given = {item.name: getattr(self, item.name) for item in fields(self)}
+        return partial(CollisionChecker, **given), ()
 
     @property
     def single_arm(self) -> bool:
@@ -145,15 +128,12 @@ class CollisionChecker(PairDistances):
 
     def taken_as(self, geometry: Geometry) -> CollisionChecker:
         """The checker with another representation of the meshes of its links."""
-        make, given = self.__reduce__()
-        checker: CollisionChecker = make(*given, geometry=geometry)
-        return checker
+        return replace(self, geometry=geometry)
 
     def with_cut(self, cut: frozenset[str]) -> CollisionChecker:
         """The checker with only some links cut into pieces, the others as hulls."""
         if cut not in self._variants:
-            make, given = self.__reduce__()
-            self._variants[cut] = make(*given, cut=cut)
+            self._variants[cut] = replace(self, cut=cut)
         return self._variants[cut]
 
     def hulls_clear(self, q: Array, margin: float = 0.0) -> bool:

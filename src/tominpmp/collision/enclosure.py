@@ -53,15 +53,8 @@ def enclosure(
 
 def _distance(body: Body, point: Array) -> float:
     """Signed distance of a point from a body [m]."""
-    ball = coal.Sphere(POINT)
-    place = body.placement
-    found = coal.DistanceResult()
-    distance = coal.distance(
-        ball,
-        coal.Transform3s(np.eye(3), np.asarray(point, dtype=np.float64)),
-        body.shape,
-        coal.Transform3s(place.rotation, place.translation),
-        coal.DistanceRequest(),
-        found,
-    )
+    ball, at = coal.Sphere(POINT), coal.Transform3s(np.eye(3), np.asarray(point))
+    place = coal.Transform3s(body.placement.rotation, body.placement.translation)
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    distance = coal.distance(ball, at, body.shape, place, request, result)
     return float(distance) + POINT

@@ -9,8 +9,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 from tominpmp.collision.bodies import Body
+from tominpmp.collision.broad import Pairs
 from tominpmp.collision.placements import MovingObstacles
 from tominpmp.stopping import check
 
@@ -40,8 +41,7 @@ class NarrowPhase:
         self,
         model: pin.Model,
         bodies: Sequence[Body],
-        first: IntArray,
-        second: IntArray,
+        pairs: Pairs,
         obstacles: MovingObstacles | None = None,
     ) -> None:
         round_pairs = any(isinstance(body.shape, coal.Cylinder) for body in bodies)
@@ -56,10 +56,10 @@ class NarrowPhase:
             geometry.addGeometryObject(
                 pin.GeometryObject(str(index), joint, body.placement, shape)
             )
-        for one, other in zip(first.tolist(), second.tolist(), strict=True):
+        for one, other in pairs.tolist():
             geometry.addCollisionPair(pin.CollisionPair(one, other))
         self.model, self.data, self.geometry = model, model.createData(), geometry
-        self._first, self._second = first, second
+        self._pairs = pairs
         self._results = _results(geometry)
         self._obstacles = obstacles
         self._moving = [
@@ -73,17 +73,14 @@ class NarrowPhase:
         ]
         self._time: float | None = None
 
-    def place(
-        self, q: Array, time: float = 0.0, obstacles: tuple[Array, Array] | None = None
-    ) -> None:
+    def place(self, q: Array, time: float, obstacles: tuple[Array, Array]) -> None:
         """Place the bodies at a configuration of the model.
 
         Args:
             q: Configuration of the model, shape (nv,).
             time: Time [s], for moving obstacles.
             obstacles: Placements of these obstacles at the time, shapes (count, 3, 3)
-                and (count, 3), where they are known already; computing them for many
-                instants at once is faster.
+                and (count, 3); computing them for many instants at once is faster.
         """
         self.shift(time, obstacles)
         pin.updateGeometryPlacements(
@@ -91,7 +88,7 @@ class NarrowPhase:
         )
 
     def shift(self, time: float, known: tuple[Array, Array] | None = None) -> None:
-        """Place moving obstacles at a time [s]; see ``place``."""
+        """Place moving obstacles at a time [s], where known; see ``place``."""
         check()
         if self._obstacles is None or not self._moving or time == self._time:
             return
@@ -101,11 +98,6 @@ class NarrowPhase:
         for item, number, offset in self._moving:
             item.placement = placements[number] * offset
         self._time = time
-
-    def all(self, q: Array, time: float = 0.0) -> Array:
-        """Signed distances of all pairs at a configuration of the model [m]."""
-        self.place(q, time)
-        return np.array(self.distances(range(self._first.size)))
 
     def distances(self, pairs: Sequence[int]) -> list[float]:
         """Signed distances of some pairs [m]."""
@@ -156,8 +148,7 @@ class NarrowPhase:
             return normal
         # Coal gives no normal if axes cross. Moving the centres apart ends the overlap.
         first, second = (
-            self._results.oMg[int(body)].translation
-            for body in (self._first[index], self._second[index])
+            self._results.oMg[body].translation for body in self._pairs[index].tolist()
         )
         length = np.linalg.norm(second - first)
         if length < 1e-9:

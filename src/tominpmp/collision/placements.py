@@ -170,28 +170,21 @@ class MovingObstacles:
         kinks = [item.motion.kinks for item in obstacles if item.motion is not None]
         self.kinks: Array = np.unique(np.concatenate([np.zeros(0), *kinks]))
 
-    def beside(
-        self, joints: tuple[Array, Array], times: Array | None
-    ) -> tuple[Array, Array]:
+    def beside(self, joints: tuple[Array, Array], times: Array) -> tuple[Array, Array]:
         """Placements of the joints and of moving obstacles.
 
         Args:
             joints: Placements of the joints, shapes (m, joints, 3, 3), (m, joints, 3).
-            times: Times [s], shape (m,); None for the start.
+            times: Times [s], shape (m,).
 
         Returns:
             Shapes (m, joints + count, 3, 3) and (m, joints + count, 3).
         """
         if not self.count:
             return joints
-        R, t = joints
-        if times is None:
-            times = np.zeros(R.shape[0])
-        placed_R, placed_t = self.placements(times)
-        return (
-            np.concatenate([R, placed_R], axis=1),
-            np.concatenate([t, placed_t], axis=1),
-        )
+        both = zip(joints, self.placements(times), strict=True)
+        R, t = (np.concatenate(parts, axis=1) for parts in both)
+        return R, t
 
     def placements(self, times: Array) -> tuple[Array, Array]:
         """Placements at times [s], shape (m,).
@@ -235,7 +228,7 @@ class MovingObstacles:
         Returns:
             Speeds of the origins [m/s] and rotations [rad/s], shapes (m, count).
         """
-        found = [item.speed_bounds(begin, end) for item in self._obstacles]
-        shape = (begin.size, self.count)
-        linear = np.array([item[0] for item in found]).reshape(shape[::-1]).T
-        return linear, np.array([item[1] for item in found]).reshape(shape[::-1]).T
+        linear, angular = np.empty((2, begin.size, self.count))
+        for number, item in enumerate(self._obstacles):
+            linear[:, number], angular[:, number] = item.speed_bounds(begin, end)
+        return linear, angular

@@ -11,16 +11,13 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.checks import JOINTS, array
 from tominpmp.collision.bodies import Body
-from tominpmp.collision.broad import BroadPhase, Joints
+from tominpmp.collision.broad import BroadPhase, Joints, Pairs
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import MovingObstacles, Placements
 from tominpmp.robot import Robot
 
 # Configurations whose distances are computed at once, which limits the memory.
 CHUNK = 1024
-
-# First and second bodies of pairs, shape (pairs,) each.
-Pairs = tuple[IntArray, IntArray]
 
 
 class Derivatives(NamedTuple):
@@ -57,7 +54,7 @@ class PairDistances:
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:
-        """The bodies, and the first and the second body of each pair."""
+        """The bodies, and the pairs of them."""
         raise NotImplementedError
 
     @cached_property
@@ -66,9 +63,8 @@ class PairDistances:
 
         A link has a pair for each of its convex pieces.
         """
-        bodies, ends = self.watched
-        both = zip(*(part.tolist() for part in ends), strict=True)
-        return tuple((bodies[i].name, bodies[k].name) for i, k in both)
+        bodies, pairs = self.watched
+        return tuple((bodies[i].name, bodies[k].name) for i, k in pairs.tolist())
 
     @cached_property
     def placements(self) -> Placements:
@@ -78,14 +74,12 @@ class PairDistances:
     @cached_property
     def broad(self) -> BroadPhase:
         """Bounds from balls and boxes."""
-        bodies, pairs = self.watched
-        return BroadPhase(bodies, *pairs)
+        return BroadPhase(*self.watched)
 
     @cached_property
     def narrow(self) -> NarrowPhase:
         """Exact distances."""
-        bodies, pairs = self.watched
-        return NarrowPhase(self.robot.model, bodies, *pairs, self.obstacles)
+        return NarrowPhase(self.robot.model, *self.watched, self.obstacles)
 
     @cached_property
     def moving_pairs(self) -> BoolArray:
@@ -109,7 +103,7 @@ class PairDistances:
         joint = self.broad.joint[bodies]
         return np.where(joint < self.obstacles.first, joint, 0)
 
-    def _place(self, rows: Array, times: Array | None = None) -> Joints:
+    def _place(self, rows: Array, times: Array) -> Joints:
         """Placements joint_to_world at configurations of the model, and times [s].
 
         Placements of moving obstacles are appended.
@@ -119,7 +113,7 @@ class PairDistances:
     def distances(
         self,
         q: Array,
-        cutoff: float | Array | None = None,
+        cutoff: float | Array = np.inf,
         times: Array | None = None,
     ) -> Array:
         """Signed distances at configurations.
@@ -127,7 +121,7 @@ class PairDistances:
         Args:
             q: Configurations, shape (m, n) [rad or m].
             cutoff: Distance beyond which a lower bound is enough [m], one for all pairs
-                or by pair, shape (pairs,); None for exact distances throughout.
+                or by pair, shape (pairs,); infinite for exact distances throughout.
             times: Times [s], shape (m,), for obstacles that move; None for the start.
 
         Returns:
@@ -136,24 +130,17 @@ class PairDistances:
         """
         q = array(q, "q", (None, self.robot.n), JOINTS)
         rows, out = self.robot.expand(q), np.empty((q.shape[0], len(self.pairs)))
-        if cutoff is not None:
-            for begin in range(0, len(q), CHUNK):
-                part = slice(begin, begin + CHUNK)
-                when = None if times is None else times[part]
-                out[part] = self._cut_off(rows[part], cutoff, when)
-        elif self.pairs:
-            when = np.zeros(len(q)) if times is None else times
-            for i, row in enumerate(rows):
-                out[i] = self.narrow.all(row, float(when[i]))
+        limit = np.broadcast_to(np.asarray(cutoff, np.float64), out.shape[1:])
+        limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
+        times = _or_start(times, q)
+        for begin in range(0, len(q), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            out[part] = self._cut_off(rows[part], limit, times[part])
         return out
 
-    def _cut_off(
-        self, rows: Array, cutoff: float | Array, times: Array | None
-    ) -> Array:
-        """Distances at configurations of the model, exact below a cutoff."""
+    def _cut_off(self, rows: Array, limit: Array, times: Array) -> Array:
+        """Distances at configurations of the model, exact below the limits of pairs."""
         placed = self._place(rows, times)
-        limit = np.broadcast_to(np.asarray(cutoff, np.float64), self.broad.first.shape)
-        limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
         lower, instant, pair = self.broad.near(placed, limit)
         if not instant.size:
             return lower
@@ -165,7 +152,8 @@ class PairDistances:
 
     def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
         """Lower bounds of all distances, without measuring any; see ``distances``."""
-        return self.broad.by_balls(self._place(self.robot.expand(q), times))
+        placed = self._place(self.robot.expand(q), _or_start(times, q))
+        return self.broad.by_balls(placed)
 
     def measured(
         self,
@@ -188,7 +176,7 @@ class PairDistances:
             Shape (k,) [m]; exact where below ``enough``.
         """
         used, instants = np.unique(instants, return_inverse=True)
-        rows, times = self.robot.expand(q[used]), None if times is None else times[used]
+        rows, times = self.robot.expand(q[used]), _or_start(times, q)[used]
         placed = self._place(rows, times)
         return self._measured(rows, placed, instants, pairs, enough, times)
 
@@ -199,7 +187,7 @@ class PairDistances:
         instant: IntArray,
         pair: IntArray,
         enough: Array,
-        times: Array | None = None,
+        times: Array,
     ) -> Array:
         """Distances of single pairs at configurations of the model, once placed."""
         out = self.broad.by_covers(placed, instant, pair)
@@ -212,7 +200,7 @@ class PairDistances:
         return out
 
     def _placed(
-        self, rows: Array, instant: IntArray, pair: IntArray, times: Array | None
+        self, rows: Array, instant: IntArray, pair: IntArray, times: Array
     ) -> Iterator[tuple[IntArray, list[int]]]:
         """Place the bodies at one configuration after the other.
 
@@ -222,7 +210,7 @@ class PairDistances:
         order = np.argsort(instant, kind="stable")
         starts = np.flatnonzero(np.diff(instant[order], prepend=-1))
         groups = instant[order[starts]]
-        when = np.zeros(groups.size) if times is None else times[groups]
+        when = times[groups]
         R, p = self.obstacles.placements(when)
         ends = [*starts[1:].tolist(), order.size]
         for k, (begin, end) in enumerate(zip(starts.tolist(), ends, strict=False)):
@@ -256,9 +244,7 @@ class PairDistances:
         Returns:
             The derivatives.
         """
-        if times is None:
-            times = np.zeros(q.shape[0])
-        rows = self.robot.expand(q)
+        rows, times = self.robot.expand(q), _or_start(times, q)
         normal, *points = self._nearest(rows, instants, pairs, times)
         R, t = self.placements.joints(rows)
         placed = R[instants], t[instants]
@@ -364,3 +350,8 @@ class PairDistances:
             farthest = self.broad.farthest[body]
             out[:, moving] = linear[:, number] + angular[:, number] * farthest
         return out
+
+
+def _or_start(times: Array | None, q: Array) -> Array:
+    """Times of configurations [s], shape (m,): the start, unless they are given."""
+    return np.zeros(len(q)) if times is None else times

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 from itertools import combinations
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision.bodies import (
-    Body,
-    Geometry,
-    part_bodies,
-    part_link,
-)
+from tominpmp.collision.bodies import Body, Geometry, part_bodies, part_link
+from tominpmp.collision.broad import Pairs
 from tominpmp.collision.narrow import NarrowPhase
-from tominpmp.collision.query import PairDistances, Pairs
+from tominpmp.collision.query import PairDistances
 from tominpmp.description.model import are_neighbours
 from tominpmp.robot import Robot
+
+T = TypeVar("T")
 
 # Links that overlap at this share of random configurations overlap by design.
 ALWAYS = 0.95
@@ -49,14 +47,11 @@ def links_of(
     ``cut`` has the names of the links whose meshes are represented by ``geometry``,
     while others are one hull each; None stands for all links.
     """
-    known = _known(robot)
     found: list[Body] = []
     for part in range(len(robot.collision_model.geometryObjects)):
         whole = cut is not None and part_link(robot, part) not in cut
         taken_as: Geometry = "hull" if whole else geometry
-        if (part, taken_as) not in known:
-            known[part, taken_as] = part_bodies(robot, part, taken_as)
-        found += known[part, taken_as]
+        found += _once(robot, part_bodies, part, taken_as)
     return tuple(found)
 
 
@@ -71,16 +66,13 @@ def own_pairs(
     selection does not depend on the cut links, see :func:`links_of`. The first bodies
     of the pairs move.
     """
-    known = _known(robot)
-    if ("left out", geometry) not in known:
-        known["left out", geometry] = _inseparable(robot, geometry)
-    if ("pairs", geometry, cut) not in known:
-        bodies = links_of(robot, geometry, cut)
-        left_out = known["left out", geometry]
-        pairs = without(left_out, bodies, _candidates(robot, bodies))
-        known["pairs", geometry, cut] = pairs
-    found: Pairs = known["pairs", geometry, cut]
-    return found
+    return _once(robot, _own_pairs, geometry, cut)
+
+
+def _own_pairs(robot: Robot, geometry: Geometry, cut: frozenset[str] | None) -> Pairs:
+    left_out = _once(robot, _inseparable, geometry)
+    bodies = links_of(robot, geometry, cut)
+    return without(left_out, bodies, _candidates(robot, bodies))
 
 
 def links_touching(
@@ -108,7 +100,7 @@ def links_touching(
         instants = np.flatnonzero(np.any(overlap[:, columns], axis=1))
         if not instants.size:
             continue
-        exact = NarrowPhase(robot.model, meshes, *_named(meshes, {names}))
+        exact = NarrowPhase(robot.model, meshes, _named(meshes, {names}))
         for instant in instants[:: 1 + instants.size // TRIES].tolist():
             if any(exact.overlaps(rows[instant])):
                 found[names] = instant
@@ -116,13 +108,16 @@ def links_touching(
     return found
 
 
-def _known(robot: Robot) -> dict[tuple[Any, ...], Any]:
-    """Cache of shapes and pairs of a robot.
+def _once(robot: Robot, make: Callable[..., T], *given: Hashable) -> T:
+    """What a function makes of a robot and more arguments, kept with the robot.
 
     Hashing meshes and checking configurations takes longer than a plan in free space.
     """
-    found: dict[tuple[Any, ...], Any] = robot.__dict__.setdefault("_collision", {})
-    return found
+    known: dict[object, T] = robot.__dict__.setdefault("_collision", {})
+    key = make, *given
+    if key not in known:
+        known[key] = make(robot, *given)
+    return known[key]
 
 
 def _candidates(robot: Robot, bodies: Sequence[Body]) -> Pairs:
@@ -166,9 +161,9 @@ def _shares(
     """Share of random configurations at which links overlap, by their names."""
     watched = wanted is None
     pairs = _candidates(robot, bodies) if watched else _named(bodies, wanted or ())
-    if not pairs[0].size:
+    if not pairs.size:
         return {}
-    narrow = NarrowPhase(robot.model, bodies, *pairs)
+    narrow = NarrowPhase(robot.model, bodies, pairs)
     overlaps = np.array([narrow.overlaps(row, FLUSH) for row in _configurations(robot)])
     return {
         name: float(np.mean(np.any(overlaps[:, chosen], axis=1)))
@@ -200,14 +195,13 @@ def _moving_pairs(
 
 
 def _indices(pairs: Sequence[tuple[int, int]]) -> Pairs:
-    both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    return both[:, 0], both[:, 1]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def _columns(bodies: Sequence[Body], pairs: Pairs) -> dict[frozenset[str], list[int]]:
     """Indices of pairs of bodies by the names of their links."""
     columns: dict[frozenset[str], list[int]] = {}
-    for index, both in enumerate(zip(*pairs, strict=True)):
+    for index, both in enumerate(pairs.tolist()):
         columns.setdefault(frozenset(bodies[i].name for i in both), []).append(index)
     return columns
 
@@ -220,7 +214,7 @@ def without(
         return pairs
     columns = _columns(bodies, pairs)
     dropped = [k for names in left_out for k in columns.get(names, ())]
-    return np.delete(pairs[0], dropped), np.delete(pairs[1], dropped)
+    return np.delete(pairs, dropped, axis=0)
 
 
 def _configurations(robot: Robot) -> Array:

@@ -82,8 +82,7 @@ class ClearanceConstraint(Constraint):
             Shape (m, count). Values above minus the attention are exact; the others
             may be upper bounds, which are not above minus the attention either.
         """
-        exact = math.isinf(attention)
-        cutoff = None if exact else self.margin + attention * self.length
+        cutoff = self.margin + attention * self.length
         return (self.margin - self.checker.distances(q, cutoff, times)) / self.length
 
     def derivatives_at(
