@@ -186,6 +186,15 @@ class _Rows(NamedTuple):
         draft = self._replace(v=v).curve(a)
         return draft.with_torques(torques_of(self.robot))
 
+    def recorded(self, manner: str, a: Array | None = None) -> Joined:
+        """The motion with given accelerations, and its own torques where known."""
+        if not self.known("u"):
+            return Joined(self.motion(self.v, a), manner)
+        inverse = torques_of(self.robot)
+        return Joined(
+            replace(self.curve(a), u=self.u, inverse_dynamics=inverse), manner
+        )
+
 
 def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
     """Rows that begin at time 0: at rest unless a velocity is given."""
@@ -199,11 +208,9 @@ def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str
     """Interpolation of the rows by a rule, after a check that they suffice for it."""
     manner: str = chosen
     if chosen == "controller":
-        manner = "linear"
-        if rows.known("v"):
-            manner = "quintic" if rows.known("a") else "cubic"
-        elif rows.known("a"):
-            manner = "quintic"  # whose missing velocities are reported below
+        manner = "cubic" if rows.known("v") else "linear"
+        if rows.known("a"):
+            manner = "quintic"  # velocities that it lacks are reported below
     needed = {"linear": "", "cubic": "v", "quintic": "va"}[manner]
     names = {"v": "velocities", "a": "accelerations"}
     for key in needed:
@@ -235,23 +242,20 @@ def _straight(rows: _Rows, velocity: Array | None) -> Joined:
 
 def _as_recorded(rows: _Rows) -> Joined:
     """The motion that rows were sampled from, as far as they determine it."""
-    manner, steps = "cubic", None
     if not rows.known("v"):
-        manner = "spline"
         v = CubicSpline(rows.t, rows.q, bc_type="clamped")(rows.t, 1)
-        rows = rows._replace(v=v, a=np.full(rows.q.shape, np.nan))
+        return rows._replace(v=v).recorded("spline")
+    if not rows.known("a"):
+        return rows.recorded("cubic")
     stepwise = _stepwise_motion(rows)
     if stepwise is not None:
-        manner, (rows, steps) = "steps", stepwise
-    elif _holds_torques(rows):
+        found, steps = stepwise
+        return found.recorded("steps", steps)
+    if _holds_torques(rows):
         return Joined(replace(rows.curve(), u=rows.u), "held")
-    elif not _cubics_that_jump(rows) and (_is_smooth(rows) or not _overshoots(rows)):
-        manner, steps = "quintic", rows.a
-    if not rows.known("u"):
-        return Joined(rows.motion(rows.v, steps), manner)
-    inverse = torques_of(rows.robot)
-    motion = replace(rows.curve(steps), u=rows.u, inverse_dynamics=inverse)
-    return Joined(motion, manner)
+    if not _cubics_that_jump(rows) and (_is_smooth(rows) or not _overshoots(rows)):
+        return rows.recorded("quintic", rows.a)
+    return rows.recorded("cubic")
 
 
 def checked_motion(
@@ -337,7 +341,7 @@ def _holds_torques(rows: _Rows) -> bool:
     Where a joint stands, dry friction may have any value up to its limit.
     """
     robot, t, q, v, a, u = rows
-    if robot.kinematic or not all(map(rows.known, "vau")):
+    if robot.kinematic or not rows.known("u"):
         return False
     if np.any(np.abs(rows.curve()(t).a - a) > SAME * np.abs(a).max()):
         return False
@@ -351,8 +355,6 @@ def _holds_torques(rows: _Rows) -> bool:
 def _overshoots(rows: _Rows) -> bool:
     """Whether polynomials of degree 5 accelerate far beyond the samples."""
     t, a = rows.t, rows.a
-    if not all(map(rows.known, "va")):
-        return True
     between = (t[:-1, None] + np.diff(t)[:, None] * np.linspace(0, 1, 9)[1:-1]).ravel()
     cubic = np.abs(rows.curve()(between).a).max(axis=0)
     largest = np.maximum(cubic, np.abs(a).max(axis=0))
@@ -361,9 +363,7 @@ def _overshoots(rows: _Rows) -> bool:
 
 
 def _is_smooth(rows: _Rows) -> bool:
-    """Whether accelerations are known and do not jump."""
-    if not rows.known("a"):
-        return False
+    """Whether accelerations do not jump."""
     h, a = np.diff(rows.t)[:, None], rows.a
     gaps = np.abs(np.diff(rows.v, axis=0) / h - 0.5 * (a[:-1] + a[1:]))
     return bool(np.all(gaps <= SMOOTH * np.abs(a).max()))
@@ -393,8 +393,6 @@ def _stepwise_motion(rows: _Rows) -> tuple[_Rows, Array] | None:
         every interval; None if the samples are not of a motion with constant
         accelerations.
     """
-    if not rows.known("a"):
-        return None
     _, t, q, v, a, u = rows
     h, before, jump = np.diff(t), a[:-1], np.diff(a, axis=0)
     slack_v = EXACT_V * (1.0 + np.abs(v).max()) + NANOSECOND * np.abs(a).max()
@@ -453,8 +451,6 @@ def _cubics_that_jump(rows: _Rows) -> bool:
     A row has the acceleration just after its jump; polynomials of degree 5 would have
     to end with it.
     """
-    if not (rows.known("v") and rows.known("a")):
-        return False
     a, largest = rows.a, np.abs(rows.a).max()
     begins = rows.curve()(rows.t[:-1]).a
     # The mean acceleration of a cubic is that of both of its ends.
