@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, overload, runtime_checka
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, BoolArray, IntArray, in_brief, real_array
+from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan, in_brief
 from tominpmp.checks import array, number, whole, wrong
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion.curves import polynomials, states, velocities
@@ -210,10 +210,7 @@ class Trajectory(TimedRows):
             ProblemError: If a time is not a number, the times are not in one row, or a
                 time is outside of the motion by more than rounding without ``hold``.
         """
-        try:
-            times = real_array(time)
-        except ValueError as error:
-            raise wrong(time, "time", "numbers [s]") from error
+        times = array_or_nan(time)
         if times.ndim > 1 or np.any(np.isnan(times)):
             raise wrong(time, "time", "a time or a row of times [s]")
         row = np.atleast_1d(times)
