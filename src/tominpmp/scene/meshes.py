@@ -107,27 +107,22 @@ class Mesh(Obstacle):
                 f"vertices or triangles of {what} are not made of numbers: {error}"
             ) from error
         if vertices.ndim != 2 or vertices.shape[1] != 3:
-            raise ProblemError(
-                f"{what} has vertices of shape {vertices.shape}, not (k, 3)"
-            )
-        if not np.all(np.abs(vertices) < FARTHEST):
-            raise ProblemError(
-                f"{what} has vertices that are not finite, or {FARTHEST:g} m off"
-            )
-        if corners.dtype.kind not in "iu" or corners.ndim != 2 or corners.shape[1] != 3:
-            raise ProblemError(
-                f"{what} has triangles that are not of shape (l, 3), of integers"
-            )
-        if not len(corners):
-            raise ProblemError(f"{what} has no triangles")
-        if corners.min() < 0 or corners.max() >= len(vertices):
-            raise ProblemError(
-                f"{what} has triangles with corners that are not among its "
-                f"{len(vertices)} vertices"
-            )
-        triangles = corners.astype(np.int64)
-        triangles.setflags(write=False)
-        self._keep(vertices=vertices, triangles=triangles)
+            fault = f"vertices of shape {vertices.shape}, not (k, 3)"
+        elif not np.all(np.abs(vertices) < FARTHEST):
+            fault = f"vertices that are not finite, or {FARTHEST:g} m off"
+        elif corners.dtype.kind not in "iu" or corners.shape[1:] != (3,):
+            fault = "triangles that are not of shape (l, 3), of integers"
+        elif not len(corners):
+            fault = "no triangles"
+        elif corners.min() < 0 or corners.max() >= len(vertices):
+            count = len(vertices)
+            fault = f"triangles with corners that are not among its {count} vertices"
+        else:
+            triangles = corners.astype(np.int64)
+            triangles.setflags(write=False)
+            self._keep(vertices=vertices, triangles=triangles)
+            return
+        raise ProblemError(f"{what} has {fault}")
 
     @property
     def points(self) -> Array:

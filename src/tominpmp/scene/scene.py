@@ -31,28 +31,24 @@ class Scene(Record):
 
     def __post_init__(self) -> None:
         """Check the obstacles and their names."""
-        try:
-            items = iter(self.obstacles)
-        except TypeError as error:
+        if not isinstance(self.obstacles, Iterable):
             raise SceneError(
                 f"a scene is made from a list of obstacles, not from a "
                 f"{type(self.obstacles).__name__}"
-            ) from error
-        names: set[str] = set()
-        found: list[Obstacle] = []
-        for item in items:
+            )
+        found: dict[str, Obstacle] = {}
+        for item in self.obstacles:
             if not isinstance(item, Obstacle):
                 raise SceneError(
                     "a scene holds obstacles (Sphere, Box, Cylinder, Capsule, Mesh, "
                     "HeightField, OcTree), not "
                     f"{type(item).__name__}"
                 )
-            if item.name in names:
+            if item.name in found:
                 raise SceneError(f"two obstacles are named {item.name!r}", item.name)
-            names.add(item.name)
-            found.append(item)
-        object.__setattr__(self, "obstacles", tuple(found))
-        _warn_of_units(found)
+            found[item.name] = item
+        self._keep(obstacles=tuple(found.values()))
+        _warn_of_units(self.obstacles)
 
     def __iter__(self) -> Iterator[Obstacle]:
         """Iterate over the obstacles."""
