@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, Literal
 
 import coal
@@ -13,14 +13,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.collision.decomposition import Pieces
 from tominpmp.collision.decomposition_cache import pieces_of
-from tominpmp.collision.shapes import (
-    Outline,
-    convex_hull,
-    hull_of,
-    is_mesh,
-    obstacle_shape,
-    outline,
-)
+from tominpmp.collision.shapes import convex_hull, hull_of, is_mesh, obstacle_shape
 from tominpmp.robot import Robot
 from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree, Scene
 
@@ -48,11 +41,6 @@ class Body:
     placement: pin.SE3
     shape: Any
     part: int = -1
-
-    @cached_property
-    def outline(self) -> Outline:
-        """Enclosure in its own axes, shared by all checkers of a robot."""
-        return outline(self.shape)
 
 
 def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:

@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import Body
-from tominpmp.collision.shapes import Outline
+from tominpmp.collision.shapes import Outline, outline
 
 # Configurations between which no ball moves farther than this [m] are grouped; with
 # fewer configurations than the second number grouping does not pay.
@@ -162,7 +162,7 @@ class BroadPhase:
 
     def __init__(self, bodies: Sequence[Body], pairs: Pairs) -> None:
         self.first, self.second = pairs.T.copy()
-        found = [Enclosure.of(body.outline) for body in bodies]
+        found = [Enclosure.of(outline(body.shape)) for body in bodies]
         boxes = [
             body.placement * pin.SE3(item.R, item.t)
             for body, item in zip(bodies, found, strict=True)
@@ -278,13 +278,22 @@ class BroadPhase:
             mine = np.flatnonzero(carrier == joint)
             beside = away[mine] - t[:, joint]
             away[mine] = np.einsum("kmi,mij->kmj", beside, R[:, joint])
-        away = away @ self._R[b]
-        away -= self._origin[b][:, None]
-        np.abs(away, out=away)
-        away -= self._half[b][:, None]
-        np.maximum(away, 0.0, out=away)
-        length = np.sqrt(np.einsum("kmi,kmi->km", away, away))
+        length = self._from_boxes(away, b)
         return np.asarray(length - (self.radius[a] + self._swell[b])[:, None])
+
+    def _from_boxes(self, points: Array, body: IntArray) -> Array:
+        """Distances of points from boxes around bodies, shape (k, s) [m].
+
+        Args:
+            points: Points in the axes of the joints of the bodies [m], (k, s, 3).
+            body: The bodies, shape (k,).
+        """
+        away = points @ self._R[body]
+        away -= self._origin[body][:, None]
+        np.abs(away, out=away)
+        away -= self._half[body][:, None]
+        np.maximum(away, 0.0, out=away)
+        return np.asarray(np.sqrt(np.einsum("ksi,ksi->ks", away, away)))
 
     def by_covers(self, joints: Joints, instant: IntArray, pair: IntArray) -> Array:
         """Bounds from several balls that cover the first body, shape (k,) [m].
@@ -304,9 +313,5 @@ class BroadPhase:
             at, carrier = instant[moves], self.joint[b[moves]]
             away = centres[moves] - t[at, carrier][:, None]
             centres[moves] = away @ R[at, carrier]
-        centres = centres @ self._R[b]
-        centres -= self._origin[b][:, None]
-        beyond = np.maximum(np.abs(centres) - self._half[b, None], 0.0)
-        away = np.sqrt(np.einsum("ksi,ksi->ks", beyond, beyond))
-        nearest = np.min(away - self._cover_radius[a], axis=1)
+        nearest = np.min(self._from_boxes(centres, b) - self._cover_radius[a], axis=1)
         return np.asarray(nearest - self._swell[b])

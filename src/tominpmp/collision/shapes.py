@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import coal
@@ -195,7 +196,8 @@ def outline(shape: Any) -> Outline:
         return Outline(np.array(shape.vertices(), dtype=np.float64))
     shape.computeLocalAABB()
     box = shape.aabb_local
-    return Outline(_corners(np.array(box.min_), np.array(box.max_)))
+    corners = product(*zip(box.min_, box.max_, strict=True))
+    return Outline(np.array(list(corners)))
 
 
 def _drum(radius: float, half: float) -> Array:
@@ -203,8 +205,3 @@ def _drum(radius: float, half: float) -> Array:
     ring = radius / np.cos(np.pi / CORNERS) * np.array([np.cos(angle), np.sin(angle)])
     ends = [np.column_stack([ring.T, np.full(CORNERS, z)]) for z in (-half, half)]
     return np.concatenate(ends)
-
-
-def _corners(low: Array, high: Array) -> Array:
-    picks = np.indices((2, 2, 2)).reshape(3, 8).T
-    return np.asarray(np.where(picks == 0, low, high))
