@@ -20,6 +20,7 @@ from tominpmp.exceptions import optional
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
+from tominpmp.viz import surroundings
 from tominpmp.viz.skeleton import (
     Skeleton,
     View,
@@ -41,21 +42,13 @@ from tominpmp.viz.surfaces import (
     shaded,
     sphere,
 )
-from tominpmp.viz.surroundings import (
-    GOAL_RGB,
-    PATH_RGB,
-    ends_on_the_way,
-    obstacle_color,
-    rgb,
-    things,
-)
 
 OBSTACLE_OPACITY = 0.62
 TWIN_COLOR = (0.62, 0.67, 0.76, 0.34)
-GOAL_COLOR = (*GOAL_RGB, 0.75)
+GOAL_COLOR = (*surroundings.GOAL_RGB, 0.75)
 LOAD_COLOR = (0.80, 0.60, 0.35, 1.0)
 END_COLOR = (0.25, 0.30, 0.38, 1.0)
-TRAIL_COLOR = (*PATH_RGB, 1.0)
+TRAIL_COLOR = (*surroundings.PATH_RGB, 1.0)
 TRIAD_COLORS = ((0.85, 0.2, 0.2), (0.2, 0.65, 0.25), (0.2, 0.35, 0.85))
 GHOST_OPACITY = 0.16
 
@@ -114,7 +107,7 @@ def draw(
     times = frame_times(duration, fps)
     motion = _poses(robot, trajectory, times, frame)
     bodies = robot_bodies(robot)
-    shown = things(problem, trajectory, times)
+    shown = surroundings.things(problem, trajectory, times)
     # Obstacles where they are first and last.
     obstacles = [
         moved(obstacle_surface(thing.shape), placement).vertices
@@ -132,7 +125,8 @@ def draw(
     for thing in shown:
         color, kind = LOAD_COLOR, f"loads/{node_name(thing.load or '')}"
         if thing.load is None:
-            color = (*rgb(obstacle_color(thing.shape)), OBSTACLE_OPACITY)
+            shade = surroundings.obstacle_color(thing.shape)
+            color = (*surroundings.rgb(shade), OBSTACLE_OPACITY)
             kind = "obstacles"
         path = f"/meshcat/{kind}/{node_name(thing.name)}"
         surface = obstacle_surface(thing.shape)
@@ -258,7 +252,7 @@ def _marks(
     line = path_tube(points, TRAIL_RADIUS, size)
     if line is not None:
         put_body(viewer[f"/meshcat/path of {node_name(frame)}"], line, TRAIL_COLOR)
-    ends, bead = ends_on_the_way(trajectory), sphere(END_RADIUS * size)
+    ends, bead = surroundings.ends_on_the_way(trajectory), sphere(END_RADIUS * size)
     points = _poses(problem.robot, trajectory, ends, frame).end
     for number, point in enumerate(points, start=1):
         node = viewer[f"/meshcat/ends of segments/{number}"]

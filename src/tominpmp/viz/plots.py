@@ -15,9 +15,8 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.problem import Problem
-from tominpmp.problem.controls import control_kind, controls_in
+from tominpmp.problem.controls import controls_in
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
-from tominpmp.problem.problem import effort_range
 from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.status import IterationRecord
 from tominpmp.viz import figures
@@ -194,7 +193,7 @@ def plot_controls(
         handles, drawn = [], []
         for k, (label, trajectory) in enumerate(trajectories.items()):
             times, state = curves(trajectory)
-            controls = controls_in(robot, state)
+            *_, (_, limits, controls) = _quantities(problem, state)
             drawn.append(controls)
             # Later ones are thinner, so that none hides another on a limit.
             width = 1.4 if len(trajectories) == 1 else max(2.2 - 0.7 * k, 0.8)
@@ -203,12 +202,10 @@ def plot_controls(
                 panels[i].plot(times, controls[:, i], **look)
             name = f"{label} (T = {trajectory.duration:.4g} s)"
             handles.append(figures.line_key(name, **look))
-        middle, half = effort_range(problem)
         for i, joint in enumerate(robot.joint_names):
             panel, values = panels[i], np.concatenate(drawn)[:, i]
-            _show_limits(panel, values, middle[i] - half[i], middle[i] + half[i])
-            unit = control_kind(robot).units[slides[i]]
-            symbol = f"$u_{{{i + 1}}}$ [{unit}]"
+            _show_limits(panel, values, limits.lower[i], limits.upper[i])
+            symbol = f"$u_{{{i + 1}}}$ [{limits.kind.units[slides[i]]}]"
             panel.set(title=joint, ylabel=symbol)
         for extra in panels[robot.n :]:
             extra.set_axis_off()

@@ -60,7 +60,8 @@ class Surface:
     @property
     def extent(self) -> Array:
         """Lower and upper corner of the box around it, shape (2, 3) [m]."""
-        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+        corners = self.vertices[self.faces.ravel()]
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     @property
     def plain(self) -> Surface:
@@ -338,8 +339,7 @@ def native_surface(geometry: Any) -> Surface | None:
     if is_mesh(geometry):
         return Surface(*mesh_arrays(geometry))
     if kind.startswith("Convex"):
-        points = [geometry.point(i) for i in range(geometry.num_points)]
-        return _surface(trimesh.convex.convex_hull(np.array(points)))
+        return _surface(trimesh.convex.convex_hull(np.array(geometry.points())))
     return None
 
 
@@ -418,14 +418,9 @@ def _body_surface(item: pin.GeometryObject) -> Surface | None:
     colored = scaled(colored, item.meshScale)
     # Readers differ in units and axes; Pinocchio's word counts, and colours are not
     # worth a link in the wrong place.
-    box, other = _extent(surface), _extent(colored)
+    box, other = surface.extent, colored.extent
     agree = np.abs(box - other).max() <= MESH_AGREEMENT * np.ptp(box, axis=0).max()
     return colored if agree else surface
-
-
-def _extent(surface: Surface) -> Array:
-    used = surface.vertices[np.unique(surface.faces)]
-    return np.stack([used.min(axis=0), used.max(axis=0)])
 
 
 def _colored_mesh(path: str) -> Surface | None:
