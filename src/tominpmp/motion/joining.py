@@ -148,8 +148,7 @@ def join(
 def _instant(rows: _Rows) -> Joined:
     """A motion that takes no time; derivatives missing in its single row are zero."""
     v, a = (np.where(np.isnan(part), 0.0, part) for part in (rows.v, rows.a))
-    motion = rows.motion(v, a)
-    return Joined(replace(motion, u=rows.u) if rows.known("u") else motion, "instant")
+    return rows._replace(v=v).recorded("instant", a)
 
 
 def _ended(motion: Trajectory, ends: Array) -> Trajectory:

@@ -12,6 +12,7 @@ from tominpmp.arrays import Array
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import State, Trajectory
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot import JointLimits
 from tominpmp.robot.robot import datasheet_hint
 
@@ -99,10 +100,8 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
     times = inside if steps.size else nodes
     motion = trajectory.t, trajectory.q, trajectory.v, trajectory.a
     sizes = np.abs(states(*motion, times)[2])
-    limits, names = problem.motion_limits, problem.robot.joint_names
-    bounded = np.zeros(len(names), dtype=bool)
-    if limits is not None:
-        bounded = np.isfinite(limits.by_joint("acceleration", names))
+    limits, names = problem.motion_limits or MotionLimits(), problem.robot.joint_names
+    bounded = np.isfinite(limits.by_joint("acceleration", names))
     looked_at = sizes if np.all(bounded) else np.where(bounded, -1.0, sizes)
     row, joint = np.unravel_index(int(np.argmax(looked_at)), sizes.shape)
     slides = bool(prismatic_joints(problem.robot)[joint])
