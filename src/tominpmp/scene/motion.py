@@ -28,11 +28,13 @@ from tominpmp.arrays import (
     record,
 )
 from tominpmp.checks import (
+    PointOrNone,
     RotationLike,
     VectorLike,
     array,
     instance,
     number,
+    of_type,
     optional,
     plain_rotation,
     split_pose,
@@ -200,10 +202,6 @@ Velocity: TypeAlias = Annotated[
 AngularVelocity: TypeAlias = Annotated[
     Converted[VectorLike, Array], partial(triple, content="numbers [rad/s]")
 ]
-PivotOrNone: TypeAlias = Annotated[
-    Converted[VectorLike | None, Array | None],
-    optional(partial(triple, content="coordinates [m]")),
-]
 Begin: TypeAlias = Annotated[
     float, partial(number, expected="a time >= 0 [s]", least=0.0)
 ]
@@ -231,7 +229,7 @@ class ConstantVelocity(Motion):
 
     velocity: Velocity = default((0.0, 0.0, 0.0))
     angular: AngularVelocity = default((0.0, 0.0, 0.0))
-    pivot: PivotOrNone = default(None)
+    pivot: PointOrNone = default(None)
     begin: Begin = 0.0
     end: End = np.inf
 
@@ -475,13 +473,7 @@ def _homogeneous(position: object, rotation: object) -> Array:
     return matrix
 
 
-def _checked_function(value: Any, name: str) -> Any:
-    if not callable(value):
-        raise wrong(value, name, "one")
-    return value
-
-
-Function: TypeAlias = Annotated[Callable[[float], Any], _checked_function]
+Function: TypeAlias = Annotated[Callable[[float], Any], of_type(Callable, "one")]
 BoundOrNone: TypeAlias = Annotated[
     float | None, optional(partial(number, expected="0 or more", least=0.0))
 ]

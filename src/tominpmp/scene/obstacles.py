@@ -43,9 +43,6 @@ from tominpmp.scene.motion import (
 )
 from tominpmp.scene.rotations import rotation_matrix
 
-if TYPE_CHECKING:
-    from typing_extensions import dataclass_transform
-
 _T = TypeVar("_T")
 
 # Names appear in messages [characters].
@@ -55,6 +52,8 @@ REST = ConstantVelocity()
 
 
 if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform
+
     # Not told to be frozen: mypy would take fields of the base class, as subclasses
     # have them, for what is given instead of what is kept.
     @dataclass_transform(
