@@ -138,10 +138,10 @@ def test_a_full_disk_leaves_nothing(
     elif step == "replace":
         monkeypatch.setattr(Path, "replace", full)
     else:
-        opened = os.fdopen
+        opened = Path.open
 
-        def closing(handle: int, mode: str) -> Any:
-            file = opened(handle, mode, buffering=0)
+        def closing(path: Path, mode: str) -> Any:
+            file = opened(path, mode, buffering=0)
 
             class File:
                 def __enter__(self) -> Any:
@@ -153,7 +153,7 @@ def test_a_full_disk_leaves_nothing(
 
             return File()
 
-        monkeypatch.setattr(decomposition_cache.os, "fdopen", closing)
+        monkeypatch.setattr(Path, "open", closing)
     assert decomposition_cache.pieces_of(bowl()) is not None
     assert "cannot be kept" in caplog.text
     assert not list(kept.parent.iterdir())

@@ -130,23 +130,15 @@ def _write(path: Path, pieces: Pieces) -> None:
     points = np.concatenate(pieces.corners).astype(np.float64)
     counts = np.array([len(piece) for piece in pieces.corners])
     deviation = np.array([pieces.outward, pieces.inward], dtype=np.float64)
-    content: dict[str, Any] = {
-        "points": points,
-        "counts": counts,
-        "deviation": deviation,
-    }
+    content = dict[str, Any](points=points, counts=counts, deviation=deviation)
     content["checksum"] = np.frombuffer(_checksum(*content.values()), np.uint8)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(".tmp", path.stem[:8], path.parent)
-        draft = Path(name)
-        try:
-            with os.fdopen(handle, "wb") as file:
+        # What fails leaves nothing: closing a file may, too, where the disk is full.
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            draft = Path(folder, path.name)
+            with draft.open("wb") as file:
                 np.savez_compressed(file, **content)
             draft.replace(path)
-        except BaseException:
-            # Closing a file may fail, too, where the disk is full.
-            draft.unlink(missing_ok=True)
-            raise
     except OSError as error:
         logger.warning("convex pieces cannot be kept in %s: %s", path.parent, error)
