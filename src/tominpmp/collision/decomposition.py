@@ -102,20 +102,16 @@ def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
     corner = corner.reshape(-1, 3)
     sides = np.sort(np.concatenate([corner[:, [i, i - 1]] for i in range(3)]), axis=1)
     edges = points[np.unique(sides, axis=0)]
-    best = np.inf, np.zeros(3), 0.0
+    cuts = []
     own = np.linalg.eigh(np.cov(points.T))[1].T
     for axis in (*np.eye(3), *own[np.abs(own).max(axis=1) < ALIGNED]):
         level = hull.points[hull.vertices] @ axis
         for share in CUTS:
             height = float(level.min() + share * np.ptp(level))
-            best = min(
-                best,
-                (_cut_volume(points, edges, axis, height), axis, height),
-                key=lambda cut: cut[0],
-            )
-    if not np.isfinite(best[0]):
+            cuts.append((_cut_volume(points, edges, axis, height), axis, height))
+    volume, axis, height = min(cuts, key=lambda cut: cut[0])
+    if not np.isfinite(volume):
         return parts
-    _, axis, height = best
     cut = _clip(triangles, -axis, -height), _clip(triangles, axis, height)
     halves = [measure.part(half) for half in cut]
     good = [half for half in halves if half is not None]

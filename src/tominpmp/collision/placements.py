@@ -170,22 +170,6 @@ class MovingObstacles:
         kinks = [item.motion.kinks for item in obstacles if item.motion is not None]
         self.kinks: Array = np.unique(np.concatenate([np.zeros(0), *kinks]))
 
-    def beside(self, joints: tuple[Array, Array], times: Array) -> tuple[Array, Array]:
-        """Placements of the joints and of moving obstacles.
-
-        Args:
-            joints: Placements of the joints, shapes (m, joints, 3, 3), (m, joints, 3).
-            times: Times [s], shape (m,).
-
-        Returns:
-            Shapes (m, joints + count, 3, 3) and (m, joints + count, 3).
-        """
-        if not self.count:
-            return joints
-        both = zip(joints, self.placements(times), strict=True)
-        R, t = (np.concatenate(parts, axis=1) for parts in both)
-        return R, t
-
     def placements(self, times: Array) -> tuple[Array, Array]:
         """Placements at times [s], shape (m,).
 

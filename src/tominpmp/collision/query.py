@@ -108,7 +108,12 @@ class PairDistances:
 
         Placements of moving obstacles are appended.
         """
-        return self.obstacles.beside(self.placements.joints(rows), times)
+        joints = self.placements.joints(rows)
+        if not self.obstacles.count:
+            return joints
+        both = zip(joints, self.obstacles.placements(times), strict=True)
+        R, t = (np.concatenate(parts, axis=1) for parts in both)
+        return R, t
 
     def distances(
         self,
@@ -245,7 +250,7 @@ class PairDistances:
             The derivatives.
         """
         rows, times = self.robot.expand(q), _or_start(times, q)
-        normal, *points = self._nearest(rows, instants, pairs, times)
+        normal, *points = self.witnesses(q, instants, pairs, times)
         R, t = self.placements.joints(rows)
         placed = R[instants], t[instants]
         out = np.zeros((len(pairs), rows.shape[1]))
@@ -259,33 +264,22 @@ class PairDistances:
         rates = self.obstacles.approach(other, times[instants], points[1], normal)
         return Derivatives(self.robot.reduce_tangent(out), rates)
 
-    def witnesses(self, q: Array, pairs: IntArray, times: Array) -> tuple[Array, Array]:
-        """Witness points of pairs, at a configuration each.
+    def witnesses(
+        self, q: Array, instants: IntArray, pairs: IntArray, times: Array
+    ) -> Array:
+        """Normals and witness points of some pairs.
 
         Args:
-            q: Configurations, shape (k, n) [rad or m].
-            pairs: Index of the pair at each, shape (k,).
-            times: Times [s], shape (k,), for obstacles that move.
+            q: Configurations, shape (m, n) [rad or m].
+            instants: Index of the configuration of each pair, shape (k,).
+            pairs: Indices of the pairs, shape (k,).
+            times: Times [s], shape (m,), for obstacles that move.
 
         Returns:
-            Unit normals in the world from the link to the other body, along which the
-            distance grows, shape (k, 3), and the points of the other bodies [m],
-            shape (k, 3).
+            Unit normals from the first body to the second, along which the distance
+            grows, and the points on both [m], in the world, shape (3, k, 3).
         """
-        rows, instants = self.robot.expand(q), np.arange(len(pairs))
-        normal, _, point = self._nearest(rows, instants, pairs, times)
-        return normal, point
-
-    def _nearest(
-        self, rows: Array, instants: IntArray, pairs: IntArray, times: Array
-    ) -> Array:
-        """Normals and witness points of pairs at instants of configurations.
-
-        Returns:
-            Unit normals from the first body to the second, and the points on both [m],
-            in the world, shape (3, k, 3).
-        """
-        found = np.empty((3, len(pairs), 3))
+        rows, found = self.robot.expand(q), np.empty((3, len(pairs), 3))
         for chosen, some in self._placed(rows, instants, pairs, times):
             found[:, chosen] = self.narrow.witnesses(some)
         return found

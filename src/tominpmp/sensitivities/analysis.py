@@ -380,7 +380,8 @@ class SegmentRows:
             return out
         times = rows.at.times(self.motion.changes.h)
         q = self.motion.path(times).q
-        normal, point = checker.witnesses(q, rows.subject, times)
+        every = np.arange(times.size)
+        normal, _, point = checker.witnesses(q, every, rows.subject, times)
         # An obstacle that moves along the normal adds clearance.
         twists = np.hstack([normal, np.cross(point, normal)]) * -rows.value[:, None]
         for pair, twist in zip(rows.subject.tolist(), twists, strict=True):
