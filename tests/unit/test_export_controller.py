@@ -16,7 +16,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.files.export import export, load_motion
 from tominpmp.files.ros import accelerations_continue
-from tominpmp.motion.joining import join, recorded_motion
+from tominpmp.motion.joining import join
 from tominpmp.motion.samples import Samples, clock
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
@@ -87,7 +87,7 @@ def test_file_is_read_as_the_controller_interpolates_it(
     ):
         path = export(motion, tmp_path / f"m.{ending}", dt=dt)
         message = json.loads(export(motion, tmp_path / "m2.json", dt=dt).read_text())
-        found = recorded_motion(load_motion(path), planar3r, path)
+        found = join(load_motion(path), planar3r, path).trajectory
         for time in np.linspace(0.0, 0.9499, 40):
             state = found(time)
             q, v = controller(message, time)
@@ -103,13 +103,13 @@ def test_jumping_accelerations_are_left_out_and_followed_exactly(
     samples = load_motion(path)
     assert np.isnan(samples.a).all()
     assert join(samples, planar3r, path).manner == "cubic"
-    found = recorded_motion(samples, planar3r, path)
+    found = join(samples, planar3r, path).trajectory
     np.testing.assert_allclose(found(BETWEEN).q, jumping(BETWEEN).q, atol=1e-9)
     np.testing.assert_allclose(found(BETWEEN).v, jumping(BETWEEN).v, atol=1e-7)
     np.testing.assert_allclose(found(BETWEEN).u, jumping(BETWEEN).u, atol=1e-3)
     # With them, the controller would overshoot by far.
     wrong = replace(samples, a=jumping(samples.t).a)
-    overshoot = recorded_motion(wrong, planar3r, path)(BETWEEN).a - jumping(BETWEEN).a
+    overshoot = join(wrong, planar3r, path).trajectory(BETWEEN).a - jumping(BETWEEN).a
     assert np.abs(overshoot).max() > 0.5 * np.abs(jumping(BETWEEN).a).max()
 
 
@@ -119,7 +119,7 @@ def test_continuous_accelerations_are_written(planar3r: Robot, tmp_path: Path) -
     path = export(motion, tmp_path / "m.yaml", dt=0.1)
     samples = load_motion(path)
     assert join(samples, planar3r, path).manner == "quintic"
-    found = recorded_motion(samples, planar3r, path)
+    found = join(samples, planar3r, path).trajectory
     between = np.linspace(0.0, 1.0, 211)
     # The motion is of degree 5, so that any points of it will do.
     np.testing.assert_allclose(found(between).q, motion(between).q, atol=1e-9)
@@ -156,7 +156,7 @@ def test_effort_changes_nothing_of_what_is_judged(
 ) -> None:
     without = load_motion(export(jumping, tmp_path / "m.json"))
     wrong = replace(without, u=np.full(without.q.shape, 1e3))
-    assert recorded_motion(wrong, planar3r) == recorded_motion(without, planar3r)
+    assert join(wrong, planar3r).trajectory == join(without, planar3r).trajectory
 
 
 def test_positions_alone_are_joined_by_lines(planar3r: Robot) -> None:
@@ -200,10 +200,10 @@ def test_late_first_point_is_reached_from_the_start(planar3r: Robot) -> None:
     samples = Samples(planar3r.joint_names, t, q, v, nothing, nothing, "controller")
     speed = np.array([0.1, 0.0, 0.0])
     start = np.array(START)
-    found = recorded_motion(samples, planar3r, start=start, start_velocity=speed)
+    found = join(samples, planar3r, start=start, start_velocity=speed).trajectory
     np.testing.assert_array_equal(found.q[0], start)
     np.testing.assert_array_equal(found.v, [speed, *v])
-    at_rest = recorded_motion(samples, planar3r, start=start)
+    at_rest = join(samples, planar3r, start=start).trajectory
     np.testing.assert_array_equal(at_rest.v[0], np.zeros(3))
 
 
@@ -261,7 +261,7 @@ def test_nodes_too_close_for_a_clock_are_left_out(
     )
     samples = load_motion(export(motion, tmp_path / "m.yaml"))
     assert samples.t.size == jumping.t.size
-    found = recorded_motion(samples, planar3r)
+    found = join(samples, planar3r).trajectory
     assert np.abs(found(BETWEEN).a - jumping(BETWEEN).a).max() < 1e-3
 
 

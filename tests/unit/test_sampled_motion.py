@@ -10,7 +10,7 @@ import pytest
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
 from tominpmp.files.export import export, load_motion
-from tominpmp.motion.joining import recorded_motion
+from tominpmp.motion.joining import join
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot, load_robot
@@ -49,12 +49,12 @@ def test_constant_acceleration_comes_back(planar3r: Robot, tmp_path: Path) -> No
     motion = Trajectory(NAMES, t, *rows, u, a, dynamics.inverse)
     for ending in ("csv", "npz"):
         path = export(motion, tmp_path / f"m.{ending}")
-        assert recorded_motion(load_motion(path), planar3r, path) == motion
+        assert join(load_motion(path), planar3r, path).trajectory == motion
     # Jumps between samples are found again.
     between = np.linspace(0.0, 1.0, 77)
     for ending in ("csv", "npz"):
         path = export(motion, tmp_path / f"m.{ending}", dt=0.04)
-        found = recorded_motion(load_motion(path), planar3r, path)
+        found = join(load_motion(path), planar3r, path).trajectory
         assert found.a is not None
         assert found.t.size == 27 + 1  # the jump at 0.3 is between samples
         np.testing.assert_allclose(found(between).q, motion(between).q, atol=1e-7)
@@ -65,7 +65,7 @@ def test_constant_acceleration_comes_back(planar3r: Robot, tmp_path: Path) -> No
 def test_torque_is_what_the_motion_takes(planar3r: Robot) -> None:
     t = np.linspace(0.0, 2.0, 201)
     lacking = np.full((201, 3), np.nan)
-    motion = recorded_motion(samples_of(t, a=lacking), planar3r, HERE)
+    motion = join(samples_of(t, a=lacking), planar3r, HERE).trajectory
     assert motion.a is None
     between = np.linspace(0.003, 1.997, 50)
     q, v, a = smooth(between)
@@ -78,7 +78,7 @@ def test_torque_is_what_the_motion_takes(planar3r: Robot) -> None:
 
 
 def test_smooth_accelerations_make_it_exact(planar3r: Robot) -> None:
-    motion = recorded_motion(samples_of(np.linspace(0.0, 2.0, 21)), planar3r, HERE)
+    motion = join(samples_of(np.linspace(0.0, 2.0, 21)), planar3r, HERE).trajectory
     between = np.linspace(0.003, 1.997, 50)
     q, v, a = smooth(between)
     state = motion(between)
@@ -92,13 +92,13 @@ def test_accelerations_that_jump_are_left_to_the_velocities(planar3r: Robot) -> 
     t = np.linspace(0.0, 2.0, 21)
     jumping = smooth(t)[2]
     jumping[10:] += 1.0
-    assert recorded_motion(samples_of(t, a=jumping), planar3r, HERE).a is None
+    assert join(samples_of(t, a=jumping), planar3r, HERE).trajectory.a is None
 
 
 def test_positions_alone(planar3r: Robot) -> None:
     t = np.linspace(0.0, 2.0, 81)
     lacking = np.full((81, 3), np.nan)
-    motion = recorded_motion(samples_of(t, v=lacking, a=lacking), planar3r, HERE)
+    motion = join(samples_of(t, v=lacking, a=lacking), planar3r, HERE).trajectory
     np.testing.assert_allclose(motion.v, smooth(t)[1], atol=1e-4)
     np.testing.assert_allclose(motion.v[[0, -1]], np.zeros((2, 3)), atol=1e-12)
 
@@ -110,16 +110,16 @@ def test_first_point_after_the_start(planar3r: Robot) -> None:
         NAMES, *(getattr(whole, key)[4:] for key in ("t", "q", "v", "a", "u"))
     )
     start = smooth(t[:1])[0][0]
-    motion = recorded_motion(late, planar3r, HERE, start=start)
+    motion = join(late, planar3r, HERE, start=start).trajectory
     assert motion.t[0] == 0.0
     np.testing.assert_array_equal(motion.q[0], start)
     np.testing.assert_allclose(motion.v[1:], whole.v[4:], atol=5e-3)
     with pytest.raises(ScenarioError, match=r"the time begins at 0\.1 s") as caught:
-        recorded_motion(late, planar3r, HERE)
+        join(late, planar3r, HERE)
     assert caught.value.key == "time"
     early = Samples(NAMES, whole.t - 1.0, whole.q, whole.v, whole.a, whole.u)
     with pytest.raises(ScenarioError, match="the time begins at -1 s"):
-        recorded_motion(early, planar3r, HERE, start=start)
+        join(early, planar3r, HERE, start=start)
 
 
 def test_columns_by_name(planar3r: Robot) -> None:
@@ -127,12 +127,10 @@ def test_columns_by_name(planar3r: Robot) -> None:
     whole = samples_of(t)
     rows = [getattr(whole, key)[:, ::-1] for key in ("q", "v", "a", "u")]
     turned = Samples(NAMES[::-1], t, *rows)
-    assert recorded_motion(turned, planar3r, HERE) == recorded_motion(
-        whole, planar3r, HERE
-    )
+    assert join(turned, planar3r, HERE) == join(whole, planar3r, HERE)
     other = Samples(("joint1", "joint2", "elbow"), t, *rows)
     with pytest.raises(ScenarioError, match=r"joint1, joint2, elbow; the joints of"):
-        recorded_motion(other, planar3r, HERE)
+        join(other, planar3r, HERE)
 
 
 def test_locked_joints_may_be_recorded(planar3r: Robot) -> None:
@@ -141,7 +139,7 @@ def test_locked_joints_may_be_recorded(planar3r: Robot) -> None:
     q[:, 2] = -1.7
     samples = samples_of(t, q=q)
     locked = load_robot("planar3r", locked_joints={"joint3": -1.7})
-    assert recorded_motion(samples, locked, HERE).joint_names == NAMES[:2]
+    assert join(samples, locked, HERE).trajectory.joint_names == NAMES[:2]
     elsewhere = load_robot("planar3r", locked_joints={"joint3": -1.0})
     with pytest.raises(ScenarioError, match=r"joint3 is up to 0\.7 away from -1"):
-        recorded_motion(samples, elsewhere, HERE)
+        join(samples, elsewhere, HERE)

@@ -7,7 +7,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.motion.joining import recorded_motion
+from tominpmp.motion.joining import join
 from tominpmp.verification.stages import with_segments
 
 STAY = 0.1
@@ -41,7 +41,7 @@ def test_the_ends_of_segments_are_in_the_file(solution, tmp_path, ending, dt):
     problem, plan = solution.problem, solution.trajectory
     motion = tm.verify(problem, samples).replay
     assert motion.complete
-    read = with_segments(problem, recorded_motion(samples, problem.robot), tolerances)
+    read = with_segments(problem, join(samples, problem.robot).trajectory, tolerances)
     np.testing.assert_allclose(read.segment_ends, plan.segment_ends, atol=3e-3)
     if dt is None:
         assert tm.verify(problem, samples).ok

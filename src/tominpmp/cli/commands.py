@@ -130,14 +130,14 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     from tominpmp.cli.problem import load_scene
     from tominpmp.files.export import load_motion
     from tominpmp.goals import JointGoal
-    from tominpmp.motion.joining import recorded_motion
+    from tominpmp.motion.joining import join
     from tominpmp.problem import Problem
     from tominpmp.viz.playback import play
 
     check_target(args.output, "--output", PAGE_ENDINGS)
     samples = load_motion(motion)
     arm, scene = load_scene(args)
-    found = recorded_motion(samples, arm, motion)
+    found = join(samples, arm, motion).trajectory
     goal = JointGoal(found.q[-1], found.v[-1], wrap=False)
     problem = Problem(arm, found.q[0], goal, scene=scene, v_start=found.v[0])
     say(f"page  {Path(play(problem, found, path=args.output))}")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -65,16 +65,6 @@ class Joined(NamedTuple):
     def __str__(self) -> str:
         """The interpolation, in words."""
         return MANNERS[self.manner] + (f"; {self.note}" if self.note else "")
-
-
-def recorded_motion(
-    samples: Samples,
-    robot: Robot,
-    path: str | Path | None = None,
-    **how: Any,
-) -> Trajectory:
-    """Make a trajectory of a robot from samples; see :func:`join`."""
-    return join(samples, robot, path, **how).trajectory
 
 
 def join(
@@ -276,9 +266,9 @@ def checked_motion(
         ScenarioError: If the samples have other joints.
     """
     if isinstance(motion, Samples):
-        motion = recorded_motion(
+        motion = join(
             motion, robot, start=start, start_velocity=start_velocity
-        )
+        ).trajectory
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     if motion.joint_names != robot.joint_names:
         raise ProblemError(

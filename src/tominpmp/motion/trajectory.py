@@ -12,13 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Protocol, overload, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan, in_brief
 from tominpmp.checks import array, number, whole, wrong
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion.curves import polynomials, states, velocities
 from tominpmp.motion.samples import Samples, TimedRows, clock
@@ -38,16 +39,6 @@ MAX_SAMPLES = 10_000_000
 # A time this far outside of a motion counts as its end [s], or as a share of T: sums
 # and files round.
 ROUNDING = 1e-9
-
-
-@runtime_checkable
-class Frictional(Protocol):
-    """Dynamics that may have dry friction, and accept its sign as an argument."""
-
-    friction: Array | None
-
-    def inverse_along(self, q: Array, v: Array, a: Array, way: Array) -> Array:
-        """Torques of a movement with given directions, all shapes (m, n)."""
 
 
 class State(NamedTuple):
@@ -303,7 +294,7 @@ class Trajectory(TimedRows):
         times, q, v, a = rows
         # Methods of a robot's dynamics take the directions; other functions find them.
         owner = getattr(dynamics, "__self__", None)
-        if isinstance(owner, Frictional) and owner.friction is not None:
+        if isinstance(owner, RobotDynamics) and owner.friction is not None:
             return owner.inverse_along(q, v, a, self.turns.at(times))
         return dynamics(q, v, a)
 

@@ -13,7 +13,7 @@ from tominpmp.cli.report import json_text, plain, rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.exceptions import OptionsError
 from tominpmp.files.export import load_motion
-from tominpmp.motion.joining import recorded_motion
+from tominpmp.motion.joining import join
 from tominpmp.physics.options import ReplayOptions
 from tominpmp.physics.replay import STEP, PhysicsReplay, replay
 from tominpmp.physics.robustness import (
@@ -58,13 +58,13 @@ def run_replay(
         return PLANNED if found.reserve is not None else NO_PLAN
     if motion is None:
         raise OptionsError("a MOTION is missing; or give --robustness", "MOTION")
-    trajectory = recorded_motion(
+    trajectory = join(
         load_motion(motion),
         problem.robot,
         motion,
         start=problem.q_start,
         start_velocity=problem.v_start,
-    )
+    ).trajectory
     step = STEP if args.step is None else args.step
     seen = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
     say(json_text(_data(seen)) if args.json else _text(seen, motion))
