@@ -262,24 +262,19 @@ class BroadPhase:
 
     def _bounds(self, joints: Joints, centre: Array, pair: IntArray) -> Array:
         """Bounds of some pairs, shape (m, k)."""
+        R, t = joints
         out = np.empty((centre.shape[1], pair.size))
         for begin in range(0, pair.size, SOME_PAIRS):
             some = slice(begin, begin + SOME_PAIRS)
-            out[:, some] = self._one_by_one(joints, centre, pair[some]).T
+            a, b = self.first[pair[some]], self.second[pair[some]]
+            away, carrier = centre[a], self.joint[b]
+            for joint in np.unique(carrier[carrier > 0]).tolist():
+                mine = np.flatnonzero(carrier == joint)
+                beside = away[mine] - t[:, joint]
+                away[mine] = np.einsum("kmi,mij->kmj", beside, R[:, joint])
+            length = self._from_boxes(away, b)
+            out[:, some] = (length - (self.radius[a] + self._swell[b])[:, None]).T
         return out
-
-    def _one_by_one(self, joints: Joints, centre: Array, pair: IntArray) -> Array:
-        """Bounds of some pairs at once, shape (k, m)."""
-        a, b = self.first[pair], self.second[pair]
-        R, t = joints
-        away = centre[a]
-        carrier = self.joint[b]
-        for joint in np.unique(carrier[carrier > 0]).tolist():
-            mine = np.flatnonzero(carrier == joint)
-            beside = away[mine] - t[:, joint]
-            away[mine] = np.einsum("kmi,mij->kmj", beside, R[:, joint])
-        length = self._from_boxes(away, b)
-        return np.asarray(length - (self.radius[a] + self._swell[b])[:, None])
 
     def _from_boxes(self, points: Array, body: IntArray) -> Array:
         """Distances of points from boxes around bodies, shape (k, s) [m].

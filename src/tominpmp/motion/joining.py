@@ -111,14 +111,14 @@ def join(
         # With a load on each segment, torques differ from those of the bare robot; they
         # are computed once the movement is known.
         rows = rows._replace(u=np.full_like(rows.q, np.nan))
-    if rows.t[0] < 0.0 or (rows.t[0] > 0.0 and start is None):
+    if rows.t[0] > 0.0 and start is not None:
+        rows = _from_start(rows, start, start_velocity)
+    elif rows.t[0] != 0.0:
         raise ScenarioError(
             f"{_named(path)}: the time begins at {rows.t[0]:g} s, expected 0",
             path,
             "time",
         )
-    if rows.t[0] > 0.0 and start is not None:
-        rows = _from_start(rows, start, start_velocity)
     if rows.t.size == 1:
         joined = _instant(rows)
     elif chosen == "auto":

@@ -125,11 +125,8 @@ def acceleration_remark(problem: Problem, trajectory: Trajectory) -> str:
         return ""
     limits = problem.motion_limits
     size = f"{peak.value:.0f}" if peak.value >= 100.0 else f"{peak.value:.3g}"
+    which, where = f"No acceleration limit for {peak.joint}", ""
     if limits is None or limits.acceleration is None:
-        which = "No acceleration limits"
-        size = f"{size} {peak.unit} at {peak.joint}"
-    else:
-        which = f"No acceleration limit for {peak.joint}"
-        size = f"{size} {peak.unit}"
+        which, where = "No acceleration limits", f" at {peak.joint}"
     hint = datasheet_hint(problem.robot, peak.joint)
-    return f"{which}: the peak is {size}{hint}."
+    return f"{which}: the peak is {size} {peak.unit}{where}{hint}."

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,12 +55,9 @@ def styled() -> Iterator[None]:
         MissingDependency: If matplotlib is not installed.
     """
     with optional("matplotlib", "plots", "plotting"):
-        import matplotlib
-    source = resources.files(__package__).joinpath("figures.mplstyle")
-    with resources.as_file(source) as path:
-        # What the file does not name stays as the caller has set it.
-        style = matplotlib.rc_params_from_file(path, use_default_template=False)
-    with matplotlib.rc_context(style):
+        from matplotlib import style
+    # What figures.mplstyle does not name stays as the caller has set it.
+    with style.context(f"{__package__}.figures"):
         yield
 
 
