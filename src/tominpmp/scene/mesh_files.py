@@ -25,6 +25,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.description.mesh_sizes import check_expanded
+from tominpmp.exceptions import ProblemError
 
 # A mesh with more would take minutes and gigabytes, also in a collision checker.
 MAX_BYTES = 100_000_000
@@ -43,10 +44,6 @@ STL_HEADER = 84
 STL_TRIANGLE = 50
 
 
-class MeshFileError(ValueError):
-    """A mesh file cannot be read; the message has the reason."""
-
-
 def read_mesh(path: Path) -> tuple[Array, IntArray]:
     """Read a mesh.
 
@@ -55,19 +52,19 @@ def read_mesh(path: Path) -> tuple[Array, IntArray]:
         shape (l, 3).
 
     Raises:
-        MeshFileError: If it cannot be read.
+        ProblemError: If it cannot be read; the message has the reason.
     """
     try:
         suffix = path.suffix.lower()
         largest = MAX_BYTES if suffix in (".stl", ".obj") else MAX_OTHER_BYTES
         size = path.stat().st_size
         if size > largest:
-            raise MeshFileError(f"it has {size} bytes, more than {largest}")
+            raise ProblemError(f"it has {size} bytes, more than {largest}")
         data = path.read_bytes()
     except OSError as error:
-        raise MeshFileError(error.strerror or str(error)) from error
+        raise ProblemError(error.strerror or str(error)) from error
     if data.startswith(ARCHIVES):
-        raise MeshFileError("it is an archive, expected a mesh")
+        raise ProblemError("it is an archive, expected a mesh")
     if suffix == ".stl":
         return _read_stl(data)
     if suffix == ".obj":
@@ -84,7 +81,7 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
             table = np.frombuffer(data, kind, count, STL_HEADER)
             return _merged(table["v"].astype(np.float64).reshape(-1, 3))
     if not data.lstrip().startswith(b"solid"):
-        raise MeshFileError(
+        raise ProblemError(
             "it is no STL file: it neither begins with 'solid' nor has as many bytes "
             "as a binary one with its number of triangles"
         )
@@ -94,7 +91,7 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
             numbers.extend(_floats(words[1:4], place))
             _check_count(len(numbers) // 9)
     if len(numbers) % 9:
-        raise MeshFileError("the number of vertices is not a multiple of three")
+        raise ProblemError("the number of vertices is not a multiple of three")
     return _merged(np.array(numbers, dtype=np.float64).reshape(-1, 3))
 
 
@@ -103,7 +100,7 @@ def _lines(data: bytes) -> Iterator[tuple[_Place, list[bytes]]]:
     for found in _LINE.finditer(data):
         place = _Place(data, found.start())
         if found.end() - found.start() > LONGEST_LINE:
-            raise MeshFileError(f"{place} is longer than {LONGEST_LINE} bytes")
+            raise ProblemError(f"{place} is longer than {LONGEST_LINE} bytes")
         yield place, found.group().split()
 
 
@@ -121,7 +118,7 @@ class _Place:
 
 def _check_count(triangles: int) -> None:
     if triangles > MAX_TRIANGLES:
-        raise MeshFileError(f"it has more than {MAX_TRIANGLES} triangles")
+        raise ProblemError(f"it has more than {MAX_TRIANGLES} triangles")
 
 
 def _merged(points: Array) -> tuple[Array, IntArray]:
@@ -135,7 +132,7 @@ def _floats(words: list[bytes], place: _Place) -> list[float]:
     except ValueError:
         found = []
     if len(found) != 3:
-        raise MeshFileError(f"{place}: expected three numbers")
+        raise ProblemError(f"{place}: expected three numbers")
     return found
 
 
@@ -162,12 +159,12 @@ def _face(words: list[bytes], vertices: int, place: _Place) -> list[int]:
     try:
         corners = [int(word.split(b"/")[0]) for word in words]
     except ValueError as error:
-        raise MeshFileError(f"{place}: a corner is no number") from error
+        raise ProblemError(f"{place}: a corner is no number") from error
     face = [c - 1 if c > 0 else vertices + c for c in corners]
     if len(face) < 3:
-        raise MeshFileError(f"{place}: a face has three corners or more")
+        raise ProblemError(f"{place}: a face has three corners or more")
     if not all(0 <= corner < vertices for corner in face):
-        raise MeshFileError(f"{place}: there is no such vertex")
+        raise ProblemError(f"{place}: there is no such vertex")
     return face
 
 
@@ -175,7 +172,7 @@ def _read_other(path: Path, data: bytes) -> tuple[Array, IntArray]:
     suffix = path.suffix.lower()
     if suffix not in OTHERS:
         known = ", ".join((".stl", ".obj", *OTHERS))
-        raise MeshFileError(
+        raise ProblemError(
             f"meshes are not read from {path.suffix or 'files without ending'}; there "
             f"are: {known}"
         )
@@ -191,4 +188,4 @@ def _read_other(path: Path, data: bytes) -> tuple[Array, IntArray]:
             vertices = np.array(mesh.vertices, dtype=np.float64)
             return vertices, np.array(mesh.faces, dtype=np.int64)
     except Exception as error:  # whatever a mesh reader may raise
-        raise MeshFileError(" ".join(str(error).split()) or repr(error)) from error
+        raise ProblemError(" ".join(str(error).split()) or repr(error)) from error

@@ -20,8 +20,8 @@ from tominpmp.arrays import (
 )
 from tominpmp.checks import choice, optional, wrong
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, SceneError, brief
-from tominpmp.scene.mesh_files import MeshFileError, read_mesh
+from tominpmp.exceptions import ProblemError, SceneError, brief, told_of
+from tominpmp.scene.mesh_files import read_mesh
 from tominpmp.scene.obstacles import Obstacle, obstacle
 
 # Coordinates beyond this are a mistake [m].
@@ -91,10 +91,8 @@ class Mesh(Obstacle):
                 f"the mesh {brief(str(self.path))} is not there: the folder "
                 f"{path.parent} {why}"
             )
-        try:
+        with told_of(f"the mesh {path} cannot be read"):
             vertices, triangles = read_mesh(path)
-        except MeshFileError as error:
-            raise ProblemError(f"the mesh {path} cannot be read: {error}") from error
         self._keep(vertices=vertices, triangles=triangles)
 
     def _check_triangles(self) -> None:
