@@ -132,9 +132,7 @@ def _edges(points: Array) -> tuple[IntArray, IntArray]:
 
 
 def _ball(points: Array) -> tuple[Array, float]:
-    """A small ball around points."""
-    if not len(points):
-        return np.zeros(3), 0.0
+    """A small ball around one point or more."""
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     best, radius = centre, np.inf
     for step in range(CENTRING):

@@ -126,6 +126,10 @@ class CollisionChecker(PairDistances):
         pieces = self.geometry == "convex" and self.cut is None
         return alone and pieces and self.self_collision
 
+    def taken_as(self, geometry: Geometry) -> CollisionChecker:
+        """The checker with another representation of the meshes of its links."""
+        return replace(self, geometry=geometry)
+
     def with_cut(self, cut: frozenset[str]) -> CollisionChecker:
         """The checker with only some links cut into pieces, the others as hulls."""
         if cut not in self._variants:

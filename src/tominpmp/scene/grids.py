@@ -69,8 +69,7 @@ class HeightField(Obstacle):
         base = lowest - 0.01 * float(size.max()) if self.base is None else self.base
         most = float(np.nextafter(lowest, -np.inf))
         expected = f"a height below all others, of which the lowest is {lowest:g} m"
-        base = number(base, "base", expected, most=most)
-        self._keep(base=base)
+        self._keep(base=number(base, "base", expected, most=most))
 
     @property
     def grid(self) -> tuple[Array, Array]:

@@ -378,13 +378,12 @@ class SegmentRows:
         out: dict[str, Array] = {}
         if not rows.subject.size:
             return out
-        times = rows.at.times(self.motion.changes.h)
+        times, pairs = rows.at.times(self.motion.changes.h), rows.subject
         q = self.motion.path(times).q
-        every = np.arange(times.size)
-        normal, _, point = checker.witnesses(q, every, rows.subject, times)
+        normal, _, point = checker.witnesses(q, np.arange(len(q)), pairs, times)
         # An obstacle that moves along the normal adds clearance.
         twists = np.hstack([normal, np.cross(point, normal)]) * -rows.value[:, None]
-        for pair, twist in zip(rows.subject.tolist(), twists, strict=True):
+        for pair, twist in zip(pairs.tolist(), twists, strict=True):
             name = checker.pairs[pair][1]
             out[name] = out.get(name, np.zeros(6)) + twist
         return out
