@@ -135,9 +135,12 @@ class PairDistances:
         """
         q = array(q, "q", (None, self.robot.n), JOINTS)
         rows, out = self.robot.expand(q), np.empty((q.shape[0], len(self.pairs)))
+        times = _or_start(times, q)
+        if np.all(np.isposinf(cutoff)):  # no bound saves anything
+            instant, pair = np.indices(out.shape).reshape(2, -1)
+            return self._exact(rows, instant, pair, times).reshape(out.shape)
         limit = np.broadcast_to(np.asarray(cutoff, np.float64), out.shape[1:])
         limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
-        times = _or_start(times, q)
         for begin in range(0, len(q), CHUNK):
             part = slice(begin, begin + CHUNK)
             out[part] = self._cut_off(rows[part], limit, times[part])
@@ -198,10 +201,16 @@ class PairDistances:
         out = self.broad.by_covers(placed, instant, pair)
         # Bounds say nothing about depths.
         near = np.flatnonzero(out < np.maximum(enough, 0.0))
-        exact = np.empty(near.size)
-        for chosen, pairs in self._placed(rows, instant[near], pair[near], times):
-            exact[chosen] = self.narrow.distances(pairs)
-        out[near] = exact
+        out[near] = self._exact(rows, instant[near], pair[near], times)
+        return out
+
+    def _exact(
+        self, rows: Array, instant: IntArray, pair: IntArray, times: Array
+    ) -> Array:
+        """Exact distances of single pairs at configurations of the model."""
+        out = np.empty(instant.size)
+        for chosen, pairs in self._placed(rows, instant, pair, times):
+            out[chosen] = self.narrow.distances(pairs)
         return out
 
     def _placed(
