@@ -247,5 +247,5 @@ def _base_overlap(robot: Robot, one: str, other: str) -> float | None:
     pairs = np.array(list(product(mine, its)))
     if not pairs.size:
         return None
-    distances = PairDistances(robot, watched=(fixed, pairs))
-    return -float(np.min(distances.distances(np.zeros((1, robot.n)))))
+    bases = PairDistances(robot, watched=(fixed, pairs))
+    return -float(np.min(bases.distances(np.zeros((1, robot.n)))))

@@ -88,7 +88,7 @@ class NarrowPhase:
         )
 
     def shift(self, time: float, known: tuple[Array, Array] | None = None) -> None:
-        """Place moving obstacles at a time [s], where known; see ``place``."""
+        """Place moving obstacles at a time [s]; placements are computed if unknown."""
         check()
         if self._obstacles is None or not self._moving or time == self._time:
             return

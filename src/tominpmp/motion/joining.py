@@ -180,9 +180,8 @@ class _Rows(NamedTuple):
         if not self.known("u"):
             return Joined(self.motion(self.v, a), manner)
         inverse = torques_of(self.robot)
-        return Joined(
-            replace(self.curve(a), u=self.u, inverse_dynamics=inverse), manner
-        )
+        motion = replace(self.curve(a), u=self.u, inverse_dynamics=inverse)
+        return Joined(motion, manner)
 
 
 def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
@@ -266,9 +265,8 @@ def checked_motion(
         ScenarioError: If the samples have other joints.
     """
     if isinstance(motion, Samples):
-        motion = join(
-            motion, robot, start=start, start_velocity=start_velocity
-        ).trajectory
+        joined = join(motion, robot, start=start, start_velocity=start_velocity)
+        motion = joined.trajectory
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     if motion.joint_names != robot.joint_names:
         raise ProblemError(
