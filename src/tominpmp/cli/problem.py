@@ -209,7 +209,7 @@ def constraint(text: str) -> PathConstraint:
         ProblemError: If anything in it is wrong.
     """
     kind, *items = text.split(":")
-    kinds = classes(PathConstraint, "")
+    kinds = classes(PathConstraint)
     try:
         table = _typed_record(f"--constraint {text!r}", kind, items, kinds)
         return cast("PathConstraint", from_table(table, kinds, "kind"))
@@ -324,7 +324,7 @@ def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None
     table: dict[str, Any] = {} if path is None else {"file": str(path)}
     for name, text in problem_args.limits.items():
         table[name] = joint_values(text, _flag(name)) if isinstance(text, str) else text
-    return scenario.read_motion_limits(Typed(table), robot)
+    return scenario.read_motion_limits(Typed(table or None), robot)
 
 
 def load_changed_robot(

@@ -30,6 +30,7 @@ from tominpmp.exceptions import (
 )
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.options import Options
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.payload import Payload
 from tominpmp.scene import (
@@ -45,13 +46,8 @@ T = TypeVar("T")
 
 # How None is written where a field has another default; TOML has no word for it.
 NONE = "none"
-# Kinds of which a table names the class, and what is left out at the end of its name.
-NAMED: dict[type[Any], str | None] = {
-    Goal: None,
-    Obstacle: None,
-    PathConstraint: "",
-    Motion: None,
-}
+# Kinds of which a table names the class.
+NAMED: tuple[type[Any], ...] = (Goal, Obstacle, PathConstraint, Motion)
 
 
 @contextmanager
@@ -69,32 +65,33 @@ def blaming(item: Field) -> Iterator[None]:
         item.blame(error)
 
 
-def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:
+def classes(base: type[Any]) -> dict[str, type[Any]]:
     """Find the classes of a kind by what a file calls them, a caller's own among them.
+
+    The name of the kind is left out at the end of theirs, unless they are constraints:
+    ``JointGoal`` is "joint", ``AllGoals`` is "all", ``ToolSpeed`` is "tool_speed".
+    Motions by a function are not among them, as a file holds none.
 
     Args:
         base: Base class.
-        suffix: What is left out at the end of their names; None for the name of the
-            base class: ``JointGoal`` is "joint", ``AllGoals`` is "all".
     """
-    suffix = base.__name__ if suffix is None else suffix
+    ending = "" if base is PathConstraint else f"{base.__name__}s?"
     found: list[tuple[str, type[Any]]] = []
-    for child in base.__subclasses__():
+    for kind in _derived(base):
         # What several have in common is none itself, be it of a record.
-        whole = "__dataclass_fields__" in vars(child)
-        if whole and not getattr(child, "__abstractmethods__", None):
-            name = re.sub(rf"{suffix}s?$", "", child.__name__)
-            found.append((re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(), child))
-        found += classes(child, suffix).items()
+        whole = "__dataclass_fields__" in vars(kind) and kind is not PoseFunction
+        if whole and not getattr(kind, "__abstractmethods__", None):
+            name = re.sub(rf"{ending}$", "", kind.__name__)
+            found.append((re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(), kind))
     # A name of this library keeps its meaning whatever a caller defines.
     found.sort(key=lambda pair: pair[1].__module__.startswith("tominpmp."))
     return dict(found)
 
 
-def motions() -> dict[str, type[Any]]:
-    """Motions of obstacles by their names; a file holds no functions."""
-    found = classes(Motion).items()
-    return {name: kind for name, kind in found if kind is not PoseFunction}
+def _derived(base: type[Any]) -> Iterator[type[Any]]:
+    for child in base.__subclasses__():
+        yield child
+        yield from _derived(child)
 
 
 def to_table(record: Any, folder: Path) -> Any:
@@ -126,12 +123,10 @@ def to_table(record: Any, folder: Path) -> Any:
         )
     if isinstance(record, Scene):
         return {"obstacles": [to_table(item, folder) for item in record]}
-    if isinstance(record, MotionLimits | EffortCurve | Payload | Segment):
+    if isinstance(record, MotionLimits | EffortCurve | Payload | Segment | Options):
         return field_table(record, folder)
-    bases = (base for base in NAMED if isinstance(record, base))
-    named = {
-        k: name for base in bases for name, k in classes(base, NAMED[base]).items()
-    }
+    kinds = (classes(base) for base in NAMED if isinstance(record, base))
+    named = {kind: name for found in kinds for name, kind in found.items()}
     if type(record) not in named:
         raise TypeError(f"a {type(record).__name__} cannot be written")
     table = {"type": named[type(record)]} | field_table(record, folder)
@@ -263,7 +258,7 @@ def _value(item: Field, field: Any, kinds: Mapping[str, Any]) -> Any:
     if isinstance(value, str) and "Path" in str(field.type):
         return item.path.parent / value
     if field.name == "motion":
-        return from_table(item, motions(), "motion")
+        return from_table(item, classes(Motion), "motion")
     return _plain(item, kinds)
 
 

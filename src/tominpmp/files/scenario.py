@@ -114,7 +114,6 @@ from tominpmp.files.limits import (
 from tominpmp.files.records import (
     blaming,
     classes,
-    field_table,
     file_name,
     from_table,
     make,
@@ -142,12 +141,13 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
         robot: The robot.
 
     Returns:
-        The limits; None if there are none.
+        The limits; None if the table is left out. One without limits is another value,
+        and comes back so.
 
     Raises:
         ScenarioError: If the table is wrong.
     """
-    if not table.given:
+    if table.value is None:
         return None
     items = table.table()
     file = items.pop("file", None)
@@ -202,8 +202,6 @@ def read_scene(table: Field) -> Scene:
     Raises:
         ScenarioError: If the table is wrong.
     """
-    if not table.given:
-        return Scene()
     table.only("obstacles")
     kinds = classes(Obstacle)
     items = table.get("obstacles").items()
@@ -213,14 +211,12 @@ def read_scene(table: Field) -> Scene:
 
 
 def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
-    """Read a list of constraints; none if it is left out.
+    """Read a list of constraints.
 
     Raises:
         ScenarioError: If one is wrong.
     """
-    if not table.given:
-        return ()
-    kinds = classes(PathConstraint, "")
+    kinds = classes(PathConstraint)
     return tuple(from_table(item, kinds, "constraint") for item in table.items())
 
 
@@ -348,9 +344,6 @@ def read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, 
 def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
     table.only(*SEGMENT_KEYS)
     found = read_conditions(table, robot)
-    if table.get("motion_limits").value == {}:
-        # A table without limits is another value than no table, and comes back so.
-        found["motion_limits"] = MotionLimits()
     try:
         segment = Segment(read_goal(table.need("goal"), robot, before), **found)
     except ProblemError as error:
@@ -532,15 +525,8 @@ def _values(robot: Robot) -> Mapping[str, object]:
 
 ROBOT_KEYS = (
     *("name", "path", "srdf", "package_dirs", "group", "limits", "joint_limits"),
-    *(
-        "motion_limits",
-        "gravity",
-        "locked_joints",
-        "kinematic",
-        "xacro_args",
-        "payloads",
-        *OVERRIDES,
-    ),
+    *("motion_limits", "gravity", "locked_joints", "kinematic", "xacro_args"),
+    *("payloads", *OVERRIDES),
 )
 
 
@@ -886,10 +872,7 @@ def scenario_text(
         ScenarioError: If the problem holds something that a file cannot.
     """
     instance(problem, Problem, "problem")
-    if options is not None:
-        instance(options, Options, "options", "Options or None")
-    given = Options() if options is None else options
-    text = toml_text(_document(path, problem, given, check, beside))
+    text = toml_text(_document(path, problem, Options.of(options), check, beside))
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -929,8 +912,8 @@ def _document(
     path: Path,
     problem: Problem,
     options: Options,
-    check: bool = True,
-    beside: Beside | None = None,
+    check: bool,
+    beside: Beside | None,
 ) -> dict[str, Any]:
     """Turn problem and options into tables.
 
@@ -959,8 +942,6 @@ def _document(
 
     def written(key: str, part: Any) -> Any:
         try:
-            if isinstance(part, Options):
-                return field_table(part, path.parent)
             if not isinstance(part, Robot):
                 return to_table(part, path.parent)
             table = robot_table(part, path.parent, beside)
