@@ -20,14 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.checks import flag, instance
+from tominpmp.checks import choice, flag, instance
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path
 from tominpmp.description.yaml_reader import parse_yaml, read_bytes
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
 from tominpmp.files.ros import (
     MESSAGE,
-    check_message,
+    MESSAGES,
     message_samples,
     parse_bag,
     parse_json,
@@ -139,7 +139,7 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
     """
     flag(with_effort, "with_effort")
     if message is not None:
-        check_message(message)
+        choice(message, tuple(MESSAGES), "message")
     for name, given in (("with_effort", with_effort), ("message", message)):
         if given and not is_message(path):
             raise ProblemError(
@@ -184,12 +184,10 @@ def load_motion(
         check_interpolation(interpolation)
     path = checked_path(path)
     try:
-        largest = MAX_MESSAGE if is_message(path) else MAX_BYTES
-        content = read(read_bytes(path, largest), path)
         if is_message(path):
-            samples = message_motion(content, path)
+            samples = message_motion(load_message(path), path)
         else:
-            samples = _checked(content, path)
+            samples = _checked(read(read_bytes(path, MAX_BYTES), path), path)
     except ProblemError as error:  # what the file holds is not samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
     if interpolation is None:

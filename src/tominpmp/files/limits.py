@@ -27,14 +27,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
-from tominpmp.arrays import record_line
+from tominpmp.arrays import Record, record
 from tominpmp.checks import flag, instance, names, number
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
@@ -45,7 +45,7 @@ from tominpmp.exceptions import (
     brief,
     warn_caller,
 )
-from tominpmp.files.records import blaming
+from tominpmp.files.records import blaming, warn_of_keys
 from tominpmp.motion_limits import (
     EffortCurve,
     LimitKind,
@@ -78,8 +78,18 @@ CURVES: dict[str, tuple[Any, tuple[str, ...]]] = {
 }
 
 
-@dataclass(frozen=True)
-class MoveItLimits:
+def _read_only(value: Mapping[str, float], name: str) -> Mapping[str, float]:
+    """Check limits by joint name."""
+    given = instance(value, Mapping, name, "limits by joint name")
+    found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
+    return MappingProxyType(found)
+
+
+ByJoint: TypeAlias = Annotated[Mapping[str, float], _read_only]
+
+
+@record
+class MoveItLimits(Record):
     """Limits by joint name, as far as the file has them.
 
     Attributes:
@@ -96,26 +106,14 @@ class MoveItLimits:
     """
 
     path: Path
-    velocity: Mapping[str, float] = field(default_factory=dict)
-    acceleration: Mapping[str, float] = field(default_factory=dict)
-    jerk: Mapping[str, float] = field(default_factory=dict)
-    effort: Mapping[str, float] = field(default_factory=dict)
-    position_lower: Mapping[str, float] = field(default_factory=dict)
-    position_upper: Mapping[str, float] = field(default_factory=dict)
+    velocity: ByJoint = field(default_factory=dict)
+    acceleration: ByJoint = field(default_factory=dict)
+    jerk: ByJoint = field(default_factory=dict)
+    effort: ByJoint = field(default_factory=dict)
+    position_lower: ByJoint = field(default_factory=dict)
+    position_upper: ByJoint = field(default_factory=dict)
     velocity_scaling: float = 1.0
     acceleration_scaling: float = 1.0
-
-    def __repr__(self) -> str:
-        """What it holds, on one line."""
-        return record_line(self)
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        for name in _KEYS:
-            given = getattr(self, name)
-            instance(given, Mapping, name, "limits by joint name")
-            found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
-            object.__setattr__(self, name, MappingProxyType(found))
 
     def overrides(self, *, scaled: bool = False) -> dict[str, dict[str, float]]:
         """Arguments for :func:`~tominpmp.robot.load_robot` and ``with_changes``.
@@ -244,9 +242,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
             if own != slowing:
                 notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
         notes += _unread(limits)
-    if notes:
-        unread = ", ".join(brief(note).strip("'") for note in notes[:20])
-        warn_caller(f"{path}: not used: {unread}")
+    warn_of_keys(path, "not used", notes)
     scaling = (table.get(key) for key in _SCALINGS)
     speed, acceleration = (
         factor.number("a factor from 0 to 1", default=1.0, above=0.0, most=1.0)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import NoneType
@@ -43,7 +43,7 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 from tominpmp.files.limits import MoveItLimits, load_joint_limits, load_limited_robot
-from tominpmp.files.records import blaming
+from tominpmp.files.records import blaming, warn_of_keys
 from tominpmp.files.scene_text import is_scene_text, parse_scene_text
 from tominpmp.goals import (
     AllGoals,
@@ -60,8 +60,6 @@ from tominpmp.problem import Problem
 from tominpmp.robot import Robot, RobotSource, read_source
 from tominpmp.scene import Box, Cylinder, Mesh, Obstacle, Scene, Sphere, rotation_matrix
 
-# Beyond as many keys a warning names no more.
-SHOWN = 20
 # What a MotionPlanRequest and a PlanningScene have: read, refused, or without effect on
 # the motion (bounds for bases that move, and how MoveIt is to look for a motion).
 REQUEST = """
@@ -91,14 +89,6 @@ INSIDE = """
     primitives primitive_poses meshes mesh_poses planes plane_poses subframe_names
     subframe_poses id type pose operation octomap
 """.split()
-
-
-def _warn_of_unread(message: Field, keys: Iterable[str]) -> None:
-    """Warn of keys of a message that say something and are not read."""
-    unread = list(dict.fromkeys(keys))
-    if unread:
-        shown = ", ".join(brief(key).strip("'\"") for key in unread[:SHOWN])
-        warn_caller(f"{message.path}: not read: {shown}")
 
 
 def _unread(table: Field, known: Collection[str]) -> Iterator[str]:
@@ -284,8 +274,8 @@ def _read_scene(message: Field, frames: _Frames) -> Scene:
         message.fail(f"is no planning scene: it has none of {', '.join(SCENE_KEYS)}")
     _refuse_attached(message.get("robot_state"))
     world = message.get("world")
-    unread = *_unread_precautions(message), *_unread(message, SCENE)
-    _warn_of_unread(message, unread)
+    unread = dict.fromkeys((*_unread_precautions(message), *_unread(message, SCENE)))
+    warn_of_keys(message.path, "not read", tuple(unread))
     octree = world.get("octomap").get("octomap").get("data")
     if octree.given:
         octree.fail("octrees are not read")
@@ -620,7 +610,7 @@ def load_moveit(
     arm = _grouped_robot(robot, request, start, kinematic, moveit)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
-    _warn_of_unread(request, _unread(request, REQUEST))
+    warn_of_keys(request.path, "not read", tuple(_unread(request, REQUEST)))
     _refuse_attached(state)
     frames = _read_frames(scene_message, arm, state)
     _check_upright(frames, arm, scene_message)

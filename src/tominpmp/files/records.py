@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
@@ -27,6 +27,7 @@ from tominpmp.exceptions import (
     TominpmpError,
     brief,
     closest,
+    warn_caller,
 )
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
@@ -44,6 +45,8 @@ from tominpmp.scene import (
 
 T = TypeVar("T")
 
+# Beyond as many keys a warning names no more.
+SHOWN = 20
 # How None is written where a field has another default; TOML has no word for it.
 NONE = "none"
 # Kinds of which a table names the class.
@@ -63,6 +66,13 @@ def blaming(item: Field) -> Iterator[None]:
         raise
     except TominpmpError as error:
         item.blame(error)
+
+
+def warn_of_keys(path: Path, fate: str, keys: Sequence[str]) -> None:
+    """Warn of keys of a file, if there are any, that are "not read" or the like."""
+    if keys:
+        shown = ", ".join(brief(key).strip("'\"") for key in keys[:SHOWN])
+        warn_caller(f"{path}: {fate}: {shown}")
 
 
 def classes(base: type[Any]) -> dict[str, type[Any]]:

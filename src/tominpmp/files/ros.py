@@ -28,15 +28,15 @@ import struct
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.checks import choice, instance, wrong
+from tominpmp.checks import instance, wrong
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import (
@@ -91,15 +91,6 @@ ASIDES = (
 )
 # What moves more than joints.
 MULTIPLE = ("multi_dof_trajectory", "multi_dof_joint_trajectory")
-
-
-def check_message(name: object) -> None:
-    """Check the name of a message.
-
-    Raises:
-        ProblemError: If motions are not written as such.
-    """
-    choice(name, tuple(MESSAGES), "message")
 
 
 def nanoseconds(times: Array) -> IntArray:
@@ -417,7 +408,7 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
             path,
             "points",
         )
-    return dict(_plain(held[0]))
+    return asdict(held[0], dict_factory=_plain)
 
 
 def _check_size(content: bytes) -> None:
@@ -457,15 +448,11 @@ def _unpacker(packing: str) -> Any:
     return import_module(home).ZstdDecompressor()
 
 
-def _plain(value: Any) -> Any:
-    """A message of rosbags, or a part of one, as YAML would have it."""
-    if is_dataclass(value):
-        # The name of the message counts as a field.
-        names = (item.name for item in fields(value) if item.name != "__msgtype__")
-        return {name: _plain(getattr(value, name)) for name in names}
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return [_plain(item) for item in value] if isinstance(value, list) else value
+def _plain(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The fields of a message of rosbags as YAML would have them."""
+    # The name of the message counts as a field.
+    named = ((name, value) for name, value in items if name != "__msgtype__")
+    return {k: x.tolist() if isinstance(x, np.ndarray) else x for k, x in named}
 
 
 # A velocity at the end up to this is rest [rad/s or m/s]: rounding of single precision.
@@ -478,6 +465,10 @@ TOLERANCES = (
     "component_path_tolerance",
     "component_goal_tolerance",
 )
+
+
+#: A point of a message as plain values.
+Point: TypeAlias = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -551,15 +542,15 @@ def controller_refusals(
         return (Refusal("there are no points", "points"),)
     if not all(isinstance(name, str) for name in names):
         return (Refusal(f"are {brief(names)}, expected names", "joint_names"),)
-    rules = _Rules(names, points)
+    points = [point if isinstance(point, Mapping) else {} for point in points]
     broken = [
-        *rules.joints(joint_names, partial),
-        *_goal(outer, rules.names),
+        *_joints(names, joint_names, partial),
+        *_goal(outer, names),
         *_stamp(found.get("header")),
-        *rules.times(),
-        *rules.values(effort_interface),
-        *rules.uniform(),
-        *([] if moving_end else rules.end()),
+        *_times(points),
+        *_numbers(points, names, effort_interface),
+        *_uniform(points),
+        *([] if moving_end else _end(points, names)),
     ]
     return tuple(broken)
 
@@ -579,97 +570,98 @@ def controller_needs(samples: Samples, moving: bool) -> list[str]:
     return notes
 
 
-@dataclass(frozen=True)
-class _Rules:
-    """The rules for joints and points."""
-
-    names: list[str]
-    points: list[Any]
-
-    def joints(self, known: Sequence[str] | None, partial: bool) -> Iterator[Refusal]:
-        """Names are those of the controller, each once, and all of them."""
-        for index, name in enumerate(self.names):
-            if not name:
-                yield Refusal("is empty", "joint_names")
-            if name in self.names[:index]:
-                yield Refusal("is named twice", "joint_names", joint=name)
-            if known is not None and name not in known:
-                reason = "is no joint of the controller"
-                yield Refusal(reason, "joint_names", joint=name)
-        for name in () if known is None or partial else known:
-            if name not in self.names:
-                reason = "is missing: the controller expects all of its joints"
-                yield Refusal(reason, "joint_names", joint=name)
-
-    def times(self) -> Iterator[Refusal]:
-        """Times are whole nanoseconds that increase, and none lies before the start."""
-        before = -1
-        for index, point in enumerate(self.points):
-            now = _ticks(point)
-            if now is None:
-                reason = "is no time: expected sec and nanosec, whole numbers"
-                yield Refusal(reason, "time_from_start", index)
-                continue
-            if now < 0:
-                yield Refusal("lies before the start", "time_from_start", index)
-            elif now <= before:
-                reason = (
-                    f"is {now / BILLION:.9f} s, not after the {before / BILLION:.9f} s "
-                    "of the point before"
-                )
-                yield Refusal(reason, "time_from_start", index)
-            before = max(before, now)
-
-    def values(self, effort_interface: bool) -> Iterator[Refusal]:
-        """Arrays hold a finite number for each joint, or nothing."""
-        for index, point in enumerate(self.points):
-            for field in POINT_FIELDS.values():
-                yield from self._array(index, field, _values(point, field))
-            if _values(point, "effort") and not effort_interface:
-                reason = "is refused by controllers that do not command efforts"
-                yield Refusal(reason, "effort", index)
-                return  # the same for all others
-
-    def _array(self, index: int, field: str, row: Any) -> Iterator[Refusal]:
-        if not isinstance(row, list | tuple):
-            yield Refusal("is no list of numbers", field, index)
-            return
-        if len(row) != len(self.names) and (row or field == "positions"):
-            reason = f"holds {len(row)} numbers for {len(self.names)} joints"
-            yield Refusal(reason, field, index)
-            return
-        for name, value in zip(self.names, row, strict=False):
-            if not _is_finite(value):
-                reason = f"is {brief(value)}, expected a finite number"
-                yield Refusal(reason, field, index, name)
-
-    def uniform(self) -> Iterator[Refusal]:
-        """All points say the same, or stretches are followed by straight lines."""
-        first = self.points[0]
-        for index, point in enumerate(self.points):
-            for field in POINT_FIELDS.values():
-                given = bool(_values(point, field))
-                if given != bool(_values(first, field)):
-                    has = "has them, the first point has not"
-                    lacks = "is empty, that of the first point is not"
-                    yield Refusal(has if given else lacks, field, index)
-                    return
-        if _values(first, "accelerations") and not _values(first, "velocities"):
-            yield Refusal("is not followed without velocities", "accelerations", 0)
-
-    def end(self) -> Iterator[Refusal]:
-        """The motion ends at rest."""
-        last = len(self.points) - 1
-        row = _values(self.points[last], "velocities")
-        for name, value in zip(self.names, row, strict=False):
-            if _is_finite(value) and abs(value) > REST:
-                reason = f"is {value:.3g} at the end, expected 0"
-                yield Refusal(reason, "velocities", last, name)
+def _joints(
+    names: list[str], known: Sequence[str] | None, partial: bool
+) -> Iterator[Refusal]:
+    """Names are those of the controller, each once, and all of them."""
+    for index, name in enumerate(names):
+        if not name:
+            yield Refusal("is empty", "joint_names")
+        if name in names[:index]:
+            yield Refusal("is named twice", "joint_names", joint=name)
+        if known is not None and name not in known:
+            reason = "is no joint of the controller"
+            yield Refusal(reason, "joint_names", joint=name)
+    for name in () if known is None or partial else known:
+        if name not in names:
+            reason = "is missing: the controller expects all of its joints"
+            yield Refusal(reason, "joint_names", joint=name)
 
 
-def _values(point: Any, field: str) -> Any:
+def _times(points: Sequence[Point]) -> Iterator[Refusal]:
+    """Times are whole nanoseconds that increase, and none lies before the start."""
+    before = -1
+    for index, point in enumerate(points):
+        now = _ticks(point.get("time_from_start"))
+        if now is None:
+            reason = "is no time: expected sec and nanosec, whole numbers"
+            yield Refusal(reason, "time_from_start", index)
+            continue
+        if now < 0:
+            yield Refusal("lies before the start", "time_from_start", index)
+        elif now <= before:
+            reason = (
+                f"is {now / BILLION:.9f} s, not after the {before / BILLION:.9f} s "
+                "of the point before"
+            )
+            yield Refusal(reason, "time_from_start", index)
+        before = max(before, now)
+
+
+def _numbers(
+    points: Sequence[Point], names: list[str], effort_interface: bool
+) -> Iterator[Refusal]:
+    """Arrays hold a finite number for each joint, or nothing."""
+    for index, point in enumerate(points):
+        for field in POINT_FIELDS.values():
+            yield from _array(_values(point, field), names, field, index)
+        if _values(point, "effort") and not effort_interface:
+            reason = "is refused by controllers that do not command efforts"
+            yield Refusal(reason, "effort", index)
+            return  # the same for all others
+
+
+def _array(row: Any, names: list[str], field: str, index: int) -> Iterator[Refusal]:
+    if not isinstance(row, list | tuple):
+        yield Refusal("is no list of numbers", field, index)
+        return
+    if len(row) != len(names) and (row or field == "positions"):
+        reason = f"holds {len(row)} numbers for {len(names)} joints"
+        yield Refusal(reason, field, index)
+        return
+    for name, value in zip(names, row, strict=False):
+        if not _is_finite(value):
+            reason = f"is {brief(value)}, expected a finite number"
+            yield Refusal(reason, field, index, name)
+
+
+def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
+    """All points say the same, or stretches are followed by straight lines."""
+    first = points[0]
+    for index, point in enumerate(points):
+        for field in POINT_FIELDS.values():
+            given = bool(_values(point, field))
+            if given != bool(_values(first, field)):
+                has = "has them, the first point has not"
+                lacks = "is empty, that of the first point is not"
+                yield Refusal(has if given else lacks, field, index)
+                return
+    if _values(first, "accelerations") and not _values(first, "velocities"):
+        yield Refusal("is not followed without velocities", "accelerations", 0)
+
+
+def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
+    """The motion ends at rest."""
+    row, last = _values(points[-1], "velocities"), len(points) - 1
+    for name, value in zip(names, row, strict=False):
+        if _is_finite(value) and abs(value) > REST:
+            reason = f"is {value:.3g} at the end, expected 0"
+            yield Refusal(reason, "velocities", last, name)
+
+
+def _values(point: Point, field: str) -> Any:
     """Numbers of a point; none if it does not say."""
-    row = point.get(field) if isinstance(point, Mapping) else None
+    row = point.get(field)
     if isinstance(row, np.ndarray):
         row = row.tolist()
     return [] if row is None else row
@@ -680,9 +672,8 @@ def _is_finite(value: Any) -> bool:
     return number and abs(value) <= sys.float_info.max
 
 
-def _ticks(point: Any) -> int | None:
-    """Time of a point [ns]; None if it has none that ROS could hold."""
-    time = point.get("time_from_start") if isinstance(point, Mapping) else None
+def _ticks(time: Any) -> int | None:
+    """Time since the start [ns]; None if it is none that ROS could hold."""
     if not isinstance(time, Mapping) or not set(time) <= {"sec", "nanosec"}:
         return None
     sec, nanosec = time.get("sec", 0), time.get("nanosec", 0)

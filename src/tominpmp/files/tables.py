@@ -177,12 +177,10 @@ def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
 
 def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Joints and quantities of which the columns are."""
-    kinds = ("qvau", "qva", "qvu", "qau", "qv", "qa", "qu", "q")
-    for quantities in kinds if header[:1] == ["time"] else ():
-        n, left = divmod(len(header) - 1, len(quantities))
-        names = tuple(column.removeprefix("q_") for column in header[1 : n + 1])
-        if n > 0 and not left and header == _columns(names, tuple(quantities)):
-            return names, tuple(quantities)
+    names = tuple(column[2:] for column in header if column.startswith("q_"))
+    known = tuple(key for key in QUANTITIES if names and f"{key}_{names[0]}" in header)
+    if names and header == _columns(names, known):
+        return names, known
     raise ScenarioError(
         f"{path}, line 1: expected the columns time, q_<joint>, ..., v_<joint>, "
         "..., a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out; a "
