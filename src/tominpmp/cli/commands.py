@@ -28,23 +28,26 @@ from tominpmp.cli.options import (
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 
 ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
-RobotName = Annotated[
-    str, Parameter(help=f"{ROBOT}.", **supported(completer=robot_names))
-]
+
+
+def _completed(text: str) -> Parameter:
+    """An argument that is completed by names of robots and files that hold one."""
+    return Parameter(help=text, **supported(completer=robot_names))
+
+
+RobotName = Annotated[str, _completed(f"{ROBOT}.")]
 PlannedRobot = Annotated[
     str,
-    Parameter(
-        help=f"{ROBOT}; or a scenario file (.toml), which holds robot, start, goal, "
-        "scene and options.",
-        **supported(completer=robot_names),
+    _completed(
+        f"{ROBOT}; or a scenario file (.toml), which holds robot, start, goal, scene "
+        "and options."
     ),
 ]
 JudgedProblem = Annotated[
     str,
-    Parameter(
-        help="Scenario file (.toml); or a robot, with --scene and --request, or with "
-        "--start and a goal.",
-        **supported(completer=robot_names),
+    _completed(
+        "Scenario file (.toml); or a robot, with --scene and --request, or with "
+        "--start and a goal."
     ),
 ]
 RecordedMotion = Annotated[

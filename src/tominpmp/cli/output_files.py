@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from tominpmp.cli.options import PlanOptions
 from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
+from tominpmp.files.export import WRITERS, check_options
 from tominpmp.solution import Solution
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
-MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json", ".mcap")
+MOTION_ENDINGS = tuple(WRITERS)
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
 # Options that name a file beside the motion: what it holds, how it must end, and the
@@ -215,8 +216,6 @@ def _check_message(options: PlanOptions, motion: Path | None) -> None:
         ProblemError: If there is no such message.
         OptionsError: If nothing is written that they are about.
     """
-    from tominpmp.files.export import check_options
-
     if not options.with_effort and options.ros_message is None:
         return
     if motion is None:

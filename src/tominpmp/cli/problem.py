@@ -81,17 +81,19 @@ def number(word: str) -> float | None:
         return None
 
 
-def vector(text: str, name: str) -> list[float]:
+def vector(items: Sequence[str], name: str) -> list[float]:
     """Read numbers.
 
     Raises:
         OptionsError: If a word is no number.
     """
-    found = [(word, number(word)) for word in words(text)]
-    for word, value in found:
+    found = list[float]()
+    for word in items:
+        value = number(word)
         if value is None:
             raise OptionsError(f"{name}: {word!r} is not a number", name)
-    return [value for _, value in found if value is not None]
+        found.append(value)
+    return found
 
 
 def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
@@ -114,16 +116,24 @@ def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
     return result
 
 
+def joint_row(items: Sequence[str], name: str) -> list[float] | dict[str, float]:
+    """Read numbers, one for each joint, or ``JOINT=VALUE`` of some.
+
+    Raises:
+        OptionsError: If a word is no number or a joint is named twice.
+    """
+    named = any("=" in item for item in items)
+    return joint_pairs(items, name) if named else vector(items, name)
+
+
 def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]:
     """Read one number for all joints, one for each, or some by joint name.
 
     Raises:
         OptionsError: If a word is no number or a joint is named twice.
     """
-    if "=" in text:
-        return joint_pairs(words(text), name)
-    numbers = vector(text, name)
-    return numbers[0] if len(numbers) == 1 else numbers
+    values = joint_row(words(text), name)
+    return values[0] if isinstance(values, list) and len(values) == 1 else values
 
 
 def _in_si(
@@ -174,10 +184,8 @@ def positions(
         items, table["state"] = [], text.strip()
     elif number(items[0]) is None and "=" not in items[0]:
         table["state"] = items.pop(0)
-    if items and number(items[0]) is not None:
-        table["q"] = _in_si(vector(text, name), robot, degrees)
-    elif items:
-        table["q"] = _in_si(joint_pairs(items, name), robot, degrees)
+    if items:
+        table["q"] = _in_si(joint_row(items, name), robot, degrees)
     return scenario.positions(Typed(table, key=name), robot, base)
 
 
@@ -347,16 +355,15 @@ def load_changed_robot(
         "group": args.group,
         "limits": args.limits,
         "locked_joints": {**(resting or {}), **joint_pairs(args.lock or (), "--lock")},
+        "kinematic": args.kinematic,
+        "xacro_args": _xacro_args(args),
     }
-    table["kinematic"] = args.kinematic
-    table["xacro_args"] = _xacro_args(args)
     for name in ("srdf", "joint_limits", "gravity", *OVERRIDES):
         given = getattr(args, name)
         if isinstance(given, Path):
             table[name] = str(given)
         elif given is not None:
-            read = vector if name == "gravity" else joint_values
-            table[name] = read(given, _flag(name))
+            table[name] = joint_values(given, _flag(name))
     return scenario.read_robot(Typed(table))
 
 
@@ -448,7 +455,7 @@ def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
         return JointGoal(q, velocities(args, "goal_velocity", robot), wrap=_wrap(args))
     if args.wrap is not None:
         raise OptionsError("--wrap is about the joints of a --goal", "--wrap")
-    v = None if text is None else np.array(vector(text, "--goal-velocity"))
+    v = None if text is None else np.array(vector(words(text), "--goal-velocity"))
     frame, *numbers = args.goal_position or args.goal_pose or ("",)
     if args.goal_position is not None:
         return PositionGoal(frame, np.array(numbers), v)
@@ -473,8 +480,8 @@ def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     text, flag = getattr(args, name), _flag(name)
     if text is None:
         return None
-    values = joint_pairs(words(text), flag) if "=" in text else vector(text, flag)
-    return scenario.vector(Typed(_in_si(values, robot, args.degrees), key=flag), robot)
+    values = _in_si(joint_row(words(text), flag), robot, args.degrees)
+    return scenario.vector(Typed(values, key=flag), robot)
 
 
 def _refuse(what: str, args: RobotOptions, keep: Collection[str] = ()) -> None:

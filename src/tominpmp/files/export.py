@@ -97,9 +97,8 @@ def export(
             "expected a finite number",
             key,
         )
-    if not is_message(path):
-        return write_file(path, lambda file: write(samples, file))
-    return write_file(path, lambda file: write(samples, file, message or MESSAGE))
+    which = [message or MESSAGE] if is_message(path) else []
+    return write_file(path, lambda file: write(samples, file, *which))
 
 
 def is_message(path: str | Path) -> bool:
