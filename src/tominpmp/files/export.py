@@ -37,7 +37,7 @@ from tominpmp.files.ros import (
     write_yaml,
 )
 from tominpmp.files.tables import (
-    QUANTITIES,
+    known_quantities,
     read_csv,
     read_npz,
     write_csv,
@@ -149,12 +149,9 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
 
 def _not_finite(samples: Samples) -> Iterator[tuple[str, list[int]]]:
     """Quantities with a value that is no finite number, and its row and joint."""
-    for key in ("t", *QUANTITIES):
-        values = getattr(samples, key)
-        # A quantity of which nothing is said is NaN everywhere.
-        said = key in ("t", "q") or not np.all(np.isnan(values))
-        wrong = np.argwhere(~np.isfinite(values))
-        if said and len(wrong):
+    for key in ("t", *known_quantities(samples)):
+        wrong = np.argwhere(~np.isfinite(getattr(samples, key)))
+        if len(wrong):
             yield key, wrong[0].tolist()
 
 

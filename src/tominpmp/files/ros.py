@@ -47,7 +47,7 @@ from tominpmp.exceptions import (
     shortened,
     warn_caller,
 )
-from tominpmp.files.tables import filled_samples
+from tominpmp.files.tables import filled_samples, known_quantities
 from tominpmp.motion.samples import BILLION, Samples
 from tominpmp.motion.trajectory import Trajectory
 
@@ -163,13 +163,13 @@ def message_data(samples: Samples, message: str = MESSAGE) -> dict[str, Any]:
         "joint_names": list(samples.joint_names),
         "points": [],
     }
+    said = known_quantities(samples)
     for k, total in enumerate(nanoseconds(samples.t).tolist()):
         sec, nanosec = divmod(total, BILLION)
-        rows = {name: getattr(samples, key)[k] for key, name in POINT_FIELDS.items()}
         # Empty is how the message says that it does not know.
         point: dict[str, Any] = {
-            name: [] if np.all(np.isnan(row)) else row.tolist()
-            for name, row in rows.items()
+            name: getattr(samples, key)[k].tolist() if key in said else []
+            for key, name in POINT_FIELDS.items()
         }
         time = {"sec": sec, "nanosec": nanosec}
         data["points"].append(point | {"time_from_start": time})
@@ -558,7 +558,7 @@ def controller_refusals(
 def controller_needs(samples: Samples, moving: bool) -> list[str]:
     """What a controller must be set to for a message, in sentences."""
     notes = []
-    if np.any(np.isfinite(samples.u)):
+    if "u" in known_quantities(samples):
         notes.append(
             "The points have efforts: only controllers that command efforts take them."
         )

@@ -265,7 +265,7 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
         table.fail("says nothing of joint positions: expected q or state")
     if isinstance(q.value, str):
         state, q = q, replace(q, value=None)
-    known = {} if base is None else _by_name(base, robot)
+    known = {} if base is None else dict(zip(robot.joint_names, base, strict=True))
     if state.given:
         if isinstance(q.value, list):
             q.fail("expected joints by name beside a state")
@@ -288,19 +288,10 @@ def vector(value: Field, robot: Robot) -> Array:
     return _row(value, robot, dict.fromkeys(robot.joint_names, 0.0))
 
 
-def _by_name(values: Array | list[float], robot: Robot) -> dict[str, float]:
-    return dict(zip(robot.joint_names, values, strict=True))
-
-
 def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
     """Numbers in joint order, or by name over those that are known; shape (n,)."""
     names = robot.joint_names
-    if isinstance(value.value, dict):
-        for name, item in value.table().items():
-            if name not in names:
-                item.fail(str(JointNotFound(name, names)))
-            known = known | {name: item.number()}
-    else:
+    if not isinstance(value.value, dict):
         numbers = value.numbers()
         if len(numbers) != robot.n:
             count = f"{len(numbers)} number{'' if len(numbers) == 1 else 's'}"
@@ -308,7 +299,11 @@ def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
                 f"holds {count}, expected {robot.n}, one for each of: "
                 f"{', '.join(names)}"
             )
-        known = _by_name(numbers, robot)
+        return np.array(numbers)
+    for name, item in value.table().items():
+        if name not in names:
+            item.fail(str(JointNotFound(name, names)))
+        known = known | {name: item.number()}
     lacking = [name for name in names if name not in known]
     if lacking:
         value.fail(
@@ -649,21 +644,19 @@ def robot_table(
     own = path if path.is_file() else None
     if robot.srdf is not None and robot.srdf.path not in (default, own):
         table["srdf"] = file("srdf", robot.srdf.path, "its SRDF file is")
-    if robot.description.xacro_args:
-        table["xacro_args"] = dict(robot.description.xacro_args)
-    if robot.package_dirs:
-        table["package_dirs"] = [file_name(d, folder) for d in robot.package_dirs]
-    gravity = robot.description.gravity or DEFAULT_GRAVITY
-    if not np.array_equal(robot.gravity, gravity):
-        table["gravity"] = robot.gravity.tolist()
+    usual = robot.description.gravity or DEFAULT_GRAVITY
+    gravity = [] if np.array_equal(robot.gravity, usual) else robot.gravity.tolist()
     followers = {joint.name for joint in robot.description.joints if joint.mimic}
     locked = {k: v for k, v in robot.locked_joints.items() if k not in followers}
-    if locked:
-        table["locked_joints"] = locked
-    if robot.kinematic:
-        table["kinematic"] = True
-    if robot.payloads:
-        table["payloads"] = to_table(robot.payloads, folder)
+    further = {
+        "xacro_args": dict(robot.description.xacro_args),
+        "package_dirs": [file_name(d, folder) for d in robot.package_dirs],
+        "gravity": gravity,
+        "locked_joints": locked,
+        "kinematic": robot.kinematic,
+        "payloads": to_table(robot.payloads, folder),
+    }
+    table |= {key: value for key, value in further.items() if value}
     if robot.motion_limits is not None:
         table["motion_limits"] = to_table(robot.motion_limits, folder)
     return table | _overrides(robot, locked)
