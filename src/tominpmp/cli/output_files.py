@@ -55,6 +55,7 @@ class OutputFiles:
 
         Raises:
             OptionsError: If options contradict each other.
+            ProblemError: If there is no such message of ROS, or it is not for the file.
             ScenarioError: If a file cannot be written.
             MissingDependency: If a package for the plot or the page is missing.
         """
@@ -70,7 +71,14 @@ class OutputFiles:
         if not options.no_output and name != STDOUT:
             motion = _free_name() if name is None else Path(name)
         check_target(motion, "--output", MOTION_ENDINGS)
-        _check_message(options, motion)
+        if motion is not None:
+            check_options(motion, options.with_effort, options.ros_message)
+        elif options.with_effort or options.ros_message is not None:
+            raise OptionsError(
+                "--with-effort and --ros-message are for files of ROS messages "
+                "(--output FILE.yaml)",
+                "output",
+            )
         check_target(options.save_scenario, "--save-scenario", (".toml",))
         for field, (_, endings, _) in FILES.items():
             check_target(getattr(options, field), f"--{field}", endings)
@@ -207,21 +215,3 @@ def check_period(dt: float | None) -> None:
     """
     if dt is not None and not 0.0 < dt < float("inf"):
         raise OptionsError(f"--dt is {dt}, expected a positive time [s]", "dt")
-
-
-def _check_message(options: PlanOptions, motion: Path | None) -> None:
-    """Check the options of ROS messages before anything takes long.
-
-    Raises:
-        ProblemError: If there is no such message.
-        OptionsError: If nothing is written that they are about.
-    """
-    if not options.with_effort and options.ros_message is None:
-        return
-    if motion is None:
-        raise OptionsError(
-            "--with-effort and --ros-message are for files of ROS messages "
-            "(--output FILE.yaml)",
-            "output",
-        )
-    check_options(motion, options.with_effort, options.ros_message)

@@ -200,7 +200,8 @@ def obstacle(text: str) -> Obstacle:
     kind, _, rest = text.partition(":")
     name, *items = rest.split(":")
     try:
-        table = _typed_record(f"--obstacle {text!r}", kind, items, kinds, name=name)
+        named = f"name={name}", *items
+        table = _typed_record(f"--obstacle {text!r}", kind, named, kinds)
         if kind in kinds and (not name or "=" in name):
             table.fail("it has no name")
         if kind in kinds and "position" not in table.value:
@@ -231,10 +232,9 @@ def _typed_record(
     kind: str,
     items: Sequence[str],
     kinds: Mapping[str, type[Any]],
-    **values: str,
 ) -> Typed:
     """What ``KEY=VALUE`` say of a record, as the table that a scenario has for it."""
-    table = Typed({"type": kind, **values}, key=option)
+    table = Typed({"type": kind}, key=option)
     for item in items:
         word, _, value = item.partition("=")
         key = FULL.get(word, word)

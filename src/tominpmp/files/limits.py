@@ -26,7 +26,7 @@ which goes before.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -72,7 +72,7 @@ _SLOWING = ("has_deceleration_limits", "max_deceleration")
 # Whether a joint turns on without end is said by the URDF file.
 _TURNS = "angle_wraparound"
 # Forms of a curve, by the first of their keys.
-CURVES: dict[str, tuple[Any, tuple[str, ...]]] = {
+CURVES: dict[str, tuple[Callable[..., EffortCurve], tuple[str, ...]]] = {
     "stall": (EffortCurve.droop, ("stall", "no_load_speed")),
     "power": (EffortCurve.power, ("effort", "power", "top_speed")),
 }
@@ -344,8 +344,7 @@ def read_curve(item: Field) -> EffortCurve:
             item.only(*keys)
             values = (item.need(name) for name in keys)
             numbers = [value.number("a positive number", above=0.0) for value in values]
-            curve: EffortCurve = make(*numbers)
-            return curve
+            return make(*numbers)
     item.only("speed", "effort")
     rows = [np.array(item.need(name).numbers()) for name in ("speed", "effort")]
     with blaming(item):

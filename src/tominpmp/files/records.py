@@ -221,7 +221,6 @@ def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
     Raises:
         ScenarioError: If the table is wrong.
     """
-    table.table()
     kind = table.need("type")
     if not isinstance(kind.value, str) or kind.value not in kinds:
         kind.fail(

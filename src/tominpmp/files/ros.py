@@ -143,15 +143,12 @@ def accelerations_continue(trajectory: Trajectory) -> bool:
     """Whether the accelerations of a motion do not jump at its nodes."""
     if trajectory.a is not None and trajectory.a.shape == trajectory.q.shape:
         return True
+    # The acceleration of a cubic is linear: what it ends with follows from the
+    # beginning and the middle.
     t, nodes = trajectory.t, np.arange(1, trajectory.t.size - 1)
-    if trajectory.a is not None:
-        before, after = trajectory.a[nodes - 1], trajectory.a[nodes]
-    else:
-        # The acceleration of a cubic is linear: what it ends with follows from the
-        # beginning and the middle.
-        begin, middle = trajectory(t[nodes - 1]).a, 0.5 * (t[nodes - 1] + t[nodes])
-        before = 2.0 * trajectory(middle).a - begin
-        after = trajectory(t[nodes]).a
+    begin, middle = trajectory(t[nodes - 1]).a, 0.5 * (t[nodes - 1] + t[nodes])
+    before = 2.0 * trajectory(middle).a - begin
+    after = trajectory(t[nodes]).a
     largest = max(np.max(np.abs(before), initial=0.0), np.max(np.abs(after), initial=0))
     return bool(np.all(np.abs(after - before) <= CONTINUOUS * largest))
 
