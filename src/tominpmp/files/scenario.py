@@ -159,8 +159,7 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     values: dict[str, Any] = {}
     if file is not None and file.value is not None:
         below = load_motion_limits(file.path.parent / file.text(), robot)
-        values = {name: getattr(below, name) for name in kinds_of(below)}
-        values["effort_scale"] = below.effort_scale
+        values = {item.name: getattr(below, item.name) for item in fields(below)}
     for name, item in items.items():
         values[name] = _limit(name, item, values.get(name) or {})
     with blaming(table):
@@ -771,7 +770,10 @@ def load_scenario(path: str | Path) -> Scenario:
     q_start = positions(start, robot, None)
     speeds = start.get("v")
     v_start = None if speeds.value is None else vector(speeds, robot)
-    goal = _read_goal(document, robot, q_start)
+    aim = document.get("goal")
+    if aim.value is None and not document.get("segments").given:
+        aim.fail("is missing, and there are no segments; expected one or the other")
+    goal = None if aim.value is None else read_goal(aim, robot, q_start)
     segments = read_segments(document.get("segments"), robot, q_start)
     conditions = read_conditions(document, robot)
     check_names(document, robot, goal, conditions.get("constraints", ()))
@@ -787,23 +789,6 @@ def load_scenario(path: str | Path) -> Scenario:
     except TominpmpError as error:
         _blamed(document, getattr(error, "field", None) or "").fail(str(error))
     return Scenario(problem, options)
-
-
-def _read_goal(document: Field, robot: Robot, q_start: Array) -> Goal | None:
-    """The goal; None where there are segments."""
-    goal, segments = document.get("goal"), document.get("segments")
-    if not segments.given:
-        if goal.value is None:
-            goal.fail(
-                "is missing, and there are no segments; expected one or the other"
-            )
-        return read_goal(goal, robot, q_start)
-    if goal.value is not None:
-        goal.fail(
-            "stands beside segments, expected one or the other: the last segment's "
-            "goal is that of the problem"
-        )
-    return None
 
 
 def _blamed(document: Field, field: str) -> Field:
