@@ -7,6 +7,7 @@ such a dataclass of a class of the library. So an option is declared in one plac
 
 from __future__ import annotations
 
+import glob
 import inspect
 import re
 import sys
@@ -64,18 +65,9 @@ def robots(typed: CompletionContext) -> list[str]:
 
 def _files(incomplete: str) -> list[str]:
     """Files that a robot or a problem is read from, and folders, that begin so."""
-    folder, slash, _ = incomplete.rpartition("/")
-    try:
-        inside = sorted(Path(folder or slash or ".").iterdir())
-    except OSError:
-        return []
-    start = f"{folder}{slash}"
-    names = [
-        f"{start}{path.name}/" if path.is_dir() else f"{start}{path.name}"
-        for path in inside
-        if path.name[0] != "." and (path.is_dir() or path.suffix in ENDINGS)
-    ]
-    return [name for name in names if name.startswith(incomplete)]
+    found = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
+    names = (f"{name}/" if Path(name).is_dir() else name for name in found)
+    return [name for name in names if name.endswith(("/", *ENDINGS))]
 
 
 def named(kind: str, *tags: str) -> Completer:

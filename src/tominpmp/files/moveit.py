@@ -199,27 +199,23 @@ def _read_message(path: str | Path) -> Field:
     return message
 
 
-def _read_frames(
-    message: Field, robot: Robot | None, start_state: Field | None = None
-) -> _Frames:
+def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames:
     """Collect the frames of a planning scene.
 
     Args:
         message: The planning scene.
         robot: The robot, if there is one.
-        start_state: A robot state that says more about where the base is.
+        *states: Robot states that say more about where the base is.
     """
     base = pin.SE3.Identity()
-    for state in (message.get("robot_state"), start_state):
-        joints = None if state is None else state.get("multi_dof_joint_state")
-        if joints is None or not joints.get("transforms").given:
-            continue
-        placements = [_read_pose(item) for item in joints.get("transforms").items()]
+    for state in (message.get("robot_state"), *states):
+        transforms = state.get("multi_dof_joint_state").get("transforms")
+        placements = [_read_pose(item) for item in transforms.items()]
         if len(placements) > 1:
-            joints.get("transforms").fail(
+            transforms.fail(
                 f"holds {len(placements)} transforms, expected that of the base only"
             )
-        base = placements[0]
+        base = placements[0] if placements else base
     fixed: dict[str, pin.SE3] = {}
     for item in message.get("fixed_frame_transforms").items():
         name = item.need("child_frame_id").text()
@@ -863,16 +859,15 @@ class _GoalReader:
 
     def _joint_goal(self, constraints: Sequence[Field], alone: bool) -> Goal:
         """Goal for joints, alone or beside goals for frames."""
-        asked = self._joints(constraints)
+        asked, every = self._joints(constraints), self.robot.joint_names
         if alone:
-            names = self.robot.joint_names
-            rows = [asked.get(name, (self.start[name], 0.0)) for name in names]
-            q, tolerance = np.array(rows).T
-            return JointRegionGoal(q, tolerance) if np.any(tolerance) else JointGoal(q)
+            asked = {name: asked.get(name, (self.start[name], 0.0)) for name in every}
         if not asked:
             constraints[0].get("joint_name").fail("is of a joint that does not move")
         q, tolerance = np.array(list(asked.values())).T
-        return JointRegionGoal(q, tolerance, tuple(asked))
+        if alone and not np.any(tolerance):
+            return JointGoal(q)
+        return JointRegionGoal(q, tolerance, None if alone else tuple(asked))
 
     def _joints(self, constraints: Sequence[Field]) -> dict[str, tuple[float, float]]:
         """Middle and half width of what is tolerated, by joints that move."""

@@ -293,8 +293,7 @@ def read_message(message: Field) -> Samples:
     parts: dict[str, Array] = {}
     for key, name in POINT_FIELDS.items():
         found = [point.get(name) for point in points]
-        given = [item.given for item in found]
-        if key == "q" or any(given):
+        if key == "q" or any(item.given for item in found):
             rows = [item.numbers(len(names)) for item in found]
             parts[key] = np.array(rows).reshape(len(points), len(names))
     times = [_seconds(point.need("time_from_start")) for point in points]
