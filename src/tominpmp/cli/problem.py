@@ -228,10 +228,7 @@ def constraint(text: str) -> PathConstraint:
 
 
 def _typed_record(
-    option: str,
-    kind: str,
-    items: Sequence[str],
-    kinds: Mapping[str, type[Any]],
+    option: str, kind: str, items: Sequence[str], kinds: Mapping[str, type[Any]]
 ) -> Typed:
     """What ``KEY=VALUE`` say of a record, as the table that a scenario has for it."""
     table = Typed({"type": kind}, key=option)

@@ -39,12 +39,7 @@ from tominpmp.checks import flag, instance, names, number
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import (
-    JointNotFound,
-    ScenarioError,
-    brief,
-    warn_caller,
-)
+from tominpmp.exceptions import JointNotFound, ScenarioError, brief, warn_caller
 from tominpmp.files.records import blaming, warn_of_keys
 from tominpmp.motion_limits import (
     EffortCurve,

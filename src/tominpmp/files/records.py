@@ -34,14 +34,7 @@ from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import (
-    Mesh,
-    Motion,
-    Obstacle,
-    PoseFunction,
-    Scene,
-    rotation_matrix,
-)
+from tominpmp.scene import Mesh, Motion, Obstacle, PoseFunction, Scene, rotation_matrix
 
 T = TypeVar("T")
 

@@ -237,14 +237,10 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
         goal: Goal = from_table(table, kinds, "goal")
         return goal
     table.only("type", "q", "v", "state", "wrap")
-    q = positions(table, robot, before)
-    v, wrap = table.get("v"), table.get("wrap")
+    q, v = positions(table, robot, before), vector(table.get("v"), robot)
+    wrap = table.get("wrap")
     with blaming(wrap if wrap.given else table):
-        return JointGoal(
-            q,
-            None if v.value is None else vector(v, robot),
-            wrap=wrap.value if wrap.given else True,
-        )
+        return JointGoal(q, v, wrap=wrap.value if wrap.given else True)
 
 
 def positions(table: Field, robot: Robot, base: Array | None) -> Array:
@@ -278,12 +274,17 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     return _row(replace(q, value={}) if q.value is None else q, robot, known)
 
 
-def vector(value: Field, robot: Robot) -> Array:
+def vector(value: Field, robot: Robot) -> Array | None:
     """Read values of all joints: numbers in joint order, or by name, else zero.
+
+    Returns:
+        Shape (n,); None if they are left out.
 
     Raises:
         ScenarioError: If there are too many or too few, or a joint is unknown.
     """
+    if value.value is None:
+        return None
     return _row(value, robot, dict.fromkeys(robot.joint_names, 0.0))
 
 
@@ -767,9 +768,7 @@ def load_scenario(path: str | Path) -> Scenario:
     options = read_options(document.get("options"))
     start = document.need("start")
     start.only("q", "v", "state")
-    q_start = positions(start, robot, None)
-    speeds = start.get("v")
-    v_start = None if speeds.value is None else vector(speeds, robot)
+    q_start, v_start = positions(start, robot, None), vector(start.get("v"), robot)
     aim = document.get("goal")
     if aim.value is None and not document.get("segments").given:
         aim.fail("is missing, and there are no segments; expected one or the other")
@@ -887,11 +886,7 @@ def read_options(table: Field) -> Options:
 
 
 def _document(
-    path: Path,
-    problem: Problem,
-    options: Options,
-    check: bool,
-    beside: Beside | None,
+    path: Path, problem: Problem, options: Options, check: bool, beside: Beside | None
 ) -> dict[str, Any]:
     """Turn problem and options into tables.
 
