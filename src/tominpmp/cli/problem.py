@@ -428,11 +428,10 @@ def _typed_problem(
         )
     except ProblemError as error:
         # Radians are spoken of in the words of the command line.
-        said, hint = str(error), _degrees_hint(args, robot, q_start, goal)
-        if "position limits" not in said:
-            raise
-        said = said.removesuffix(IN_RADIANS)
-        raise ProblemError(f"{said}; {hint}" if hint else said, error.field) from error
+        said = str(error).removesuffix(IN_RADIANS)
+        if "position limits" in said:
+            said += _degrees_hint(args, robot, q_start, goal)
+        raise ProblemError(said, error.field) from error
 
 
 def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> str:
@@ -442,7 +441,7 @@ def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> s
     most = max(float(np.max(np.abs(end[turning]), initial=0.0)) for end in ends)
     if args.degrees or most <= LARGE_ANGLE:
         return ""
-    return f"{most:g} looks like degrees: add --degrees, or give radians"
+    return f"; {most:g} looks like degrees: add --degrees, or give radians"
 
 
 def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:

@@ -42,7 +42,8 @@ T = TypeVar("T")
 SHOWN = 20
 # How None is written where a field has another default; TOML has no word for it.
 NONE = "none"
-# Kinds of which a table names the class.
+# Records of which a table does not name the class, and kinds of which it does.
+UNNAMED = (EffortCurve, MotionLimits, Options, Payload, Scene, Segment)
 NAMED: tuple[type[Any], ...] = (Goal, Obstacle, PathConstraint, Motion)
 
 
@@ -124,9 +125,7 @@ def to_table(record: Any, folder: Path) -> Any:
             "an obstacle is moved by a function, which a file cannot hold; "
             "ConstantVelocity and Waypoints can be written"
         )
-    if isinstance(record, Scene):
-        return {"obstacles": [to_table(item, folder) for item in record]}
-    if isinstance(record, MotionLimits | EffortCurve | Payload | Segment | Options):
+    if isinstance(record, UNNAMED):
         return field_table(record, folder)
     kinds = (classes(base) for base in NAMED if isinstance(record, base))
     named = {kind: name for found in kinds for name, kind in found.items()}
