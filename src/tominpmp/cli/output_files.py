@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from itertools import count
+from itertools import chain, count
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -176,10 +176,8 @@ class OutputFiles:
 def _free_name() -> Path:
     """Name for the motion in the current folder that no file has."""
     first = Path(DEFAULT_MOTION)
-    if not os.path.lexists(first):
-        return first
-    names = (first.with_stem(f"{first.stem}-{i}") for i in count(2))
-    return next(name for name in names if not os.path.lexists(name))
+    further = (first.with_stem(f"{first.stem}-{i}") for i in count(2))
+    return next(name for name in chain([first], further) if not os.path.lexists(name))
 
 
 def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None:

@@ -532,11 +532,7 @@ def _outside_group(
     if not named:
         above = map(description.joints_above, links)
         moving = set(_goal_joints(request)).union(*above)
-    outside = [
-        joint
-        for joint in description.joints
-        if joint.name not in moving and not joint.mimic
-    ]
+    outside = [j for j in description.joints if j.name not in moving and not j.mimic]
     if not named and links and outside:
         warn_caller(
             f"{name.path}: {name.key}: the robot has no group {brief(name.text())} (it "

@@ -244,8 +244,6 @@ def make(
     }
     try:
         return kind(**arguments)
-    except ScenarioError:
-        raise
     except (TominpmpError, TypeError, ValueError, OverflowError) as error:
         blamed = [name for name in values if re.search(rf"\b{name}\b", str(error))]
         where = values[blamed[0]] if len(blamed) == 1 else table

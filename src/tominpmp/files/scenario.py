@@ -180,13 +180,17 @@ def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
     return {**before, **own}
 
 
-def beyond(
-    limits: MotionLimits, others: MotionLimits | None, robot: Robot
-) -> MotionLimits:
-    """The same limits, so that they are what they are over those of the robot."""
-    if others is None:
+def _beyond_robot(problem: Problem) -> MotionLimits | None:
+    """The limits of a problem, so that they are what they are over those of its robot.
+
+    None if they are those of the robot.
+    """
+    limits, others = problem.motion_limits, problem.robot.motion_limits
+    if limits == others:
+        return None
+    if limits is None or others is None:
         return limits
-    names = robot.joint_names
+    names = problem.robot.joint_names
     freed: dict[str, Any] = {}
     for name in kinds_of(others, numbers=True):
         own, below = limits.by_joint(name, names), others.by_joint(name, names)
@@ -893,11 +897,6 @@ def _document(
     Raises:
         ScenarioError: If they hold something that a file cannot.
     """
-    own, limits = problem.robot.motion_limits, problem.motion_limits
-    if limits == own:
-        limits = None
-    elif limits is not None:
-        limits = beyond(limits, own, problem.robot)
     start = {"q": problem.q_start}
     if problem.v_start is not None and np.any(problem.v_start):
         start["v"] = problem.v_start
@@ -909,7 +908,7 @@ def _document(
         "start": start,
         "goal": None if problem.segments else problem.goal,
         "scene": problem.scene if len(problem.scene) else None,
-        "motion_limits": limits,
+        "motion_limits": _beyond_robot(problem),
         "constraints": problem.constraints or None,
     }
 
