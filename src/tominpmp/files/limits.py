@@ -74,7 +74,7 @@ CURVES: dict[str, tuple[Callable[..., EffortCurve], tuple[str, ...]]] = {
 
 
 def _read_only(value: Mapping[str, float], name: str) -> Mapping[str, float]:
-    """Check limits by joint name."""
+    """Check limits by joint name, and make them read-only."""
     given = instance(value, Mapping, name, "limits by joint name")
     found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
     return MappingProxyType(found)

@@ -213,11 +213,8 @@ def _yaml_lines(data: dict[str, Any]) -> Iterator[str]:
 
 def _quoted(name: str) -> str:
     """A text in quotes as YAML has them, where JSON writes two halves of a letter."""
-    return re.sub(
-        "[^ -~]",
-        lambda found: f"\\U{ord(found.group()):08x}",
-        json.dumps(name, ensure_ascii=False),
-    )
+    text = json.dumps(name, ensure_ascii=False)
+    return "".join(c if " " <= c <= "~" else f"\\U{ord(c):08x}" for c in text)
 
 
 def parse_json(content: bytes, path: Path) -> Any:
