@@ -74,8 +74,6 @@ CLOSEST = 100
 AT_REST = 1e-6
 # Jumps of accelerations up to this, relative to the largest one, are rounding.
 CONTINUOUS = 1e-6
-MESSAGE_KEYS = ("header", "joint_names", "points")
-POINT_KEYS = (*POINT_FIELDS.values(), "time_from_start")
 # Under what a message is found in another one, from outside in.
 WRAPPERS = ("goal", "trajectory", "joint_trajectory")
 # What else those others hold that says nothing about the motion.
@@ -284,9 +282,9 @@ def read_message(message: Field) -> Samples:
     message = find_trajectory(message)
     names = tuple(item.text() for item in message.need("joint_names").items())
     points = list(message.need("points").items())
-    message.only(*MESSAGE_KEYS)
+    message.only("header", "joint_names", "points")
     for point in points:
-        point.only(*POINT_KEYS)
+        point.only(*POINT_FIELDS.values(), "time_from_start")
     parts: dict[str, Array] = {}
     for key, name in POINT_FIELDS.items():
         found = [point.get(name) for point in points]
