@@ -112,12 +112,11 @@ def verify(
         1    it does not
         2    bad input
     """
-    from tominpmp.cli.problem import check_given, load_problem
+    from tominpmp.cli.problem import load_problem
     from tominpmp.cli.report import check_data, check_text, json_text
     from tominpmp.files.export_check import check_file
 
     arguments = ProblemArguments(scenario, changes, given(limits))
-    check_given(arguments)
     problem, options = load_problem(arguments, given(tolerances))
     joined: Any = args.interpolation
     found = check_file(

@@ -308,21 +308,6 @@ def load_problem(
     return replace(problem, **beside) if beside else problem, chosen
 
 
-def check_given(problem_args: ProblemArguments) -> None:
-    """Check that there is a problem: in a file, or in options.
-
-    Raises:
-        ProblemError: If there is a robot alone.
-    """
-    args, robot = problem_args.options, problem_args.robot
-    if not is_scenario(robot) and args.request is None and args.start is None:
-        raise ProblemError(
-            f"{robot!r} is no scenario file (.toml): expected one, or a robot with "
-            "--scene and --request, or with --start and a goal",
-            "scenario",
-        )
-
-
 def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None:
     """The motion limits of the command line over those of its file."""
     path = problem_args.options.motion_limits
@@ -405,19 +390,18 @@ def _typed_problem(
 ) -> Problem:
     """The problem of a command line that names no file with one."""
     args = problem_args.options
-    robot = load_changed_robot(problem_args.robot, args)
     if args.start is None:
         raise ProblemError(
-            "there is no start: give --start, or a --scene and a --request", "start"
+            "there is no start: give --start, or a --scene and a --request; "
+            f"{problem_args.robot!r} is no scenario file (.toml)",
+            "start",
         )
+    robot = load_changed_robot(problem_args.robot, args)
     given = [_flag(name) for name in GOALS if getattr(args, name) is not None]
-    if not given:
+    if len(given) != 1:
+        said = f"{' and '.join(given)} are given" if given else "there is no goal"
         flags = " or ".join(map(_flag, GOALS))
-        raise ProblemError(f"there is no goal: give {flags}", "goal")
-    if len(given) > 1:
-        raise ProblemError(
-            f"{' and '.join(given)} are given, expected one of them", "goal"
-        )
+        raise ProblemError(f"{said}: give {flags}", "goal")
     scene = _obstacles(args, robot)
     q_start = positions(args.start, "--start", robot, degrees=args.degrees)
     v_start = velocities(args, "start_velocity", robot)

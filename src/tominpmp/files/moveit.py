@@ -936,10 +936,8 @@ class _GoalReader:
                         mesh = Mesh("region", **_mesh(shape, self.frames))
                     spot = spot * pin.SE3(np.eye(3), mesh.points.mean(axis=0))
                 found.append((spot, size))
-        if not found:
-            region.fail("holds 0 regions, expected one or more")
-        if len(found) > MOST:
-            region.fail(f"holds {len(found)} regions, expected {MOST} at most")
+        if not 0 < len(found) <= MOST:
+            region.fail(f"holds {len(found)} regions, expected 1 to {MOST}")
         return found
 
     def _link(self, item: Field) -> str:
