@@ -34,7 +34,7 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import EFFORTS, Options
 from tominpmp.problem import Problem
-from tominpmp.problem.state_checks import IN_RADIANS
+from tominpmp.problem.state_checks import IN_RADIANS, LARGE_ANGLE
 from tominpmp.robot import Robot, read_source
 from tominpmp.scene import HeightField, Obstacle, OcTree, Scene
 
@@ -249,8 +249,6 @@ def _typed_record(
 
 # What the command line may say beside a file that holds the whole problem.
 KEPT = ("margin", "self_collision", "motion_limits", "constraint")
-# Few joints turn further, one way [rad].
-LARGE_ANGLE = 2.0 * np.pi + 1e-3
 GOALS = ("goal", "goal_position", "goal_pose")
 
 
