@@ -11,13 +11,13 @@ import tominpmp as tm
 from tominpmp.cell.tours import Station, tour_file
 from tominpmp.constraints import PathConstraint
 from tominpmp.files import scenario
-from tominpmp.files.records import classes, motions
+from tominpmp.files.records import classes
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.segments import Segment
 from tominpmp.robot import load_robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Obstacle
+from tominpmp.scene import Motion, Obstacle
 
 # What a file has in a table of its own, or says in another way than the code.
 TABLES = {
@@ -75,8 +75,8 @@ def scenario_keys() -> list[str]:
     for heading, found in (
         ("`[goal]`: types", classes(Goal)),
         ("`[[scene.obstacles]]`: types", classes(Obstacle)),
-        ("`motion` of an obstacle: types", motions()),
-        ("`[[constraints]]`: types", classes(PathConstraint, "")),
+        ("`motion` of an obstacle: types", classes(Motion)),
+        ("`[[constraints]]`: types", classes(PathConstraint)),
     ):
         lines += ["", f"## {heading}", "", *kinds(found)]
     return lines

@@ -24,9 +24,9 @@ from tominpmp.cli.app import run
 from tominpmp.cli.front import COMMANDS
 from tominpmp.constraints import PathConstraint
 from tominpmp.datasheets import datasheets
-from tominpmp.files.records import classes, motions
+from tominpmp.files.records import classes
 from tominpmp.goals import Goal
-from tominpmp.scene import Obstacle
+from tominpmp.scene import Motion, Obstacle
 
 PLACE = re.compile(r"^<!-- from the code: (\w+) -->$", re.MULTILINE)
 # Blocks of code of a page, cells of notebooks among them.
@@ -68,12 +68,12 @@ def goals() -> list[str]:
 
 def obstacles() -> list[str]:
     """All shapes of obstacles, and how they may move."""
-    return [*kinds(classes(Obstacle), 2), "## Motions", "", *kinds(motions())]
+    return [*kinds(classes(Obstacle), 2), "## Motions", "", *kinds(classes(Motion))]
 
 
 def constraints() -> list[str]:
     """All constraints along a motion."""
-    return kinds(classes(PathConstraint, ""), 2)
+    return kinds(classes(PathConstraint), 2)
 
 
 def errors() -> list[str]:

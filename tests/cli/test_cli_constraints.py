@@ -37,7 +37,7 @@ def test_they_join_those_of_a_scenario(run: Run, planner: Planner) -> None:
 
 
 def test_all_constraints_of_the_library_can_be_typed() -> None:
-    kinds = classes(PathConstraint, "")
+    kinds = classes(PathConstraint)
     assert {"tool_speed", "keep_upright"} <= set(kinds)
     made = constraint("tool_speed:frame=7:limit=1")  # a frame may be called so
     assert made == tm.ToolSpeed("7", 1.0)

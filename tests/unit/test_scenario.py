@@ -273,6 +273,14 @@ def test_motion_limits_come_back(planar3r: Robot, tmp_path: Path) -> None:
     assert "[motion_limits.effort_curves.joint1]" in text
 
 
+def test_limits_that_say_nothing_come_back(planar3r: Robot, tmp_path: Path) -> None:
+    """They were no limits at all once they had been saved."""
+    problem = problem_of(planar3r, motion_limits=MotionLimits())
+    round_trip(problem, Options(), tmp_path)
+    free = replace(planar3r, motion_limits=MotionLimits())
+    round_trip(problem_of(free), Options(), tmp_path)
+
+
 def test_changed_robots_come_back(tmp_path: Path) -> None:
     robot = load_robot(
         "planar3r",

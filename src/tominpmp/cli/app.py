@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from tominpmp.cli.front import front_page
 from tominpmp.cli.signals import SIGNALLED, heeded_signals
-from tominpmp.cli.terminal import INTERRUPTED, Exit, flush_output, guarded, say
+from tominpmp.cli.terminal import INTERRUPTED, flush_output, guarded, say
 
 
 def run(words: Sequence[str]) -> int:
@@ -15,12 +15,11 @@ def run(words: Sequence[str]) -> int:
     Returns:
         The exit code.
     """
-    code = 0
     try:
         with guarded("--debug" in words), heeded_signals() as signals:
             code = _run(list(words))
-    except Exit as end:
-        code = end.code
+    except SystemExit as end:
+        code = int(end.code or 0)
     if code == INTERRUPTED and signals.number is not None:
         code = SIGNALLED + signals.number
     return flush_output(code)

@@ -28,23 +28,26 @@ from tominpmp.cli.options import (
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 
 ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
-RobotName = Annotated[
-    str, Parameter(help=f"{ROBOT}.", **supported(completer=robot_names))
-]
+
+
+def _completed(text: str) -> Parameter:
+    """An argument that is completed by names of robots and files that hold one."""
+    return Parameter(help=text, **supported(completer=robot_names))
+
+
+RobotName = Annotated[str, _completed(f"{ROBOT}.")]
 PlannedRobot = Annotated[
     str,
-    Parameter(
-        help=f"{ROBOT}; or a scenario file (.toml), which holds robot, start, goal, "
-        "scene and options.",
-        **supported(completer=robot_names),
+    _completed(
+        f"{ROBOT}; or a scenario file (.toml), which holds robot, start, goal, scene "
+        "and options."
     ),
 ]
 JudgedProblem = Annotated[
     str,
-    Parameter(
-        help="Scenario file (.toml); or a robot, with --scene and --request, or with "
-        "--start and a goal.",
-        **supported(completer=robot_names),
+    _completed(
+        "Scenario file (.toml); or a robot, with --scene and --request, or with "
+        "--start and a goal."
     ),
 ]
 RecordedMotion = Annotated[
@@ -109,12 +112,11 @@ def verify(
         1    it does not
         2    bad input
     """
-    from tominpmp.cli.problem import check_given, load_problem
+    from tominpmp.cli.problem import load_problem
     from tominpmp.cli.report import check_data, check_text, json_text
     from tominpmp.files.export_check import check_file
 
     arguments = ProblemArguments(scenario, changes, given(limits))
-    check_given(arguments)
     problem, options = load_problem(arguments, given(tolerances))
     joined: Any = args.interpolation
     found = check_file(

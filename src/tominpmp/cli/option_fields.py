@@ -7,11 +7,12 @@ such a dataclass of a class of the library. So an option is declared in one plac
 
 from __future__ import annotations
 
+import glob
 import inspect
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
 from inspect import signature
 from pathlib import Path
 from types import NoneType, SimpleNamespace
@@ -64,18 +65,9 @@ def robots(typed: CompletionContext) -> list[str]:
 
 def _files(incomplete: str) -> list[str]:
     """Files that a robot or a problem is read from, and folders, that begin so."""
-    folder, slash, _ = incomplete.rpartition("/")
-    try:
-        inside = sorted(Path(folder or slash or ".").iterdir())
-    except OSError:
-        return []
-    start = f"{folder}{slash}"
-    names = [
-        f"{start}{path.name}/" if path.is_dir() else f"{start}{path.name}"
-        for path in inside
-        if path.name[0] != "." and (path.is_dir() or path.suffix in ENDINGS)
-    ]
-    return [name for name in names if name.startswith(incomplete)]
+    found = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
+    names = (f"{name}/" if Path(name).is_dir() else name for name in found)
+    return [name for name in names if name.endswith(("/", *ENDINGS))]
 
 
 def named(kind: str, *tags: str) -> Completer:
@@ -225,9 +217,8 @@ def options(panel: str) -> Callable[[type[Record]], type[Record]]:
 def fields_of(
     kind: type[Any],
     panel: str,
-    further: Mapping[str, tuple[str, str]] | None = None,
+    further: Mapping[str, tuple[dict[str, Any], str]] | None = None,
     ending: str = "",
-    renamed: Mapping[str, str] | None = None,
 ) -> Any:
     """Make a dataclass of the fields of a class of the library that can be typed.
 
@@ -237,10 +228,9 @@ def fields_of(
     Args:
         kind: The class.
         panel: What the options are listed under.
-        further: By the names of fields, another name of the option or an empty text,
+        further: By the names of fields, another ``name`` or an ``alias`` of the option,
             and a sentence about it that only commands need.
         ending: How the names of the fields end; others are left out.
-        renamed: How options are called that would be called as those of another class.
     """
     texts, found = attribute_texts(kind), []
     for item in fields(kind):
@@ -248,13 +238,13 @@ def fields_of(
         typed, metavar, choices = _typed(hint)
         if typed is None or not item.name.endswith(ending):
             continue
-        other, note = (further or {}).get(item.name, ("", ""))
+        names, note = (further or {}).get(item.name, ({}, ""))
         text = texts.get(item.name, ("", ""))[1].replace("None", NONE)
         if item.default not in (None, MISSING):
             text += f" Default: {item.default}."
         optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
         marks = Parameter(
-            alias=other or None,
+            **names,
             help=labelled(metavar, f"{text} {note}".strip()),
             group=GROUPS[panel],
             converter=_reader(typed, optional),
@@ -263,9 +253,7 @@ def fields_of(
                 completer=words(*choices) if choices else None,
             ),
         )
-        name = (renamed or {}).get(item.name, item.name)
-        kept = field(default=None, metadata={"field": item.name})
-        found.append((name, Annotated[typed | None, marks], kept))
+        found.append((item.name, Annotated[typed | None, marks], None))
     made = make_dataclass(
         f"{kind.__name__}Fields",
         found,
@@ -278,12 +266,8 @@ def fields_of(
 
 def given(record: Any) -> dict[str, Any]:
     """Values that were typed, by the names of the fields of the library's class."""
-    found = {f.metadata["field"]: getattr(record, f.name) for f in fields(record)}
-    return {
-        name: None if value == NONE else value
-        for name, value in found.items()
-        if value is not None
-    }
+    typed = ((name, value) for name, value in vars(record).items() if value is not None)
+    return {name: None if value == NONE else value for name, value in typed}
 
 
 def _hint(kind: type[Any], item: Field[Any]) -> Any:

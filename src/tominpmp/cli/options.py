@@ -30,10 +30,13 @@ else:
         Options,
         "Planning",
         {
-            "max_planning_time": ("--max-time", "Loading the robot counts too."),
-            "effort": ("", "Torque limits are --effort."),
+            "max_planning_time": (
+                {"alias": "--max-time"},
+                "Loading the robot counts too.",
+            ),
+            # That of the name of the field gives torque limits.
+            "effort": ({"name": "--planning-effort"}, "Torque limits are --effort."),
         },
-        renamed={"effort": "planning_effort"},  # --effort gives torque limits
     )
     # What a motion that is judged may be off by.
     ToleranceOptions = fields_of(Options, "Planning", ending="_tolerance")

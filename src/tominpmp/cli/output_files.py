@@ -9,13 +9,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from itertools import count
+from itertools import chain, count
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tominpmp.cli.options import PlanOptions
 from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
+from tominpmp.files.export import WRITERS, check_options
 from tominpmp.solution import Solution
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
-MOTION_ENDINGS = (".csv", ".npz", ".yaml", ".yml", ".json", ".mcap")
+MOTION_ENDINGS = tuple(WRITERS)
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
 # Options that name a file beside the motion: what it holds, how it must end, and the
@@ -54,6 +55,7 @@ class OutputFiles:
 
         Raises:
             OptionsError: If options contradict each other.
+            ProblemError: If there is no such message of ROS, or it is not for the file.
             ScenarioError: If a file cannot be written.
             MissingDependency: If a package for the plot or the page is missing.
         """
@@ -69,7 +71,14 @@ class OutputFiles:
         if not options.no_output and name != STDOUT:
             motion = _free_name() if name is None else Path(name)
         check_target(motion, "--output", MOTION_ENDINGS)
-        _check_message(options, motion)
+        if motion is not None:
+            check_options(motion, options.with_effort, options.ros_message)
+        elif options.with_effort or options.ros_message is not None:
+            raise OptionsError(
+                "--with-effort and --ros-message are for files of ROS messages "
+                "(--output FILE.yaml)",
+                "output",
+            )
         check_target(options.save_scenario, "--save-scenario", (".toml",))
         for field, (_, endings, _) in FILES.items():
             check_target(getattr(options, field), f"--{field}", endings)
@@ -167,10 +176,8 @@ class OutputFiles:
 def _free_name() -> Path:
     """Name for the motion in the current folder that no file has."""
     first = Path(DEFAULT_MOTION)
-    if not os.path.lexists(first):
-        return first
-    names = (first.with_stem(f"{first.stem}-{i}") for i in count(2))
-    return next(name for name in names if not os.path.lexists(name))
+    further = (first.with_stem(f"{first.stem}-{i}") for i in count(2))
+    return next(name for name in chain([first], further) if not os.path.lexists(name))
 
 
 def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None:
@@ -206,23 +213,3 @@ def check_period(dt: float | None) -> None:
     """
     if dt is not None and not 0.0 < dt < float("inf"):
         raise OptionsError(f"--dt is {dt}, expected a positive time [s]", "dt")
-
-
-def _check_message(options: PlanOptions, motion: Path | None) -> None:
-    """Check the options of ROS messages before anything takes long.
-
-    Raises:
-        ProblemError: If there is no such message.
-        OptionsError: If nothing is written that they are about.
-    """
-    from tominpmp.files.export import check_options
-
-    if not options.with_effort and options.ros_message is None:
-        return
-    if motion is None:
-        raise OptionsError(
-            "--with-effort and --ros-message are for files of ROS messages "
-            "(--output FILE.yaml)",
-            "output",
-        )
-    check_options(motion, options.with_effort, options.ros_message)

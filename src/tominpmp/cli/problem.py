@@ -34,7 +34,7 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import EFFORTS, Options
 from tominpmp.problem import Problem
-from tominpmp.problem.state_checks import IN_RADIANS
+from tominpmp.problem.state_checks import IN_RADIANS, LARGE_ANGLE
 from tominpmp.robot import Robot, read_source
 from tominpmp.scene import HeightField, Obstacle, OcTree, Scene
 
@@ -81,17 +81,19 @@ def number(word: str) -> float | None:
         return None
 
 
-def vector(text: str, name: str) -> list[float]:
+def vector(items: Sequence[str], name: str) -> list[float]:
     """Read numbers.
 
     Raises:
         OptionsError: If a word is no number.
     """
-    found = [(word, number(word)) for word in words(text)]
-    for word, value in found:
+    found = list[float]()
+    for word in items:
+        value = number(word)
         if value is None:
             raise OptionsError(f"{name}: {word!r} is not a number", name)
-    return [value for _, value in found if value is not None]
+        found.append(value)
+    return found
 
 
 def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
@@ -114,16 +116,24 @@ def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
     return result
 
 
+def joint_row(items: Sequence[str], name: str) -> list[float] | dict[str, float]:
+    """Read numbers, one for each joint, or ``JOINT=VALUE`` of some.
+
+    Raises:
+        OptionsError: If a word is no number or a joint is named twice.
+    """
+    named = any("=" in item for item in items)
+    return joint_pairs(items, name) if named else vector(items, name)
+
+
 def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]:
     """Read one number for all joints, one for each, or some by joint name.
 
     Raises:
         OptionsError: If a word is no number or a joint is named twice.
     """
-    if "=" in text:
-        return joint_pairs(words(text), name)
-    numbers = vector(text, name)
-    return numbers[0] if len(numbers) == 1 else numbers
+    values = joint_row(words(text), name)
+    return values[0] if isinstance(values, list) and len(values) == 1 else values
 
 
 def _in_si(
@@ -174,10 +184,8 @@ def positions(
         items, table["state"] = [], text.strip()
     elif number(items[0]) is None and "=" not in items[0]:
         table["state"] = items.pop(0)
-    if items and number(items[0]) is not None:
-        table["q"] = _in_si(vector(text, name), robot, degrees)
-    elif items:
-        table["q"] = _in_si(joint_pairs(items, name), robot, degrees)
+    if items:
+        table["q"] = _in_si(joint_row(items, name), robot, degrees)
     return scenario.positions(Typed(table, key=name), robot, base)
 
 
@@ -192,7 +200,8 @@ def obstacle(text: str) -> Obstacle:
     kind, _, rest = text.partition(":")
     name, *items = rest.split(":")
     try:
-        table = _typed_record(f"--obstacle {text!r}", kind, items, kinds, name=name)
+        named = f"name={name}", *items
+        table = _typed_record(f"--obstacle {text!r}", kind, named, kinds)
         if kind in kinds and (not name or "=" in name):
             table.fail("it has no name")
         if kind in kinds and "position" not in table.value:
@@ -209,7 +218,7 @@ def constraint(text: str) -> PathConstraint:
         ProblemError: If anything in it is wrong.
     """
     kind, *items = text.split(":")
-    kinds = classes(PathConstraint, "")
+    kinds = classes(PathConstraint)
     try:
         table = _typed_record(f"--constraint {text!r}", kind, items, kinds)
         return cast("PathConstraint", from_table(table, kinds, "kind"))
@@ -219,14 +228,10 @@ def constraint(text: str) -> PathConstraint:
 
 
 def _typed_record(
-    option: str,
-    kind: str,
-    items: Sequence[str],
-    kinds: Mapping[str, type[Any]],
-    **values: str,
+    option: str, kind: str, items: Sequence[str], kinds: Mapping[str, type[Any]]
 ) -> Typed:
     """What ``KEY=VALUE`` say of a record, as the table that a scenario has for it."""
-    table = Typed({"type": kind, **values}, key=option)
+    table = Typed({"type": kind}, key=option)
     for item in items:
         word, _, value = item.partition("=")
         key = FULL.get(word, word)
@@ -244,8 +249,6 @@ def _typed_record(
 
 # What the command line may say beside a file that holds the whole problem.
 KEPT = ("margin", "self_collision", "motion_limits", "constraint")
-# Few joints turn further, one way [rad].
-LARGE_ANGLE = 2.0 * np.pi + 1e-3
 GOALS = ("goal", "goal_position", "goal_pose")
 
 
@@ -303,28 +306,13 @@ def load_problem(
     return replace(problem, **beside) if beside else problem, chosen
 
 
-def check_given(problem_args: ProblemArguments) -> None:
-    """Check that there is a problem: in a file, or in options.
-
-    Raises:
-        ProblemError: If there is a robot alone.
-    """
-    args, robot = problem_args.options, problem_args.robot
-    if not is_scenario(robot) and args.request is None and args.start is None:
-        raise ProblemError(
-            f"{robot!r} is no scenario file (.toml): expected one, or a robot with "
-            "--scene and --request, or with --start and a goal",
-            "scenario",
-        )
-
-
 def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None:
     """The motion limits of the command line over those of its file."""
     path = problem_args.options.motion_limits
     table: dict[str, Any] = {} if path is None else {"file": str(path)}
     for name, text in problem_args.limits.items():
         table[name] = joint_values(text, _flag(name)) if isinstance(text, str) else text
-    return scenario.read_motion_limits(Typed(table), robot)
+    return scenario.read_motion_limits(Typed(table or None), robot)
 
 
 def load_changed_robot(
@@ -347,16 +335,15 @@ def load_changed_robot(
         "group": args.group,
         "limits": args.limits,
         "locked_joints": {**(resting or {}), **joint_pairs(args.lock or (), "--lock")},
+        "kinematic": args.kinematic,
+        "xacro_args": _xacro_args(args),
     }
-    table["kinematic"] = args.kinematic
-    table["xacro_args"] = _xacro_args(args)
     for name in ("srdf", "joint_limits", "gravity", *OVERRIDES):
         given = getattr(args, name)
         if isinstance(given, Path):
             table[name] = str(given)
         elif given is not None:
-            read = vector if name == "gravity" else joint_values
-            table[name] = read(given, _flag(name))
+            table[name] = joint_values(given, _flag(name))
     return scenario.read_robot(Typed(table))
 
 
@@ -401,19 +388,18 @@ def _typed_problem(
 ) -> Problem:
     """The problem of a command line that names no file with one."""
     args = problem_args.options
-    robot = load_changed_robot(problem_args.robot, args)
     if args.start is None:
         raise ProblemError(
-            "there is no start: give --start, or a --scene and a --request", "start"
+            "there is no start: give --start, or a --scene and a --request; "
+            f"{problem_args.robot!r} is no scenario file (.toml)",
+            "start",
         )
+    robot = load_changed_robot(problem_args.robot, args)
     given = [_flag(name) for name in GOALS if getattr(args, name) is not None]
-    if not given:
+    if len(given) != 1:
+        said = f"{' and '.join(given)} are given" if given else "there is no goal"
         flags = " or ".join(map(_flag, GOALS))
-        raise ProblemError(f"there is no goal: give {flags}", "goal")
-    if len(given) > 1:
-        raise ProblemError(
-            f"{' and '.join(given)} are given, expected one of them", "goal"
-        )
+        raise ProblemError(f"{said}: give {flags}", "goal")
     scene = _obstacles(args, robot)
     q_start = positions(args.start, "--start", robot, degrees=args.degrees)
     v_start = velocities(args, "start_velocity", robot)
@@ -424,11 +410,10 @@ def _typed_problem(
         )
     except ProblemError as error:
         # Radians are spoken of in the words of the command line.
-        said, hint = str(error), _degrees_hint(args, robot, q_start, goal)
-        if "position limits" not in said:
-            raise
-        said = said.removesuffix(IN_RADIANS)
-        raise ProblemError(f"{said}; {hint}" if hint else said, error.field) from error
+        said = str(error).removesuffix(IN_RADIANS)
+        if "position limits" in said:
+            said += _degrees_hint(args, robot, q_start, goal)
+        raise ProblemError(said, error.field) from error
 
 
 def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> str:
@@ -438,7 +423,7 @@ def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> s
     most = max(float(np.max(np.abs(end[turning]), initial=0.0)) for end in ends)
     if args.degrees or most <= LARGE_ANGLE:
         return ""
-    return f"{most:g} looks like degrees: add --degrees, or give radians"
+    return f"; {most:g} looks like degrees: add --degrees, or give radians"
 
 
 def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
@@ -448,7 +433,7 @@ def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
         return JointGoal(q, velocities(args, "goal_velocity", robot), wrap=_wrap(args))
     if args.wrap is not None:
         raise OptionsError("--wrap is about the joints of a --goal", "--wrap")
-    v = None if text is None else np.array(vector(text, "--goal-velocity"))
+    v = None if text is None else np.array(vector(words(text), "--goal-velocity"))
     frame, *numbers = args.goal_position or args.goal_pose or ("",)
     if args.goal_position is not None:
         return PositionGoal(frame, np.array(numbers), v)
@@ -473,8 +458,8 @@ def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     text, flag = getattr(args, name), _flag(name)
     if text is None:
         return None
-    values = joint_pairs(words(text), flag) if "=" in text else vector(text, flag)
-    return scenario.vector(Typed(_in_si(values, robot, args.degrees), key=flag), robot)
+    values = _in_si(joint_row(words(text), flag), robot, args.degrees)
+    return scenario.vector(Typed(values, key=flag), robot)
 
 
 def _refuse(what: str, args: RobotOptions, keep: Collection[str] = ()) -> None:

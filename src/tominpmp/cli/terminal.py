@@ -40,18 +40,6 @@ _WORDS = {
 }
 
 
-class Exit(Exception):
-    """The end of a command by an error that was told.
-
-    Attributes:
-        code: The exit code.
-    """
-
-    def __init__(self, code: int) -> None:
-        super().__init__(code)
-        self.code = code
-
-
 def say(text: str, *, err: bool = False) -> None:
     """Write a text to standard output, or to standard error."""
     print(text, file=sys.stderr if err else sys.stdout, flush=True)
@@ -103,7 +91,7 @@ def guarded(debug: bool = False) -> Iterator[None]:
         debug: Whether to show tracebacks too.
 
     Raises:
-        Exit: With the exit code, after a line that says what is wrong.
+        SystemExit: With the exit code, after a line that says what is wrong.
     """
     try:
         with _warnings_shown():
@@ -111,22 +99,22 @@ def guarded(debug: bool = False) -> Iterator[None]:
     except (BrokenPipeError, SystemExit) as error:
         # With the latter Rich ends when nobody reads the help that it writes.
         _discard_output()
-        raise Exit(CLOSED_PIPE) from error
+        raise SystemExit(CLOSED_PIPE) from error
     except KeyboardInterrupt as error:
         complain("error", "interrupted")
-        raise Exit(INTERRUPTED) from error
+        raise SystemExit(INTERRUPTED) from error
     except (TominpmpError, OSError) as error:
         said = str(error)
         if isinstance(error, OSError):
             where = "" if error.filename is None else f"{error.filename}: "
             said = f"{where}{error.strerror or error}"
         _explain(said, debug)
-        raise Exit(BAD_INPUT) from error
+        raise SystemExit(BAD_INPUT) from error
     except Exception as error:
         hint = "" if debug else "; --debug shows where"
         what = f"{type(error).__name__}: {error}"
         _explain(f"{what} (this is a defect of tominpmp{hint})", debug)
-        raise Exit(DEFECT) from error
+        raise SystemExit(DEFECT) from error
 
 
 def _explain(message: str, debug: bool) -> None:

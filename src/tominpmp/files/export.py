@@ -20,14 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.checks import flag, instance
+from tominpmp.checks import choice, flag, instance
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path
 from tominpmp.description.yaml_reader import parse_yaml, read_bytes
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
 from tominpmp.files.ros import (
     MESSAGE,
-    check_message,
+    MESSAGES,
     message_samples,
     parse_bag,
     parse_json,
@@ -37,7 +37,7 @@ from tominpmp.files.ros import (
     write_yaml,
 )
 from tominpmp.files.tables import (
-    QUANTITIES,
+    known_quantities,
     read_csv,
     read_npz,
     write_csv,
@@ -97,9 +97,8 @@ def export(
             "expected a finite number",
             key,
         )
-    if not is_message(path):
-        return write_file(path, lambda file: write(samples, file))
-    return write_file(path, lambda file: write(samples, file, message or MESSAGE))
+    which = [message or MESSAGE] if is_message(path) else []
+    return write_file(path, lambda file: write(samples, file, *which))
 
 
 def is_message(path: str | Path) -> bool:
@@ -139,7 +138,7 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
     """
     flag(with_effort, "with_effort")
     if message is not None:
-        check_message(message)
+        choice(message, tuple(MESSAGES), "message")
     for name, given in (("with_effort", with_effort), ("message", message)):
         if given and not is_message(path):
             raise ProblemError(
@@ -150,12 +149,9 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
 
 def _not_finite(samples: Samples) -> Iterator[tuple[str, list[int]]]:
     """Quantities with a value that is no finite number, and its row and joint."""
-    for key in ("t", *QUANTITIES):
-        values = getattr(samples, key)
-        # A quantity of which nothing is said is NaN everywhere.
-        said = key in ("t", "q") or not np.all(np.isnan(values))
-        wrong = np.argwhere(~np.isfinite(values))
-        if said and len(wrong):
+    for key in ("t", *known_quantities(samples)):
+        wrong = np.argwhere(~np.isfinite(getattr(samples, key)))
+        if len(wrong):
             yield key, wrong[0].tolist()
 
 
@@ -184,12 +180,10 @@ def load_motion(
         check_interpolation(interpolation)
     path = checked_path(path)
     try:
-        largest = MAX_MESSAGE if is_message(path) else MAX_BYTES
-        content = read(read_bytes(path, largest), path)
         if is_message(path):
-            samples = message_motion(content, path)
+            samples = message_motion(load_message(path), path)
         else:
-            samples = _checked(content, path)
+            samples = _checked(read(read_bytes(path, MAX_BYTES), path), path)
     except ProblemError as error:  # what the file holds is not samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
     if interpolation is None:

@@ -29,11 +29,8 @@ from tominpmp.files.export import (
     load_motion,
     message_motion,
 )
-from tominpmp.files.ros import (
-    Refusal,
-    controller_needs,
-    controller_refusals,
-)
+from tominpmp.files.ros import Refusal, controller_needs, controller_refusals
+from tominpmp.files.tables import known_quantities
 from tominpmp.motion.joining import Joined, controlled, join
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
@@ -237,8 +234,7 @@ def _check(
     if is_message(path):
         message = load_message(path)
         samples = message_motion(message, path)
-        effort = bool(np.any(np.isfinite(samples.u)))
-        moving = problem.goal.ends_moving
+        effort, moving = "u" in known_quantities(samples), problem.goal.ends_moving
         refusals = controller_refusals(
             message, effort_interface=effort, moving_end=moving
         )

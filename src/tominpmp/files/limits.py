@@ -26,26 +26,21 @@ which goes before.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
-from tominpmp.arrays import record_line
+from tominpmp.arrays import Record, record
 from tominpmp.checks import flag, instance, names, number
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import (
-    JointNotFound,
-    ScenarioError,
-    brief,
-    warn_caller,
-)
-from tominpmp.files.records import blaming
+from tominpmp.exceptions import JointNotFound, ScenarioError, brief, warn_caller
+from tominpmp.files.records import blaming, warn_of_keys
 from tominpmp.motion_limits import (
     EffortCurve,
     LimitKind,
@@ -72,14 +67,24 @@ _SLOWING = ("has_deceleration_limits", "max_deceleration")
 # Whether a joint turns on without end is said by the URDF file.
 _TURNS = "angle_wraparound"
 # Forms of a curve, by the first of their keys.
-CURVES: dict[str, tuple[Any, tuple[str, ...]]] = {
+CURVES: dict[str, tuple[Callable[..., EffortCurve], tuple[str, ...]]] = {
     "stall": (EffortCurve.droop, ("stall", "no_load_speed")),
     "power": (EffortCurve.power, ("effort", "power", "top_speed")),
 }
 
 
-@dataclass(frozen=True)
-class MoveItLimits:
+def _read_only(value: Mapping[str, float], name: str) -> Mapping[str, float]:
+    """Check limits by joint name, and make them read-only."""
+    given = instance(value, Mapping, name, "limits by joint name")
+    found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
+    return MappingProxyType(found)
+
+
+ByJoint: TypeAlias = Annotated[Mapping[str, float], _read_only]
+
+
+@record
+class MoveItLimits(Record):
     """Limits by joint name, as far as the file has them.
 
     Attributes:
@@ -96,26 +101,14 @@ class MoveItLimits:
     """
 
     path: Path
-    velocity: Mapping[str, float] = field(default_factory=dict)
-    acceleration: Mapping[str, float] = field(default_factory=dict)
-    jerk: Mapping[str, float] = field(default_factory=dict)
-    effort: Mapping[str, float] = field(default_factory=dict)
-    position_lower: Mapping[str, float] = field(default_factory=dict)
-    position_upper: Mapping[str, float] = field(default_factory=dict)
+    velocity: ByJoint = field(default_factory=dict)
+    acceleration: ByJoint = field(default_factory=dict)
+    jerk: ByJoint = field(default_factory=dict)
+    effort: ByJoint = field(default_factory=dict)
+    position_lower: ByJoint = field(default_factory=dict)
+    position_upper: ByJoint = field(default_factory=dict)
     velocity_scaling: float = 1.0
     acceleration_scaling: float = 1.0
-
-    def __repr__(self) -> str:
-        """What it holds, on one line."""
-        return record_line(self)
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        for name in _KEYS:
-            given = getattr(self, name)
-            instance(given, Mapping, name, "limits by joint name")
-            found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
-            object.__setattr__(self, name, MappingProxyType(found))
 
     def overrides(self, *, scaled: bool = False) -> dict[str, dict[str, float]]:
         """Arguments for :func:`~tominpmp.robot.load_robot` and ``with_changes``.
@@ -244,9 +237,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
             if own != slowing:
                 notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
         notes += _unread(limits)
-    if notes:
-        unread = ", ".join(brief(note).strip("'") for note in notes[:20])
-        warn_caller(f"{path}: not used: {unread}")
+    warn_of_keys(path, "not used", notes)
     scaling = (table.get(key) for key in _SCALINGS)
     speed, acceleration = (
         factor.number("a factor from 0 to 1", default=1.0, above=0.0, most=1.0)
@@ -348,8 +339,7 @@ def read_curve(item: Field) -> EffortCurve:
             item.only(*keys)
             values = (item.need(name) for name in keys)
             numbers = [value.number("a positive number", above=0.0) for value in values]
-            curve: EffortCurve = make(*numbers)
-            return curve
+            return make(*numbers)
     item.only("speed", "effort")
     rows = [np.array(item.need(name).numbers()) for name in ("speed", "effort")]
     with blaming(item):

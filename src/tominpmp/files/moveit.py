@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import NoneType
@@ -42,7 +42,7 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 from tominpmp.files.limits import MoveItLimits, load_joint_limits, load_limited_robot
-from tominpmp.files.records import blaming
+from tominpmp.files.records import blaming, warn_of_keys
 from tominpmp.files.scene_text import is_scene_text, parse_scene_text
 from tominpmp.goals import (
     AllGoals,
@@ -59,8 +59,6 @@ from tominpmp.problem import Problem
 from tominpmp.robot import Robot, RobotSource, read_source
 from tominpmp.scene import Box, Cylinder, Mesh, Obstacle, Scene, Sphere, rotation_matrix
 
-# Beyond as many keys a warning names no more.
-SHOWN = 20
 # What a MotionPlanRequest and a PlanningScene have: read, refused, or without effect on
 # the motion (bounds for bases that move, and how MoveIt is to look for a motion).
 REQUEST = """
@@ -90,14 +88,6 @@ INSIDE = """
     primitives primitive_poses meshes mesh_poses planes plane_poses subframe_names
     subframe_poses id type pose operation octomap
 """.split()
-
-
-def _warn_of_unread(message: Field, keys: Iterable[str]) -> None:
-    """Warn of keys of a message that say something and are not read."""
-    unread = list(dict.fromkeys(keys))
-    if unread:
-        shown = ", ".join(brief(key).strip("'\"") for key in unread[:SHOWN])
-        warn_caller(f"{message.path}: not read: {shown}")
 
 
 def _unread(table: Field, known: Collection[str]) -> Iterator[str]:
@@ -208,27 +198,23 @@ def _read_message(path: str | Path) -> Field:
     return message
 
 
-def _read_frames(
-    message: Field, robot: Robot | None, start_state: Field | None = None
-) -> _Frames:
+def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames:
     """Collect the frames of a planning scene.
 
     Args:
         message: The planning scene.
         robot: The robot, if there is one.
-        start_state: A robot state that says more about where the base is.
+        *states: Robot states that say more about where the base is.
     """
     base = pin.SE3.Identity()
-    for state in (message.get("robot_state"), start_state):
-        joints = None if state is None else state.get("multi_dof_joint_state")
-        if joints is None or not joints.get("transforms").given:
-            continue
-        placements = [_read_pose(item) for item in joints.get("transforms").items()]
+    for state in (message.get("robot_state"), *states):
+        transforms = state.get("multi_dof_joint_state").get("transforms")
+        placements = [_read_pose(item) for item in transforms.items()]
         if len(placements) > 1:
-            joints.get("transforms").fail(
+            transforms.fail(
                 f"holds {len(placements)} transforms, expected that of the base only"
             )
-        base = placements[0]
+        base = placements[0] if placements else base
     fixed: dict[str, pin.SE3] = {}
     for item in message.get("fixed_frame_transforms").items():
         name = item.need("child_frame_id").text()
@@ -283,8 +269,8 @@ def _read_scene(message: Field, frames: _Frames) -> Scene:
         message.fail(f"is no planning scene: it has none of {', '.join(SCENE_KEYS)}")
     _refuse_attached(message.get("robot_state"))
     world = message.get("world")
-    unread = *_unread_precautions(message), *_unread(message, SCENE)
-    _warn_of_unread(message, unread)
+    unread = dict.fromkeys((*_unread_precautions(message), *_unread(message, SCENE)))
+    warn_of_keys(message.path, "not read", tuple(unread))
     octree = world.get("octomap").get("octomap").get("data")
     if octree.given:
         octree.fail("octrees are not read")
@@ -544,11 +530,7 @@ def _outside_group(
     if not named:
         above = map(description.joints_above, links)
         moving = set(_goal_joints(request)).union(*above)
-    outside = [
-        joint
-        for joint in description.joints
-        if joint.name not in moving and not joint.mimic
-    ]
+    outside = [j for j in description.joints if j.name not in moving and not j.mimic]
     if not named and links and outside:
         warn_caller(
             f"{name.path}: {name.key}: the robot has no group {brief(name.text())} (it "
@@ -618,7 +600,7 @@ def load_moveit(
     arm = _grouped_robot(robot, request, start, kinematic, moveit)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
-    _warn_of_unread(request, _unread(request, REQUEST))
+    warn_of_keys(request.path, "not read", tuple(_unread(request, REQUEST)))
     _refuse_attached(state)
     frames = _read_frames(scene_message, arm, state)
     _check_upright(frames, arm, scene_message)
@@ -871,16 +853,15 @@ class _GoalReader:
 
     def _joint_goal(self, constraints: Sequence[Field], alone: bool) -> Goal:
         """Goal for joints, alone or beside goals for frames."""
-        asked = self._joints(constraints)
+        asked, every = self._joints(constraints), self.robot.joint_names
         if alone:
-            names = self.robot.joint_names
-            rows = [asked.get(name, (self.start[name], 0.0)) for name in names]
-            q, tolerance = np.array(rows).T
-            return JointRegionGoal(q, tolerance) if np.any(tolerance) else JointGoal(q)
+            asked = {name: asked.get(name, (self.start[name], 0.0)) for name in every}
         if not asked:
             constraints[0].get("joint_name").fail("is of a joint that does not move")
         q, tolerance = np.array(list(asked.values())).T
-        return JointRegionGoal(q, tolerance, tuple(asked))
+        if alone and not np.any(tolerance):
+            return JointGoal(q)
+        return JointRegionGoal(q, tolerance, None if alone else tuple(asked))
 
     def _joints(self, constraints: Sequence[Field]) -> dict[str, tuple[float, float]]:
         """Middle and half width of what is tolerated, by joints that move."""
@@ -953,10 +934,8 @@ class _GoalReader:
                         mesh = Mesh("region", **_mesh(shape, self.frames))
                     spot = spot * pin.SE3(np.eye(3), mesh.points.mean(axis=0))
                 found.append((spot, size))
-        if not found:
-            region.fail("holds 0 regions, expected one or more")
-        if len(found) > MOST:
-            region.fail(f"holds {len(found)} regions, expected {MOST} at most")
+        if not 0 < len(found) <= MOST:
+            region.fail(f"holds {len(found)} regions, expected 1 to {MOST}")
         return found
 
     def _link(self, item: Field) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
@@ -27,31 +27,24 @@ from tominpmp.exceptions import (
     TominpmpError,
     brief,
     closest,
+    warn_caller,
 )
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.options import Options
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import (
-    Mesh,
-    Motion,
-    Obstacle,
-    PoseFunction,
-    Scene,
-    rotation_matrix,
-)
+from tominpmp.scene import Mesh, Motion, Obstacle, PoseFunction, Scene, rotation_matrix
 
 T = TypeVar("T")
 
+# Beyond as many keys a warning names no more.
+SHOWN = 20
 # How None is written where a field has another default; TOML has no word for it.
 NONE = "none"
-# Kinds of which a table names the class, and what is left out at the end of its name.
-NAMED: dict[type[Any], str | None] = {
-    Goal: None,
-    Obstacle: None,
-    PathConstraint: "",
-    Motion: None,
-}
+# Records of which a table does not name the class, and kinds of which it does.
+UNNAMED = (EffortCurve, MotionLimits, Options, Payload, Scene, Segment)
+NAMED: tuple[type[Any], ...] = (Goal, Obstacle, PathConstraint, Motion)
 
 
 @contextmanager
@@ -69,32 +62,40 @@ def blaming(item: Field) -> Iterator[None]:
         item.blame(error)
 
 
-def classes(base: type[Any], suffix: str | None = None) -> dict[str, type[Any]]:
+def warn_of_keys(path: Path, fate: str, keys: Sequence[str]) -> None:
+    """Warn of keys of a file, if there are any, that are "not read" or the like."""
+    if keys:
+        shown = ", ".join(brief(key).strip("'\"") for key in keys[:SHOWN])
+        warn_caller(f"{path}: {fate}: {shown}")
+
+
+def classes(base: type[Any]) -> dict[str, type[Any]]:
     """Find the classes of a kind by what a file calls them, a caller's own among them.
+
+    The name of the kind is left out at the end of theirs, unless they are constraints:
+    ``JointGoal`` is "joint", ``AllGoals`` is "all", ``ToolSpeed`` is "tool_speed".
+    Motions by a function are not among them, as a file holds none.
 
     Args:
         base: Base class.
-        suffix: What is left out at the end of their names; None for the name of the
-            base class: ``JointGoal`` is "joint", ``AllGoals`` is "all".
     """
-    suffix = base.__name__ if suffix is None else suffix
+    ending = "" if base is PathConstraint else f"{base.__name__}s?"
     found: list[tuple[str, type[Any]]] = []
-    for child in base.__subclasses__():
+    for kind in _derived(base):
         # What several have in common is none itself, be it of a record.
-        whole = "__dataclass_fields__" in vars(child)
-        if whole and not getattr(child, "__abstractmethods__", None):
-            name = re.sub(rf"{suffix}s?$", "", child.__name__)
-            found.append((re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(), child))
-        found += classes(child, suffix).items()
+        whole = "__dataclass_fields__" in vars(kind) and kind is not PoseFunction
+        if whole and not getattr(kind, "__abstractmethods__", None):
+            name = re.sub(rf"{ending}$", "", kind.__name__)
+            found.append((re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(), kind))
     # A name of this library keeps its meaning whatever a caller defines.
     found.sort(key=lambda pair: pair[1].__module__.startswith("tominpmp."))
     return dict(found)
 
 
-def motions() -> dict[str, type[Any]]:
-    """Motions of obstacles by their names; a file holds no functions."""
-    found = classes(Motion).items()
-    return {name: kind for name, kind in found if kind is not PoseFunction}
+def _derived(base: type[Any]) -> Iterator[type[Any]]:
+    for child in base.__subclasses__():
+        yield child
+        yield from _derived(child)
 
 
 def to_table(record: Any, folder: Path) -> Any:
@@ -124,14 +125,10 @@ def to_table(record: Any, folder: Path) -> Any:
             "an obstacle is moved by a function, which a file cannot hold; "
             "ConstantVelocity and Waypoints can be written"
         )
-    if isinstance(record, Scene):
-        return {"obstacles": [to_table(item, folder) for item in record]}
-    if isinstance(record, MotionLimits | EffortCurve | Payload | Segment):
+    if isinstance(record, UNNAMED):
         return field_table(record, folder)
-    bases = (base for base in NAMED if isinstance(record, base))
-    named = {
-        k: name for base in bases for name, k in classes(base, NAMED[base]).items()
-    }
+    kinds = (classes(base) for base in NAMED if isinstance(record, base))
+    named = {kind: name for found in kinds for name, kind in found.items()}
     if type(record) not in named:
         raise TypeError(f"a {type(record).__name__} cannot be written")
     table = {"type": named[type(record)]} | field_table(record, folder)
@@ -216,7 +213,6 @@ def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
     Raises:
         ScenarioError: If the table is wrong.
     """
-    table.table()
     kind = table.need("type")
     if not isinstance(kind.value, str) or kind.value not in kinds:
         kind.fail(
@@ -248,8 +244,6 @@ def make(
     }
     try:
         return kind(**arguments)
-    except ScenarioError:
-        raise
     except (TominpmpError, TypeError, ValueError, OverflowError) as error:
         blamed = [name for name in values if re.search(rf"\b{name}\b", str(error))]
         where = values[blamed[0]] if len(blamed) == 1 else table
@@ -263,7 +257,7 @@ def _value(item: Field, field: Any, kinds: Mapping[str, Any]) -> Any:
     if isinstance(value, str) and "Path" in str(field.type):
         return item.path.parent / value
     if field.name == "motion":
-        return from_table(item, motions(), "motion")
+        return from_table(item, classes(Motion), "motion")
     return _plain(item, kinds)
 
 

@@ -28,15 +28,15 @@ import struct
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.checks import choice, instance, wrong
+from tominpmp.checks import instance, wrong
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import (
@@ -47,7 +47,7 @@ from tominpmp.exceptions import (
     shortened,
     warn_caller,
 )
-from tominpmp.files.tables import filled_samples
+from tominpmp.files.tables import filled_samples, known_quantities
 from tominpmp.motion.samples import BILLION, Samples
 from tominpmp.motion.trajectory import Trajectory
 
@@ -74,8 +74,6 @@ CLOSEST = 100
 AT_REST = 1e-6
 # Jumps of accelerations up to this, relative to the largest one, are rounding.
 CONTINUOUS = 1e-6
-MESSAGE_KEYS = ("header", "joint_names", "points")
-POINT_KEYS = (*POINT_FIELDS.values(), "time_from_start")
 # Under what a message is found in another one, from outside in.
 WRAPPERS = ("goal", "trajectory", "joint_trajectory")
 # What else those others hold that says nothing about the motion.
@@ -91,15 +89,6 @@ ASIDES = (
 )
 # What moves more than joints.
 MULTIPLE = ("multi_dof_trajectory", "multi_dof_joint_trajectory")
-
-
-def check_message(name: object) -> None:
-    """Check the name of a message.
-
-    Raises:
-        ProblemError: If motions are not written as such.
-    """
-    choice(name, tuple(MESSAGES), "message")
 
 
 def nanoseconds(times: Array) -> IntArray:
@@ -152,15 +141,12 @@ def accelerations_continue(trajectory: Trajectory) -> bool:
     """Whether the accelerations of a motion do not jump at its nodes."""
     if trajectory.a is not None and trajectory.a.shape == trajectory.q.shape:
         return True
+    # The acceleration of a cubic is linear: what it ends with follows from the
+    # beginning and the middle.
     t, nodes = trajectory.t, np.arange(1, trajectory.t.size - 1)
-    if trajectory.a is not None:
-        before, after = trajectory.a[nodes - 1], trajectory.a[nodes]
-    else:
-        # The acceleration of a cubic is linear: what it ends with follows from the
-        # beginning and the middle.
-        begin, middle = trajectory(t[nodes - 1]).a, 0.5 * (t[nodes - 1] + t[nodes])
-        before = 2.0 * trajectory(middle).a - begin
-        after = trajectory(t[nodes]).a
+    begin, middle = trajectory(t[nodes - 1]).a, 0.5 * (t[nodes - 1] + t[nodes])
+    before = 2.0 * trajectory(middle).a - begin
+    after = trajectory(t[nodes]).a
     largest = max(np.max(np.abs(before), initial=0.0), np.max(np.abs(after), initial=0))
     return bool(np.all(np.abs(after - before) <= CONTINUOUS * largest))
 
@@ -172,13 +158,13 @@ def message_data(samples: Samples, message: str = MESSAGE) -> dict[str, Any]:
         "joint_names": list(samples.joint_names),
         "points": [],
     }
+    said = known_quantities(samples)
     for k, total in enumerate(nanoseconds(samples.t).tolist()):
         sec, nanosec = divmod(total, BILLION)
-        rows = {name: getattr(samples, key)[k] for key, name in POINT_FIELDS.items()}
         # Empty is how the message says that it does not know.
         point: dict[str, Any] = {
-            name: [] if np.all(np.isnan(row)) else row.tolist()
-            for name, row in rows.items()
+            name: getattr(samples, key)[k].tolist() if key in said else []
+            for key, name in POINT_FIELDS.items()
         }
         time = {"sec": sec, "nanosec": nanosec}
         data["points"].append(point | {"time_from_start": time})
@@ -225,11 +211,8 @@ def _yaml_lines(data: dict[str, Any]) -> Iterator[str]:
 
 def _quoted(name: str) -> str:
     """A text in quotes as YAML has them, where JSON writes two halves of a letter."""
-    return re.sub(
-        "[^ -~]",
-        lambda found: f"\\U{ord(found.group()):08x}",
-        json.dumps(name, ensure_ascii=False),
-    )
+    text = json.dumps(name, ensure_ascii=False)
+    return "".join(c if " " <= c <= "~" else f"\\U{ord(c):08x}" for c in text)
 
 
 def parse_json(content: bytes, path: Path) -> Any:
@@ -299,14 +282,13 @@ def read_message(message: Field) -> Samples:
     message = find_trajectory(message)
     names = tuple(item.text() for item in message.need("joint_names").items())
     points = list(message.need("points").items())
-    message.only(*MESSAGE_KEYS)
+    message.only("header", "joint_names", "points")
     for point in points:
-        point.only(*POINT_KEYS)
+        point.only(*POINT_FIELDS.values(), "time_from_start")
     parts: dict[str, Array] = {}
     for key, name in POINT_FIELDS.items():
         found = [point.get(name) for point in points]
-        given = [item.given for item in found]
-        if key == "q" or any(given):
+        if key == "q" or any(item.given for item in found):
             rows = [item.numbers(len(names)) for item in found]
             parts[key] = np.array(rows).reshape(len(points), len(names))
     times = [_seconds(point.need("time_from_start")) for point in points]
@@ -417,7 +399,7 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
             path,
             "points",
         )
-    return dict(_plain(held[0]))
+    return asdict(held[0], dict_factory=_plain)
 
 
 def _check_size(content: bytes) -> None:
@@ -457,15 +439,11 @@ def _unpacker(packing: str) -> Any:
     return import_module(home).ZstdDecompressor()
 
 
-def _plain(value: Any) -> Any:
-    """A message of rosbags, or a part of one, as YAML would have it."""
-    if is_dataclass(value):
-        # The name of the message counts as a field.
-        names = (item.name for item in fields(value) if item.name != "__msgtype__")
-        return {name: _plain(getattr(value, name)) for name in names}
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return [_plain(item) for item in value] if isinstance(value, list) else value
+def _plain(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The fields of a message of rosbags as YAML would have them."""
+    # The name of the message counts as a field.
+    named = ((name, value) for name, value in items if name != "__msgtype__")
+    return {k: x.tolist() if isinstance(x, np.ndarray) else x for k, x in named}
 
 
 # A velocity at the end up to this is rest [rad/s or m/s]: rounding of single precision.
@@ -478,6 +456,10 @@ TOLERANCES = (
     "component_path_tolerance",
     "component_goal_tolerance",
 )
+
+
+#: A point of a message as plain values.
+Point: TypeAlias = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -551,15 +533,15 @@ def controller_refusals(
         return (Refusal("there are no points", "points"),)
     if not all(isinstance(name, str) for name in names):
         return (Refusal(f"are {brief(names)}, expected names", "joint_names"),)
-    rules = _Rules(names, points)
+    points = [point if isinstance(point, Mapping) else {} for point in points]
     broken = [
-        *rules.joints(joint_names, partial),
-        *_goal(outer, rules.names),
+        *_joints(names, joint_names, partial),
+        *_goal(outer, names),
         *_stamp(found.get("header")),
-        *rules.times(),
-        *rules.values(effort_interface),
-        *rules.uniform(),
-        *([] if moving_end else rules.end()),
+        *_times(points),
+        *_numbers(points, names, effort_interface),
+        *_uniform(points),
+        *([] if moving_end else _end(points, names)),
     ]
     return tuple(broken)
 
@@ -567,7 +549,7 @@ def controller_refusals(
 def controller_needs(samples: Samples, moving: bool) -> list[str]:
     """What a controller must be set to for a message, in sentences."""
     notes = []
-    if np.any(np.isfinite(samples.u)):
+    if "u" in known_quantities(samples):
         notes.append(
             "The points have efforts: only controllers that command efforts take them."
         )
@@ -579,97 +561,98 @@ def controller_needs(samples: Samples, moving: bool) -> list[str]:
     return notes
 
 
-@dataclass(frozen=True)
-class _Rules:
-    """The rules for joints and points."""
-
-    names: list[str]
-    points: list[Any]
-
-    def joints(self, known: Sequence[str] | None, partial: bool) -> Iterator[Refusal]:
-        """Names are those of the controller, each once, and all of them."""
-        for index, name in enumerate(self.names):
-            if not name:
-                yield Refusal("is empty", "joint_names")
-            if name in self.names[:index]:
-                yield Refusal("is named twice", "joint_names", joint=name)
-            if known is not None and name not in known:
-                reason = "is no joint of the controller"
-                yield Refusal(reason, "joint_names", joint=name)
-        for name in () if known is None or partial else known:
-            if name not in self.names:
-                reason = "is missing: the controller expects all of its joints"
-                yield Refusal(reason, "joint_names", joint=name)
-
-    def times(self) -> Iterator[Refusal]:
-        """Times are whole nanoseconds that increase, and none lies before the start."""
-        before = -1
-        for index, point in enumerate(self.points):
-            now = _ticks(point)
-            if now is None:
-                reason = "is no time: expected sec and nanosec, whole numbers"
-                yield Refusal(reason, "time_from_start", index)
-                continue
-            if now < 0:
-                yield Refusal("lies before the start", "time_from_start", index)
-            elif now <= before:
-                reason = (
-                    f"is {now / BILLION:.9f} s, not after the {before / BILLION:.9f} s "
-                    "of the point before"
-                )
-                yield Refusal(reason, "time_from_start", index)
-            before = max(before, now)
-
-    def values(self, effort_interface: bool) -> Iterator[Refusal]:
-        """Arrays hold a finite number for each joint, or nothing."""
-        for index, point in enumerate(self.points):
-            for field in POINT_FIELDS.values():
-                yield from self._array(index, field, _values(point, field))
-            if _values(point, "effort") and not effort_interface:
-                reason = "is refused by controllers that do not command efforts"
-                yield Refusal(reason, "effort", index)
-                return  # the same for all others
-
-    def _array(self, index: int, field: str, row: Any) -> Iterator[Refusal]:
-        if not isinstance(row, list | tuple):
-            yield Refusal("is no list of numbers", field, index)
-            return
-        if len(row) != len(self.names) and (row or field == "positions"):
-            reason = f"holds {len(row)} numbers for {len(self.names)} joints"
-            yield Refusal(reason, field, index)
-            return
-        for name, value in zip(self.names, row, strict=False):
-            if not _is_finite(value):
-                reason = f"is {brief(value)}, expected a finite number"
-                yield Refusal(reason, field, index, name)
-
-    def uniform(self) -> Iterator[Refusal]:
-        """All points say the same, or stretches are followed by straight lines."""
-        first = self.points[0]
-        for index, point in enumerate(self.points):
-            for field in POINT_FIELDS.values():
-                given = bool(_values(point, field))
-                if given != bool(_values(first, field)):
-                    has = "has them, the first point has not"
-                    lacks = "is empty, that of the first point is not"
-                    yield Refusal(has if given else lacks, field, index)
-                    return
-        if _values(first, "accelerations") and not _values(first, "velocities"):
-            yield Refusal("is not followed without velocities", "accelerations", 0)
-
-    def end(self) -> Iterator[Refusal]:
-        """The motion ends at rest."""
-        last = len(self.points) - 1
-        row = _values(self.points[last], "velocities")
-        for name, value in zip(self.names, row, strict=False):
-            if _is_finite(value) and abs(value) > REST:
-                reason = f"is {value:.3g} at the end, expected 0"
-                yield Refusal(reason, "velocities", last, name)
+def _joints(
+    names: list[str], known: Sequence[str] | None, partial: bool
+) -> Iterator[Refusal]:
+    """Names are those of the controller, each once, and all of them."""
+    for index, name in enumerate(names):
+        if not name:
+            yield Refusal("is empty", "joint_names")
+        if name in names[:index]:
+            yield Refusal("is named twice", "joint_names", joint=name)
+        if known is not None and name not in known:
+            reason = "is no joint of the controller"
+            yield Refusal(reason, "joint_names", joint=name)
+    for name in () if known is None or partial else known:
+        if name not in names:
+            reason = "is missing: the controller expects all of its joints"
+            yield Refusal(reason, "joint_names", joint=name)
 
 
-def _values(point: Any, field: str) -> Any:
+def _times(points: Sequence[Point]) -> Iterator[Refusal]:
+    """Times are whole nanoseconds that increase, and none lies before the start."""
+    before = -1
+    for index, point in enumerate(points):
+        now = _ticks(point.get("time_from_start"))
+        if now is None:
+            reason = "is no time: expected sec and nanosec, whole numbers"
+            yield Refusal(reason, "time_from_start", index)
+            continue
+        if now < 0:
+            yield Refusal("lies before the start", "time_from_start", index)
+        elif now <= before:
+            reason = (
+                f"is {now / BILLION:.9f} s, not after the {before / BILLION:.9f} s "
+                "of the point before"
+            )
+            yield Refusal(reason, "time_from_start", index)
+        before = max(before, now)
+
+
+def _numbers(
+    points: Sequence[Point], names: list[str], effort_interface: bool
+) -> Iterator[Refusal]:
+    """Arrays hold a finite number for each joint, or nothing."""
+    for index, point in enumerate(points):
+        for field in POINT_FIELDS.values():
+            yield from _array(_values(point, field), names, field, index)
+        if _values(point, "effort") and not effort_interface:
+            reason = "is refused by controllers that do not command efforts"
+            yield Refusal(reason, "effort", index)
+            return  # the same for all others
+
+
+def _array(row: Any, names: list[str], field: str, index: int) -> Iterator[Refusal]:
+    if not isinstance(row, list | tuple):
+        yield Refusal("is no list of numbers", field, index)
+        return
+    if len(row) != len(names) and (row or field == "positions"):
+        reason = f"holds {len(row)} numbers for {len(names)} joints"
+        yield Refusal(reason, field, index)
+        return
+    for name, value in zip(names, row, strict=False):
+        if not _is_finite(value):
+            reason = f"is {brief(value)}, expected a finite number"
+            yield Refusal(reason, field, index, name)
+
+
+def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
+    """All points say the same, or stretches are followed by straight lines."""
+    first = points[0]
+    for index, point in enumerate(points):
+        for field in POINT_FIELDS.values():
+            given = bool(_values(point, field))
+            if given != bool(_values(first, field)):
+                has = "has them, the first point has not"
+                lacks = "is empty, that of the first point is not"
+                yield Refusal(has if given else lacks, field, index)
+                return
+    if _values(first, "accelerations") and not _values(first, "velocities"):
+        yield Refusal("is not followed without velocities", "accelerations", 0)
+
+
+def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
+    """The motion ends at rest."""
+    row, last = _values(points[-1], "velocities"), len(points) - 1
+    for name, value in zip(names, row, strict=False):
+        if _is_finite(value) and abs(value) > REST:
+            reason = f"is {value:.3g} at the end, expected 0"
+            yield Refusal(reason, "velocities", last, name)
+
+
+def _values(point: Point, field: str) -> Any:
     """Numbers of a point; none if it does not say."""
-    row = point.get(field) if isinstance(point, Mapping) else None
+    row = point.get(field)
     if isinstance(row, np.ndarray):
         row = row.tolist()
     return [] if row is None else row
@@ -680,9 +663,8 @@ def _is_finite(value: Any) -> bool:
     return number and abs(value) <= sys.float_info.max
 
 
-def _ticks(point: Any) -> int | None:
-    """Time of a point [ns]; None if it has none that ROS could hold."""
-    time = point.get("time_from_start") if isinstance(point, Mapping) else None
+def _ticks(time: Any) -> int | None:
+    """Time since the start [ns]; None if it is none that ROS could hold."""
     if not isinstance(time, Mapping) or not set(time) <= {"sec", "nanosec"}:
         return None
     sec, nanosec = time.get("sec", 0), time.get("nanosec", 0)

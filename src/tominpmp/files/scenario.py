@@ -114,7 +114,6 @@ from tominpmp.files.limits import (
 from tominpmp.files.records import (
     blaming,
     classes,
-    field_table,
     file_name,
     from_table,
     make,
@@ -142,12 +141,13 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
         robot: The robot.
 
     Returns:
-        The limits; None if there are none.
+        The limits; None if the table is left out. One without limits is another value,
+        and comes back so.
 
     Raises:
         ScenarioError: If the table is wrong.
     """
-    if not table.given:
+    if table.value is None:
         return None
     items = table.table()
     file = items.pop("file", None)
@@ -159,8 +159,7 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     values: dict[str, Any] = {}
     if file is not None and file.value is not None:
         below = load_motion_limits(file.path.parent / file.text(), robot)
-        values = {name: getattr(below, name) for name in kinds_of(below)}
-        values["effort_scale"] = below.effort_scale
+        values = {item.name: getattr(below, item.name) for item in fields(below)}
     for name, item in items.items():
         values[name] = _limit(name, item, values.get(name) or {})
     with blaming(table):
@@ -181,13 +180,17 @@ def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
     return {**before, **own}
 
 
-def beyond(
-    limits: MotionLimits, others: MotionLimits | None, robot: Robot
-) -> MotionLimits:
-    """The same limits, so that they are what they are over those of the robot."""
-    if others is None:
+def _beyond_robot(problem: Problem) -> MotionLimits | None:
+    """The limits of a problem, so that they are what they are over those of its robot.
+
+    None if they are those of the robot.
+    """
+    limits, others = problem.motion_limits, problem.robot.motion_limits
+    if limits == others:
+        return None
+    if limits is None or others is None:
         return limits
-    names = robot.joint_names
+    names = problem.robot.joint_names
     freed: dict[str, Any] = {}
     for name in kinds_of(others, numbers=True):
         own, below = limits.by_joint(name, names), others.by_joint(name, names)
@@ -202,8 +205,6 @@ def read_scene(table: Field) -> Scene:
     Raises:
         ScenarioError: If the table is wrong.
     """
-    if not table.given:
-        return Scene()
     table.only("obstacles")
     kinds = classes(Obstacle)
     items = table.get("obstacles").items()
@@ -213,14 +214,12 @@ def read_scene(table: Field) -> Scene:
 
 
 def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
-    """Read a list of constraints; none if it is left out.
+    """Read a list of constraints.
 
     Raises:
         ScenarioError: If one is wrong.
     """
-    if not table.given:
-        return ()
-    kinds = classes(PathConstraint, "")
+    kinds = classes(PathConstraint)
     return tuple(from_table(item, kinds, "constraint") for item in table.items())
 
 
@@ -242,14 +241,10 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
         goal: Goal = from_table(table, kinds, "goal")
         return goal
     table.only("type", "q", "v", "state", "wrap")
-    q = positions(table, robot, before)
-    v, wrap = table.get("v"), table.get("wrap")
+    q, v = positions(table, robot, before), vector(table.get("v"), robot)
+    wrap = table.get("wrap")
     with blaming(wrap if wrap.given else table):
-        return JointGoal(
-            q,
-            None if v.value is None else vector(v, robot),
-            wrap=wrap.value if wrap.given else True,
-        )
+        return JointGoal(q, v, wrap=wrap.value if wrap.given else True)
 
 
 def positions(table: Field, robot: Robot, base: Array | None) -> Array:
@@ -269,7 +264,7 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
         table.fail("says nothing of joint positions: expected q or state")
     if isinstance(q.value, str):
         state, q = q, replace(q, value=None)
-    known = {} if base is None else _by_name(base, robot)
+    known = {} if base is None else dict(zip(robot.joint_names, base, strict=True))
     if state.given:
         if isinstance(q.value, list):
             q.fail("expected joints by name beside a state")
@@ -283,28 +278,24 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     return _row(replace(q, value={}) if q.value is None else q, robot, known)
 
 
-def vector(value: Field, robot: Robot) -> Array:
+def vector(value: Field, robot: Robot) -> Array | None:
     """Read values of all joints: numbers in joint order, or by name, else zero.
+
+    Returns:
+        Shape (n,); None if they are left out.
 
     Raises:
         ScenarioError: If there are too many or too few, or a joint is unknown.
     """
+    if value.value is None:
+        return None
     return _row(value, robot, dict.fromkeys(robot.joint_names, 0.0))
-
-
-def _by_name(values: Array | list[float], robot: Robot) -> dict[str, float]:
-    return dict(zip(robot.joint_names, values, strict=True))
 
 
 def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
     """Numbers in joint order, or by name over those that are known; shape (n,)."""
     names = robot.joint_names
-    if isinstance(value.value, dict):
-        for name, item in value.table().items():
-            if name not in names:
-                item.fail(str(JointNotFound(name, names)))
-            known = known | {name: item.number()}
-    else:
+    if not isinstance(value.value, dict):
         numbers = value.numbers()
         if len(numbers) != robot.n:
             count = f"{len(numbers)} number{'' if len(numbers) == 1 else 's'}"
@@ -312,7 +303,11 @@ def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
                 f"holds {count}, expected {robot.n}, one for each of: "
                 f"{', '.join(names)}"
             )
-        known = _by_name(numbers, robot)
+        return np.array(numbers)
+    for name, item in value.table().items():
+        if name not in names:
+            item.fail(str(JointNotFound(name, names)))
+        known = known | {name: item.number()}
     lacking = [name for name in names if name not in known]
     if lacking:
         value.fail(
@@ -348,9 +343,6 @@ def read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, 
 def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
     table.only(*SEGMENT_KEYS)
     found = read_conditions(table, robot)
-    if table.get("motion_limits").value == {}:
-        # A table without limits is another value than no table, and comes back so.
-        found["motion_limits"] = MotionLimits()
     try:
         segment = Segment(read_goal(table.need("goal"), robot, before), **found)
     except ProblemError as error:
@@ -532,15 +524,8 @@ def _values(robot: Robot) -> Mapping[str, object]:
 
 ROBOT_KEYS = (
     *("name", "path", "srdf", "package_dirs", "group", "limits", "joint_limits"),
-    *(
-        "motion_limits",
-        "gravity",
-        "locked_joints",
-        "kinematic",
-        "xacro_args",
-        "payloads",
-        *OVERRIDES,
-    ),
+    *("motion_limits", "gravity", "locked_joints", "kinematic", "xacro_args"),
+    *("payloads", *OVERRIDES),
 )
 
 
@@ -663,21 +648,19 @@ def robot_table(
     own = path if path.is_file() else None
     if robot.srdf is not None and robot.srdf.path not in (default, own):
         table["srdf"] = file("srdf", robot.srdf.path, "its SRDF file is")
-    if robot.description.xacro_args:
-        table["xacro_args"] = dict(robot.description.xacro_args)
-    if robot.package_dirs:
-        table["package_dirs"] = [file_name(d, folder) for d in robot.package_dirs]
-    gravity = robot.description.gravity or DEFAULT_GRAVITY
-    if not np.array_equal(robot.gravity, gravity):
-        table["gravity"] = robot.gravity.tolist()
+    usual = robot.description.gravity or DEFAULT_GRAVITY
+    gravity = [] if np.array_equal(robot.gravity, usual) else robot.gravity.tolist()
     followers = {joint.name for joint in robot.description.joints if joint.mimic}
     locked = {k: v for k, v in robot.locked_joints.items() if k not in followers}
-    if locked:
-        table["locked_joints"] = locked
-    if robot.kinematic:
-        table["kinematic"] = True
-    if robot.payloads:
-        table["payloads"] = to_table(robot.payloads, folder)
+    further = {
+        "xacro_args": dict(robot.description.xacro_args),
+        "package_dirs": [file_name(d, folder) for d in robot.package_dirs],
+        "gravity": gravity,
+        "locked_joints": locked,
+        "kinematic": robot.kinematic,
+        "payloads": to_table(robot.payloads, folder),
+    }
+    table |= {key: value for key, value in further.items() if value}
     if robot.motion_limits is not None:
         table["motion_limits"] = to_table(robot.motion_limits, folder)
     return table | _overrides(robot, locked)
@@ -789,10 +772,11 @@ def load_scenario(path: str | Path) -> Scenario:
     options = read_options(document.get("options"))
     start = document.need("start")
     start.only("q", "v", "state")
-    q_start = positions(start, robot, None)
-    speeds = start.get("v")
-    v_start = None if speeds.value is None else vector(speeds, robot)
-    goal = _read_goal(document, robot, q_start)
+    q_start, v_start = positions(start, robot, None), vector(start.get("v"), robot)
+    aim = document.get("goal")
+    if aim.value is None and not document.get("segments").given:
+        aim.fail("is missing, and there are no segments; expected one or the other")
+    goal = None if aim.value is None else read_goal(aim, robot, q_start)
     segments = read_segments(document.get("segments"), robot, q_start)
     conditions = read_conditions(document, robot)
     check_names(document, robot, goal, conditions.get("constraints", ()))
@@ -808,23 +792,6 @@ def load_scenario(path: str | Path) -> Scenario:
     except TominpmpError as error:
         _blamed(document, getattr(error, "field", None) or "").fail(str(error))
     return Scenario(problem, options)
-
-
-def _read_goal(document: Field, robot: Robot, q_start: Array) -> Goal | None:
-    """The goal; None where there are segments."""
-    goal, segments = document.get("goal"), document.get("segments")
-    if not segments.given:
-        if goal.value is None:
-            goal.fail(
-                "is missing, and there are no segments; expected one or the other"
-            )
-        return read_goal(goal, robot, q_start)
-    if goal.value is not None:
-        goal.fail(
-            "stands beside segments, expected one or the other: the last segment's "
-            "goal is that of the problem"
-        )
-    return None
 
 
 def _blamed(document: Field, field: str) -> Field:
@@ -886,10 +853,7 @@ def scenario_text(
         ScenarioError: If the problem holds something that a file cannot.
     """
     instance(problem, Problem, "problem")
-    if options is not None:
-        instance(options, Options, "options", "Options or None")
-    given = Options() if options is None else options
-    text = toml_text(_document(path, problem, given, check, beside))
+    text = toml_text(_document(path, problem, Options.of(options), check, beside))
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -926,22 +890,13 @@ def read_options(table: Field) -> Options:
 
 
 def _document(
-    path: Path,
-    problem: Problem,
-    options: Options,
-    check: bool = True,
-    beside: Beside | None = None,
+    path: Path, problem: Problem, options: Options, check: bool, beside: Beside | None
 ) -> dict[str, Any]:
     """Turn problem and options into tables.
 
     Raises:
         ScenarioError: If they hold something that a file cannot.
     """
-    own, limits = problem.robot.motion_limits, problem.motion_limits
-    if limits == own:
-        limits = None
-    elif limits is not None:
-        limits = beyond(limits, own, problem.robot)
     start = {"q": problem.q_start}
     if problem.v_start is not None and np.any(problem.v_start):
         start["v"] = problem.v_start
@@ -953,14 +908,12 @@ def _document(
         "start": start,
         "goal": None if problem.segments else problem.goal,
         "scene": problem.scene if len(problem.scene) else None,
-        "motion_limits": limits,
+        "motion_limits": _beyond_robot(problem),
         "constraints": problem.constraints or None,
     }
 
     def written(key: str, part: Any) -> Any:
         try:
-            if isinstance(part, Options):
-                return field_table(part, path.parent)
             if not isinstance(part, Robot):
                 return to_table(part, path.parent)
             table = robot_table(part, path.parent, beside)

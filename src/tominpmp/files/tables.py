@@ -43,7 +43,7 @@ def _columns(joint_names: tuple[str, ...], quantities: tuple[str, ...]) -> list[
     return ["time", *(f"{key}_{name}" for key in quantities for name in joint_names)]
 
 
-def _known(samples: Samples) -> tuple[str, ...]:
+def known_quantities(samples: Samples) -> tuple[str, ...]:
     """Quantities of which samples say something."""
     each = ((key, getattr(samples, key)) for key in QUANTITIES)
     return tuple(k for k, x in each if k == "q" or not np.all(np.isnan(x)))
@@ -51,12 +51,12 @@ def _known(samples: Samples) -> tuple[str, ...]:
 
 def write_csv(samples: Samples, file: BinaryIO) -> None:
     """Write samples as CSV."""
-    known = _known(samples)
-    parts = [getattr(samples, key) for key in known]
+    quantities = known_quantities(samples)
+    parts = [getattr(samples, key) for key in quantities]
     rows = np.column_stack([samples.t, *parts])
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
-    header = _columns(samples.joint_names, known)
+    header = _columns(samples.joint_names, quantities)
     numbers: list[list[int]] = [[] for _ in rows]
     if samples.segment_ends is not None:
         header.append(SEGMENT)
@@ -73,7 +73,7 @@ def write_csv(samples: Samples, file: BinaryIO) -> None:
 def write_npz(samples: Samples, file: BinaryIO) -> None:
     """Write samples as NPZ."""
     arrays: dict[str, Any] = {"joint_names": np.array(samples.joint_names)}
-    arrays |= {key: getattr(samples, key) for key in ("t", *_known(samples))}
+    arrays |= {key: getattr(samples, key) for key in ("t", *known_quantities(samples))}
     if samples.segment_ends is not None:
         arrays["segment_ends"] = samples.segment_ends
     np.savez(file, **arrays)
@@ -177,12 +177,10 @@ def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
 
 def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Joints and quantities of which the columns are."""
-    kinds = ("qvau", "qva", "qvu", "qau", "qv", "qa", "qu", "q")
-    for quantities in kinds if header[:1] == ["time"] else ():
-        n, left = divmod(len(header) - 1, len(quantities))
-        names = tuple(column.removeprefix("q_") for column in header[1 : n + 1])
-        if n > 0 and not left and header == _columns(names, tuple(quantities)):
-            return names, tuple(quantities)
+    names = tuple(column[2:] for column in header if column.startswith("q_"))
+    kinds = tuple(key for key in QUANTITIES if names and f"{key}_{names[0]}" in header)
+    if names and header == _columns(names, kinds):
+        return names, kinds
     raise ScenarioError(
         f"{path}, line 1: expected the columns time, q_<joint>, ..., v_<joint>, "
         "..., a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out; a "

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.cli.options import ProblemArguments
-from tominpmp.cli.problem import check_given, load_problem
+from tominpmp.cli.problem import load_problem
 from tominpmp.cli.report import json_text, plain, rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.exceptions import OptionsError
@@ -37,7 +37,6 @@ def run_replay(
     Raises:
         TominpmpError: If a file is wrong or they do not belong together.
     """
-    check_given(problem_args)
     problem, options = load_problem(problem_args)
     if args.robustness:
         found = robustness(
