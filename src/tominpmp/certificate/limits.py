@@ -357,7 +357,7 @@ def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRow
         if part.changes.shape == "torques":
             # The mean over the interval, on which torques may have been merged.
             middles = found.values.reshape(chosen.shape)[:, MIDDLE]
-            middles[:] = part.load[slice(*part.span)]
+            middles[:] = part.load
         # A joint without a motor obeys its equation of motion.
         passive = np.zeros(chosen.shape, dtype=bool)
         passive[:, MIDDLE] = np.isin(item.of_joints, part.driven, invert=True)
