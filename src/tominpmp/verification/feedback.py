@@ -143,11 +143,10 @@ class Tracking(Integration):
         self.feedback = self._feedback(found)
         return replace(found, u=found.u[:, : found.q.shape[1]] + self.feedback)
 
-    def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
+    def _piece(self, k: int, x: Array, times: Array) -> tuple[Array, Array]:
         """Integrate the deviation over a piece, and add the plan."""
-        times = np.concatenate([self.pieces.t[k : k + 1], ticks])
         plan = self.pieces.on(k, times)[:, x.size // 2 : 3 * x.size // 2]
-        rows, way = super()._piece(k, x - plan[0], ticks)
+        rows, way = super()._piece(k, x - plan[0], times)
         return rows + plan[1 : 1 + len(rows)], way
 
     def _feedback(self, found: Replay) -> Array:
