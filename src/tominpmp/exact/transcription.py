@@ -36,8 +36,9 @@ class ArcTranscription:
 
     def __init__(self, program: ArcProgram, shot: Shot) -> None:
         self.program = program
-        goals, watched = shot.seeds.shape[0], program.watched.kind  # sorted
-        counts = [goals, shot.equal.size - goals, shot.room.size - watched.size]
+        watched = program.watched.kind  # sorted
+        entries = int(program.arcs.entries.sum())
+        counts = [shot.equal.size - entries, entries, shot.room.size - watched.size]
         counts += np.bincount(watched, minlength=len(LIMITS)).tolist()
         names = (*EQUATIONS, "goal region", *LIMITS)
         parts = []
