@@ -19,7 +19,7 @@ import numpy as np
 from scipy import integrate
 from scipy.integrate import ODEintWarning, OdeSolver, odeint
 
-from tominpmp.arrays import Array, IntArray, Record, real_array
+from tominpmp.arrays import Array, FrozenArray, IntArray, Record
 from tominpmp.checks import choice
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
 from tominpmp.problem import Problem
@@ -75,20 +75,15 @@ class Replay(Record):
     """
 
     joint_names: tuple[str, ...]
-    t: Array
-    q: Array
-    v: Array
-    u: Array
-    way: Array
+    t: FrozenArray
+    q: FrozenArray
+    v: FrozenArray
+    u: FrozenArray
+    way: FrozenArray
     nodes: IntArray
     integrator: str
     evaluations: int
     complete: bool
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        for name in ("t", "q", "v", "u", "way"):
-            object.__setattr__(self, name, real_array(getattr(self, name)))
 
     @property
     def duration(self) -> float:
