@@ -147,8 +147,6 @@ def replay(
     problem: Problem,
     trajectory: Trajectory,
     *,
-    pieces: Pieces | None = None,
-    time_step: float = TIME_STEP,
     integrator: Integrator | None = None,
 ) -> Replay:
     """Integrate the torques of a trajectory from the start of a problem.
@@ -156,16 +154,14 @@ def replay(
     Args:
         problem: Robot and start.
         trajectory: The motion, of which only the torques are used.
-        pieces: Its torques, if known.
-        time_step: Largest time between two rows of the result [s].
         integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences for
             stiff arms) or "Radau" (implicit); None for LSODA.
 
     Returns:
         The motion of the robot under the torques.
     """
-    integration = Integration(problem.robot, trajectory, pieces, integrator)
-    return integration.run(start_of(problem), time_step)
+    integration = Integration(problem.robot, trajectory, integrator=integrator)
+    return integration.run(start_of(problem))
 
 
 def start_of(problem: Problem) -> Array:
@@ -228,10 +224,10 @@ class Integration:
         self.evaluations = 0
         self._stride = np.inf
 
-    def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
+    def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
-        time_step = max(time_step, self._trajectory.duration / MOST_ROWS)
+        time_step = max(TIME_STEP, self._trajectory.duration / MOST_ROWS)
         times, states, ways = [np.zeros(1)], [start[None]], [np.zeros((0, n))]
         x = start
         for k in range(pieces.count):
