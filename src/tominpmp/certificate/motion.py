@@ -26,6 +26,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints import Partials, States
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import cut
@@ -247,8 +248,7 @@ class Motion:
     @property
     def driven(self) -> IntArray:
         """Joints with a motor."""
-        limits = self.system.problem.robot.limits
-        return np.flatnonzero(limits.effort_upper > limits.effort_lower)
+        return driven_joints(self.system)
 
     # -- states ------------------------------------------------------------------------
 
