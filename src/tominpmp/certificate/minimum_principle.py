@@ -292,7 +292,7 @@ def _active(motion: Motion, found: DualSolution) -> Iterator[ActiveLimit]:
             rows = np.flatnonzero(of_kind & (given.subject == subject))
             interval = given.at.interval[rows]
             held, first = np.unique(interval, return_index=True)
-            total: Array = np.bincount(interval, weights=density[rows])
+            total = np.bincount(interval, density[rows]).astype(float)
             yield ActiveLimit(
                 kind,
                 name_of(motion, kind, subject),
