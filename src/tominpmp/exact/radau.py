@@ -22,6 +22,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics
 from tominpmp.exact.held_joints import Rates, differentiate_rates
+from tominpmp.transcription.integrator import follow
 
 _R = math.sqrt(6.0)
 NODES = np.array([(4.0 - _R) / 10.0, (4.0 + _R) / 10.0, 1.0])
@@ -127,7 +128,7 @@ def integrate(
             matrix = _stage_matrix(h, rates.f_x, count, size)
             right = np.concatenate([-residual.reshape(count, -1, 1), both], axis=2)
             try:
-                change = _follow(np.linalg.solve(matrix, right)).reshape(stages.shape)
+                change = follow(np.linalg.solve(matrix, right)).reshape(stages.shape)
             except np.linalg.LinAlgError:
                 return None, cost
             damping = 1.0
@@ -207,12 +208,3 @@ def _repeated(count: int, size: int) -> Array:
     """Derivative of the equations of steps by their starts, with its sign changed."""
     block = np.tile(np.eye(size), (STAGES, 1))
     return np.broadcast_to(block, (count, STAGES * size, size))
-
-
-def _follow(parts: Array) -> Array:
-    """Changes of all stages, each step starting where the one before it ends."""
-    size = parts.shape[2] - 1
-    own, by_start = parts[..., 0].copy(), parts[..., 1:]
-    for k in range(1, own.shape[0]):
-        own[k] += by_start[k] @ own[k - 1, -size:]
-    return np.asarray(own)

@@ -109,6 +109,9 @@ class ArcProgram:
         limits: The constraints that can be watched, by the kind of limit.
         arcs: What the joints do.
         steps: Number of integration steps of each arc, shape (K,).
+        follows: Whether torques follow from held joints on the steps, shape (M, n).
+        modes: Which joints are held and which torques follow on the steps, see
+            :func:`~tominpmp.exact.held_joints.differentiate_rates`, shape (M, n).
         watched: Limits that are looked at.
         guess: Stages of a motion near by, to begin with, shape (M, 3, 2n).
         evaluations: At how many states the dynamics have been evaluated.
@@ -130,8 +133,8 @@ class ArcProgram:
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
         self._held = arcs.held[self.arc_of_step] != 0
-        self._follows = arcs.follows[self.arc_of_step]
-        self._modes = HOLDS * self._held + FOLLOWS * self._follows
+        self.follows = arcs.follows[self.arc_of_step]
+        self.modes = HOLDS * self._held + FOLLOWS * self.follows
         self._column = np.full(arcs.free.shape, -1)
         self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
         # Not a number: without a guess steps are marched.
@@ -178,7 +181,7 @@ class ArcProgram:
         system, arcs, of = self.system, self.unpack(y), self.arc_of_step
         u = system.effort_middle + system.effort_half * arcs.levels[of]
         h, guess = (arcs.lengths / self.steps)[of], self.guess
-        drive = system.dynamics, self._start, u, self._modes, h
+        drive = system.dynamics, self._start, u, self.modes, h
         if self._base is not None:
             # First-order prediction from the motion that was found last.
             z, shot = self._base
@@ -293,7 +296,7 @@ class ArcProgram:
         # not follow are within theirs.
         held = self._held.copy()
         held[:-1] |= self._held[1:]
-        free = {VELOCITY: held, TORQUE: ~self._follows}
+        free = {VELOCITY: held, TORQUE: ~self.follows}
         # A joint that is given at the end has no room to keep there.
         given = {POSITION: system.final_configuration, VELOCITY: system.final_velocity}
         for kind in sorted(self.limits):

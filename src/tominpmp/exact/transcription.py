@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from tominpmp.arrays import Array
-from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
+from tominpmp.exact.held_joints import differentiate_rates
 from tominpmp.exact.radau import NODES
 from tominpmp.exact.shooting import ArcProgram, Shot
 from tominpmp.motion.trajectory import Trajectory
@@ -77,10 +77,8 @@ class ArcTranscription:
         if shot is None:
             raise ValueError("the motion cannot be integrated")
         motion, arcs, n = shot.motion, program.unpack(z), system.n
-        of = program.arc_of_step
-        u = system.effort_middle + system.effort_half * arcs.levels[of]
-        follows = arcs.follows[of]
-        modes = HOLDS * (arcs.held[of] != 0) + FOLLOWS * follows
+        u = system.effort_middle + system.effort_half * arcs.levels[program.arc_of_step]
+        modes, follows = program.modes, program.follows
         steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
         x, h = motion.x, motion.h
         pieces = []
