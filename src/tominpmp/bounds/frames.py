@@ -85,13 +85,12 @@ def _turning_time(
 ) -> float:
     """Time in which the joints cannot turn a frame by an angle."""
     robot, model = problem.robot, problem.robot.model
-    S = np.eye(robot.n) if robot.expansion_matrix is None else robot.expansion_matrix
     turns = np.zeros(model.nv)
     for joint in model.supports[model.frames[robot.frame_id(frame)].parentJoint]:
         item = model.joints[joint]
         if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
             turns[item.idx_v] = 1.0
-    share = turns @ np.abs(S)
+    share = np.abs(robot.expand_tangent(np.eye(robot.n))) @ turns
     turning = share > 0.0
     ways = share[turning]
 
