@@ -22,7 +22,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics
 from tominpmp.exact.held_joints import Rates, differentiate_rates
-from tominpmp.transcription.integrator import follow
+from tominpmp.transcription.integrator import follow, solve_systems
 
 _R = math.sqrt(6.0)
 NODES = np.array([(4.0 - _R) / 10.0, (4.0 + _R) / 10.0, 1.0])
@@ -127,10 +127,7 @@ def integrate(
                 return None, cost
             matrix = _stage_matrix(h, rates.f_x, count, size)
             right = np.concatenate([-residual.reshape(count, -1, 1), both], axis=2)
-            try:
-                change = follow(np.linalg.solve(matrix, right)).reshape(stages.shape)
-            except np.linalg.LinAlgError:
-                return None, cost
+            change = follow(solve_systems(matrix, right)).reshape(stages.shape)
             damping = 1.0
             for _ in range(HALVINGS):
                 trial = stages + damping * change

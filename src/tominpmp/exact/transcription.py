@@ -13,6 +13,7 @@ from tominpmp.arrays import Array
 from tominpmp.exact.held_joints import differentiate_rates
 from tominpmp.exact.radau import NODES
 from tominpmp.exact.shooting import ArcProgram, Shot
+from tominpmp.exact.switching_times import NOT_INTEGRATED
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.rows import Rows
 
@@ -21,7 +22,6 @@ EQUATIONS = ("goal", "speed")
 LIMITS = ("position", "velocity", "torque", "clearance")
 # The torque of a held joint changes all the time: a step is cut this often for it.
 CUTS = 4
-NOT_INTEGRATED = 1e3
 # Steps shorter than this share of the duration are left out: nothing moves in them.
 VANISHED = 1e-9
 
