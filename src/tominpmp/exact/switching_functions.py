@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exact.shooting import CLEARANCE, TORQUE, VELOCITY, ArcProgram, Shot
+from tominpmp.exact.shooting import TORQUE, VELOCITY, ArcProgram, Shot
 from tominpmp.exact.structure import Arcs
 from tominpmp.transcription.integrator import Sensitivities, sweep_adjoint
 
@@ -60,17 +60,19 @@ def _multipliers(program: ArcProgram, y: Array, shot: Shot) -> Array:
     return weights
 
 
-def _torque_slopes(program: ArcProgram, shot: Shot, of_rows: Array) -> Array:
-    """Derivatives of the duration by the torque shares of steps, shape (M, n) [s]."""
-    # Multipliers of clearances and of bounds of the goal are left out.
-    equal, watched = shot.equal.size, program.watched.kind
-    left_out = np.repeat(True, shot.room.size - watched.size), watched == CLEARANCE
-    weights = of_rows[:, None].copy()
-    weights[equal:][np.concatenate(left_out)] = 0.0
+def torque_slopes(program: ArcProgram, shot: Shot, weights: Array) -> Array:
+    """Derivatives of the duration by the torque shares of steps, shape (M, n) [s].
+
+    Args:
+        program: The program.
+        shot: The motion.
+        weights: Multipliers of its rows, shares of the duration, shape (e + r,).
+    """
     steps = Sensitivities(*(part[:, -1] for part in shot.motion.sensitivities))
-    rows, one = shot.rows, np.zeros(weights.size, dtype=np.int64)
-    slopes, _ = sweep_adjoint(steps, rows.node, weights * rows.by_x, one)
-    np.add.at(slopes[0], rows.node - 1, weights * rows.by_u)
+    rows, weight = shot.rows, weights[:, None]
+    one = np.zeros(weights.size, dtype=np.int64)
+    slopes, _ = sweep_adjoint(steps, rows.node, weight * rows.by_x, one)
+    np.add.at(slopes[0], rows.node - 1, weight * rows.by_u)
     return np.asarray(slopes[0] * program.system.effort_half * program.duration)
 
 
@@ -89,7 +91,7 @@ def find_changes(
         Changes, at most one an arc, in the order of the arcs.
     """
     weights = _multipliers(program, y, shot)
-    slopes = _torque_slopes(program, shot, weights)
+    slopes = torque_slopes(program, shot, weights)
     arcs = program.unpack(y)
     found: dict[int, Change] = {}
 
