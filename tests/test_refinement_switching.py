@@ -16,8 +16,9 @@ from two_link_cases import CASES, all_cases
 import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exact import switching_refinement as exact
-from tominpmp.exact.shooting import ArcProgram
+from tominpmp.exact.shooting import CLEARANCE, ArcProgram
 from tominpmp.exact.structure import Arcs, read_arcs
+from tominpmp.exact.switching_functions import torque_slopes
 from tominpmp.exact.switching_times import EXACT, refine_arcs, solve_lengths
 from tominpmp.stopping import Budget
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -268,6 +269,32 @@ def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
         slope = (ends[0] - ends[1]) / (2.0 * step)
         found = np.concatenate([shot.by_equal, shot.by_room])[:, column]
         np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-6)
+
+
+def test_switching_functions_heed_clearances_and_goal_regions(
+    rng: np.random.Generator,
+) -> None:
+    """Their multipliers were left out, so that other torques promised wrong gains."""
+    ball = tm.Sphere("O", radius=0.8, position=(4.0, 0.0, 0.0))
+    corner = tm.PositionGoal("tip", (4.0, 1.0, 0.0), tolerance=0.01)
+    arm, start = tm.load_robot("planar3r"), (0.5, 1.7, -1.7)
+    system = ProblemFunctions.of(tm.Problem(arm, start, corner, [ball]))
+    held = np.zeros((3, 3), dtype=int)
+    rough = Arcs(np.full(3, 0.1), rng.uniform(-0.5, 0.5, (3, 3)), held == 0, held)
+    program = ArcProgram(system, rough, np.array([4, 5, 6]))
+    y = program.pack()
+    first = program.shoot(y)
+    assert first is not None
+    program.watch(program.look(first.motion, 2.0))
+    shot = program.shoot(y)
+    assert shot is not None
+    assert shot.room.size > program.watched.kind.size > 10
+    assert CLEARANCE in program.watched.kind
+    weights = rng.normal(size=shot.equal.size + shot.room.size)
+    by_unknowns = weights @ np.concatenate([shot.by_equal, shot.by_room])
+    slopes = torque_slopes(program, shot, weights) / program.duration
+    by_arcs = np.add.reduceat(slopes, [0, 4, 9])
+    np.testing.assert_allclose(by_arcs.ravel(), by_unknowns[3:], rtol=1e-9, atol=1e-9)
 
 
 def test_arcs_of_a_bang_bang_motion_are_read_off() -> None:

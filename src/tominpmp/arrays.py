@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +50,17 @@ def frozen_array(values: ArrayLike) -> Array:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+def _read_only(values: ArrayLike, _: str) -> NDArray[Any]:
+    array = np.array(values)
+    array.setflags(write=False)
+    return array
+
+
+# Types of fields of which a Record keeps a read-only copy.
+FrozenArray: TypeAlias = Annotated[Array, _read_only]
+FrozenFlags: TypeAlias = Annotated[BoolArray, _read_only]
 
 
 def real_array(values: object) -> Array:

@@ -58,6 +58,16 @@ def test_a_motion_that_stops_for_nothing_is_not(solutions, name):
     assert tm.certify(on_rail(*stopping), slower.trajectory).ok
 
 
+@pytest.mark.parametrize("name", ["passed", "load"])
+def test_torques_of_a_recorded_motion_are_those_of_its_segment(solutions, name):
+    """Those of a later segment were looked for among the intervals of the motion."""
+    recorded = solutions[name].trajectory.sample(0.002)
+    assert recorded.segment_ends is not None
+    found = tm.certify(PROBLEMS[name], recorded)
+    assert found.stationarity < 0.01
+    assert solutions[name].T == pytest.approx(found.t[-1])
+
+
 def test_what_holds_a_segment_is_named(solutions):
     active = {item.kind for item in solutions["slow"].certificate.active}
     assert "speed of frame tip" in active and "effort" in active

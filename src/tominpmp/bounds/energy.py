@@ -76,17 +76,14 @@ def gravity_bounds(robot: Robot) -> Array:
     travel = np.maximum(
         np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
     )
-    for joint in range(1, model.njoints):
-        for body in model.subtrees[joint]:
-            lever = float(np.linalg.norm(model.inertias[body].lever))
-            at = int(body)
-            while at != joint:
-                lever += float(np.linalg.norm(model.jointPlacements[at].translation))
-                if slides[at]:
-                    lever += float(travel[model.joints[at].idx_q])
-                at = int(model.parents[at])
-            weight = float(model.inertias[body].mass) * strength
-            if weight > 0.0:
-                arm = 1.0 if slides[joint] else lever
-                out[model.joints[joint].idx_v] += weight * arm
+    for body in range(1, model.njoints):
+        weight = float(model.inertias[body].mass) * strength
+        lever, joint = float(np.linalg.norm(model.inertias[body].lever)), body
+        while joint > 0 and weight > 0.0:
+            item, place = model.joints[joint], model.jointPlacements[joint].translation
+            out[item.idx_v] += weight * (1.0 if slides[joint] else lever)
+            lever += float(np.linalg.norm(place))
+            if slides[joint]:
+                lever += float(travel[item.idx_q])
+            joint = int(model.parents[joint])
     return out

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.bounds.least_time import last_bracket
 from tominpmp.bounds.result import LowerBound
 from tominpmp.collision.placements import Placements
 from tominpmp.goals import Goal
@@ -84,37 +85,19 @@ def _turning_time(
 ) -> float:
     """Time in which the joints cannot turn a frame by an angle."""
     robot, model = problem.robot, problem.robot.model
-    S = np.eye(robot.n) if robot.expansion_matrix is None else robot.expansion_matrix
     turns = np.zeros(model.nv)
     for joint in model.supports[model.frames[robot.frame_id(frame)].parentJoint]:
         item = model.joints[joint]
         if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
             turns[item.idx_v] = 1.0
-    share = turns @ np.abs(S)
+    share = np.abs(robot.expand_tangent(np.eye(robot.n))) @ turns
     turning = share > 0.0
     ways = share[turning]
-    return _last_time(
-        lambda T: float(ways @ reach(T)[turning]) < angle, longest, TURNING_BISECTIONS
-    )
 
+    def excluded(T: float) -> bool:
+        return float(ways @ reach(T)[turning]) < angle
 
-def _last_time(excluded: Callable[[float], bool], longest: float, steps: int) -> float:
-    """The largest time found that is excluded, with all times before it.
-
-    Args:
-        excluded: Whether a time is excluded.
-        longest: Longest time of the search [s].
-        steps: Steps of the bisection.
-    """
-    low, high = 0.0, min(SHORTEST, longest)
-    while excluded(high):
-        if high >= longest:
-            return high
-        low, high = high, min(2.0 * high, longest)
-    for _ in range(steps):
-        T = 0.5 * (low + high)
-        low, high = (T, high) if excluded(T) else (low, T)
-    return low
+    return last_bracket(excluded, SHORTEST, longest, TURNING_BISECTIONS)[0]
 
 
 def _carrying_time(
@@ -155,7 +138,7 @@ def _carrying_time(
             middle, half = _halves(middle[near], half[near], share)
         return False
 
-    return _last_time(excluded, longest, BISECTIONS)
+    return last_bracket(excluded, SHORTEST, longest, BISECTIONS)[0]
 
 
 def _halves(q: Array, half: Array, shares: Array) -> tuple[Array, Array]:

@@ -178,6 +178,29 @@ class SpeedLaw:
         return self
 
 
+def last_bracket(
+    holds: Callable[[float], bool], first: float, most: float, halvings: int
+) -> tuple[float, float]:
+    """Numbers between which is the last up to which a condition holds.
+
+    Args:
+        holds: Whether it holds; it does for zero, and below any number for which it
+            does.
+        first: The first number to be tried, which is doubled as long as it holds.
+        most: The largest one; both numbers are this where it holds even there.
+        halvings: Number of halvings of what is between.
+    """
+    low, high = 0.0, min(first, most)
+    while holds(high):
+        low, high = high, min(2.0 * high, most)
+        if low == most:
+            return most, most
+    for _ in range(halvings):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low, high
+
+
 def _within(knots: Array) -> Array:
     """A speed on each piece between knots, and beyond both ends."""
     if not knots.size:
@@ -271,16 +294,9 @@ class OneWay:
 
         if not room(0.0):
             return 0.0, self._around(0.0)[1]
-        low, high = 0.0, self.top if math.isfinite(self.top) else 1.0
-        while room(high):
-            if high == self.top or high > FASTEST:
-                peak = self.top if high == self.top else math.inf
-                return peak, self._around(high)[1]
-            low, high = high, min(2.0 * high, self.top)
-        for _ in range(HALVINGS):
-            peak = 0.5 * (low + high)
-            low, high = (peak, high) if room(peak) else (low, peak)
-        return high, self._around(low)[1]
+        first = self.top if math.isfinite(self.top) else 1.0
+        low, high = last_bracket(room, first, min(self.top, FASTEST), HALVINGS)
+        return math.inf if high == FASTEST else high, self._around(low)[1]
 
     def _around(self, peak: float) -> tuple[float, float]:
         """Time of speeding up to a peak and of slowing down, and its integral."""

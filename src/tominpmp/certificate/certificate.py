@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tominpmp.arrays import Array, BoolArray, Record, frozen_array
+from tominpmp.arrays import FrozenArray, FrozenFlags, Record
 from tominpmp.exceptions import BRIEF, shortened
 
 
@@ -25,10 +25,10 @@ class ActiveLimit(Record):
 
     kind: str
     name: str
-    begin: Array
-    end: Array
-    multiplier: Array
-    upper: BoolArray
+    begin: FrozenArray
+    end: FrozenArray
+    multiplier: FrozenArray
+    upper: FrozenFlags
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,11 @@ class Certificate(Record):
     joint_names: tuple[str, ...]
     ok: bool
     message: str
-    t: Array
-    costates: Array
-    switching: Array
-    hamiltonian: Array
-    obeys: BoolArray
+    t: FrozenArray
+    costates: FrozenArray
+    switching: FrozenArray
+    hamiltonian: FrozenArray
+    obeys: FrozenFlags
     active: tuple[ActiveLimit, ...]
     hamiltonian_deviation: float
     hamiltonian_mean_deviation: float
@@ -98,9 +98,3 @@ class Certificate(Record):
         """The result, on one line."""
         found = "ok" if self.ok else "not ok"
         return f"<Certificate {found}: {shortened(self.message, 2 * BRIEF)}>"
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        for name in ("t", "costates", "switching", "hamiltonian"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
-        self.obeys.setflags(write=False)

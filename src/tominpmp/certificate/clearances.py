@@ -21,11 +21,13 @@ from tominpmp.certificate.motion import Motion
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.motion.extrema import local_maxima, rising_then_falling
 
-# Shares of intervals at which a pair that stays near is a row, too: middles and ends.
+# Shares of intervals at which a pair that stays near is a row, too, and constraints are
+# in any case: middles and ends.
 REGULAR = (0.5, 1.0)
 # Clearances beyond this, in shares of the reach, are no rows.
 ATTENTION = 0.03
-# Samples of an interval, between which the nearest instants of pairs are searched.
+# Samples of an interval, between which the nearest instants of pairs and constraints
+# are searched.
 SAMPLES = 16
 # Number of halvings of the time around a sample: corners pass each other within a
 # millisecond.

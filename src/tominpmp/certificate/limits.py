@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.certificate.clearances import contacts
+from tominpmp.certificate.clearances import REGULAR, SAMPLES, contacts
 from tominpmp.certificate.motion import Motion
 from tominpmp.constraints import (
     Arrival,
@@ -56,10 +56,6 @@ FLAT = 1e-2
 # [rad, or shares of the reach] and they turn back by more than the second; at nodes
 # where their slack is below the third, the trust region.
 ROOM, TURN, FAR = 0.05, 1e-5, 1.0
-# Shares of intervals at which other constraints are always rows: middles and ends.
-REGULAR = (0.5, 1.0)
-# Samples of an interval between which the nearest instants of constraints are searched.
-SAMPLES = 16
 # Constraints farther below their bounds, in units of their scale, are no rows.
 NEAR_CONSTRAINT = 0.1
 
@@ -357,7 +353,7 @@ def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRow
         if part.changes.shape == "torques":
             # The mean over the interval, on which torques may have been merged.
             middles = found.values.reshape(chosen.shape)[:, MIDDLE]
-            middles[:] = part.load[slice(*part.span)]
+            middles[:] = part.load
         # A joint without a motor obeys its equation of motion.
         passive = np.zeros(chosen.shape, dtype=bool)
         passive[:, MIDDLE] = np.isin(item.of_joints, part.driven, invert=True)

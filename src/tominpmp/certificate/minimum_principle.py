@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, frozen_array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
@@ -292,13 +292,13 @@ def _active(motion: Motion, found: DualSolution) -> Iterator[ActiveLimit]:
             rows = np.flatnonzero(of_kind & (given.subject == subject))
             interval = given.at.interval[rows]
             held, first = np.unique(interval, return_index=True)
-            total = np.bincount(interval, weights=density[rows])
+            total = np.bincount(interval, density[rows]).astype(float)
             yield ActiveLimit(
                 kind,
                 name_of(motion, kind, subject),
-                frozen_array(t[held]),
-                frozen_array(t[held + 1]),
-                frozen_array(total[held]),
+                t[held],
+                t[held + 1],
+                total[held],
                 given.held_above[rows[first]],
             )
 

@@ -26,8 +26,10 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints import Partials, States
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.verification.replay import cut
 
 # The quantity that is constant on an interval: the acceleration, its slope, or the
 # torque.
@@ -246,8 +248,7 @@ class Motion:
     @property
     def driven(self) -> IntArray:
         """Joints with a motor."""
-        limits = self.system.problem.robot.limits
-        return np.flatnonzero(limits.effort_upper > limits.effort_lower)
+        return driven_joints(self.system)
 
     # -- states ------------------------------------------------------------------------
 
@@ -350,12 +351,7 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
             if jumps[k] or t[k + 1] - t[kept[-1]] > SHORTEST * T:
                 kept.append(k)
         t = t[[*kept, t.size - 1]]
-    counts = np.maximum(np.ceil(np.diff(t) / (LONGEST * T) - 1e-9), 1.0)
-    parts = [
-        np.linspace(begin, end, int(count), endpoint=False)
-        for begin, end, count in zip(t[:-1], t[1:], counts, strict=True)
-    ]
-    return np.concatenate([*parts, t[-1:]]), joined
+    return cut(t, LONGEST * T), joined
 
 
 def _jumps(trajectory: Trajectory) -> BoolArray:

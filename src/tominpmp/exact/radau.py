@@ -22,6 +22,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics
 from tominpmp.exact.held_joints import Rates, differentiate_rates
+from tominpmp.transcription.integrator import follow, solve_systems
 
 _R = math.sqrt(6.0)
 NODES = np.array([(4.0 - _R) / 10.0, (4.0 + _R) / 10.0, 1.0])
@@ -126,10 +127,7 @@ def integrate(
                 return None, cost
             matrix = _stage_matrix(h, rates.f_x, count, size)
             right = np.concatenate([-residual.reshape(count, -1, 1), both], axis=2)
-            try:
-                change = _follow(np.linalg.solve(matrix, right)).reshape(stages.shape)
-            except np.linalg.LinAlgError:
-                return None, cost
+            change = follow(solve_systems(matrix, right)).reshape(stages.shape)
             damping = 1.0
             for _ in range(HALVINGS):
                 trial = stages + damping * change
@@ -148,10 +146,10 @@ def integrate(
     return None, cost
 
 
-def explicit_stages(
+def stages_one_by_one(
     dynamics: Dynamics, x_start: Array, u: Array, modes: IntArray, h: Array
 ) -> Array:
-    """Stages of a motion by explicit steps, one after the other: a guess.
+    """Stages of a motion whose steps are solved one after the other: a guess.
 
     Args:
         dynamics: Equations of motion.
@@ -162,36 +160,17 @@ def explicit_stages(
         h: Lengths of the steps [s], shape (M,).
 
     Returns:
-        Shape (M, 3, 2n); not finite where an explicit method does not do.
+        Shape (M, 3, 2n); not finite from a step on that cannot be solved.
     """
-    out = np.empty((h.size, STAGES, x_start.size))
+    out = np.full((h.size, STAGES, x_start.size), np.nan)
     x = x_start
-    s = NODES[:, None]
-    for i, step in enumerate(h.tolist()):
-        torque, kept = u[i : i + 1], modes[i : i + 1]
-
-        def rate(state: Array, torque: Array = torque, kept: IntArray = kept) -> Array:
-            if not kept.any():
-                rates = dynamics.forward(state[None], torque)
-            else:
-                rates = differentiate_rates(dynamics, state[None], torque, kept).f
-            return np.asarray(rates[0])
-
-        with np.errstate(all="ignore"):
-            # The classical method of order 4, and Hermite's cubic between.
-            k1 = rate(x)
-            k2 = rate(x + 0.5 * step * k1)
-            k3 = rate(x + 0.5 * step * k2)
-            k4 = rate(x + step * k3)
-            end = x + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-            if not np.all(np.isfinite(end)):
-                return np.full_like(out, np.nan)
-            out[i] = (
-                x
-                + (3.0 * s**2 - 2.0 * s**3) * (end - x)
-                + step * s * (1.0 - s) * ((1.0 - s) * k1 - s * k4)
-            )
-        x = end
+    for k in range(h.size):
+        one, still = slice(k, k + 1), np.tile(x, (1, STAGES, 1))
+        step, _ = integrate(dynamics, x, u[one], modes[one], h[one], still)
+        if step is None:
+            break
+        out[k] = step.stages[0]
+        x = out[k, -1]
     return out
 
 
@@ -207,12 +186,3 @@ def _repeated(count: int, size: int) -> Array:
     """Derivative of the equations of steps by their starts, with its sign changed."""
     block = np.tile(np.eye(size), (STAGES, 1))
     return np.broadcast_to(block, (count, STAGES * size, size))
-
-
-def _follow(parts: Array) -> Array:
-    """Changes of all stages, each step starting where the one before it ends."""
-    size = parts.shape[2] - 1
-    own, by_start = parts[..., 0].copy(), parts[..., 1:]
-    for k in range(1, own.shape[0]):
-        own[k] += by_start[k] @ own[k - 1, -size:]
-    return np.asarray(own)

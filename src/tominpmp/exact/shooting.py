@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.constraints import States
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS
-from tominpmp.exact.radau import NODES, IntegratedArcs, explicit_stages, integrate
+from tominpmp.exact.radau import (
+    NODES,
+    STAGES,
+    IntegratedArcs,
+    integrate,
+    stages_one_by_one,
+)
 from tominpmp.exact.structure import Arcs
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -21,6 +29,8 @@ SPEED_FACTOR = 5.0
 NEAR = 0.1
 CLOSE = 0.05
 POSITION, VELOCITY, TORQUE, CLEARANCE = range(4)
+# Kinds of the constraints that bound positions, velocities or torques.
+FIELDS = {"q": POSITION, "v": VELOCITY, "u": TORQUE}
 
 
 class WatchedLimits(NamedTuple):
@@ -29,14 +39,41 @@ class WatchedLimits(NamedTuple):
     Attributes:
         kind: Which limit, shape (r,).
         node: At the end of which step, counted from 1, shape (r,).
-        which: Joint or pair, shape (r,).
+        which: Index of the value of the constraint, shape (r,).
         sign: 1 for an upper limit, -1 for a lower one, shape (r,).
+        room: Distance to it in the motion that was looked at, shape (r,).
     """
 
     kind: IntArray
     node: IntArray
     which: IntArray
     sign: IntArray
+    room: Array
+
+
+class EndRows(NamedTuple):
+    """Rows of a program, each of which depends on what is at the end of a step.
+
+    Attributes:
+        value: Their values, shape (k,).
+        node: At the end of which step, counted from 1, shape (k,).
+        by_x: Derivatives by the state there, shape (k, 2n).
+        by_u: Derivatives by the torques on the step, shape (k, n).
+        by_t: Derivatives by the time, shape (k,).
+    """
+
+    value: Array
+    node: IntArray
+    by_x: Array
+    by_u: Array
+    by_t: Array
+
+    @classmethod
+    def of_states(cls, value: Array, node: IntArray | int, by_x: Array) -> EndRows:
+        """Rows that depend on states alone."""
+        count, size = by_x.shape
+        nodes = np.broadcast_to(node, count)
+        return cls(value, nodes, by_x, np.zeros((count, size // 2)), np.zeros(count))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +84,9 @@ class Shot:
         motion: The motion.
         equal: Goal and entries of held arcs, zero where they hold, shape (e,).
         by_equal: Shape (e, size).
-        room: What is left to the watched limits and bounds of the goal, shape (r,).
+        room: What is left to bounds of the goal and the watched limits, shape (r,).
         by_room: Shape (r, size).
-        seeds: Derivative of the goal's part of ``equal`` by the final state, (k, 2n).
+        rows: Both, one after the other.
         by_stages: Derivative of the stages, shape (M, 3, 2n, size).
     """
 
@@ -58,7 +95,7 @@ class Shot:
     by_equal: Array
     room: Array
     by_room: Array
-    seeds: Array
+    rows: EndRows
     by_stages: Array
 
 
@@ -69,8 +106,12 @@ class ArcProgram:
 
     Attributes:
         system: The functions of the problem.
+        limits: The constraints that can be watched, by the kind of limit.
         arcs: What the joints do.
         steps: Number of integration steps of each arc, shape (K,).
+        follows: Whether torques follow from held joints on the steps, shape (M, n).
+        modes: Which joints are held and which torques follow on the steps, see
+            :func:`~tominpmp.exact.held_joints.differentiate_rates`, shape (M, n).
         watched: Limits that are looked at.
         guess: Stages of a motion near by, to begin with, shape (M, 3, 2n).
         evaluations: At how many states the dynamics have been evaluated.
@@ -78,15 +119,22 @@ class ArcProgram:
 
     def __init__(self, system: ProblemFunctions, arcs: Arcs, steps: IntArray) -> None:
         self.system, self.arcs, self.steps = system, arcs, steps
+        self.limits: dict[int, Any] = {
+            FIELDS[item.field]: item
+            for item in system.constraints
+            if item.field in FIELDS
+        }
+        if system.clearance is not None:
+            self.limits[CLEARANCE] = system.clearance
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)
-        self.watched = WatchedLimits(*np.zeros((4, 0), dtype=np.int64))
+        self.watched = WatchedLimits(*np.zeros((5, 0), dtype=np.int64))
         self.evaluations = 0
         self._n = system.n
         self._start = np.concatenate([system.problem.q_start, system.v_start])
         self._held = arcs.held[self.arc_of_step] != 0
-        self._follows = arcs.follows[self.arc_of_step]
-        self._modes = HOLDS * self._held + FOLLOWS * self._follows
+        self.follows = arcs.follows[self.arc_of_step]
+        self.modes = HOLDS * self._held + FOLLOWS * self.follows
         self._column = np.full(arcs.free.shape, -1)
         self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
         # Not a number: without a guess steps are marched.
@@ -133,14 +181,14 @@ class ArcProgram:
         system, arcs, of = self.system, self.unpack(y), self.arc_of_step
         u = system.effort_middle + system.effort_half * arcs.levels[of]
         h, guess = (arcs.lengths / self.steps)[of], self.guess
-        drive = system.dynamics, self._start, u, self._modes, h
+        drive = system.dynamics, self._start, u, self.modes, h
         if self._base is not None:
             # First-order prediction from the motion that was found last.
             z, shot = self._base
             guess = shot.motion.stages + shot.by_stages @ (y - z)
         motion, cost = integrate(*drive, guess)
         if motion is None:
-            motion, more = integrate(*drive, explicit_stages(*drive))
+            motion, more = integrate(*drive, stages_one_by_one(*drive))
             cost += h.size + more
         self.evaluations += cost
         return motion
@@ -170,10 +218,8 @@ class ArcProgram:
 
     def _differentiate(self, motion: IntegratedArcs) -> Shot:
         system, n = self.system, self._n
-        by, by_stages = self.propagate(motion)
         x, goal = motion.x, system.problem.goal
-        end = x[-1, :n], x[-1, n:]
-        value, by_q, by_v = goal.residual(system.kinematics, *end)
+        value, by_q, by_v = goal.residual(system.kinematics, x[-1, :n], x[-1, n:])
         scale = np.ones(value.size)
         if goal.fixes_velocity:
             scale[:-n] = system.step_scale if value.size == 2 * n else 1.0
@@ -182,46 +228,60 @@ class ArcProgram:
             scale[-3:] = SPEED_FACTOR / self.duration
         low, high = system.goal_bounds
         exact = low == high
-        seeds = np.hstack([by_q, by_v]) / scale[:, None]
-        slopes = seeds @ by[-1]
+        above, below = ~exact & np.isfinite(high), ~exact & np.isfinite(low)
+        to_high, to_low = (high - value) / scale, (value - low) / scale
+        slope, end = np.hstack([by_q, by_v]) / scale[:, None], self.arc_of_step.size
         arc, joint = np.nonzero(self.arcs.entries)
         node = (np.cumsum(self.steps) - self.steps)[arc]
         limit = system.problem.robot.limits.velocity[joint]
         entry = x[node, n + joint] / limit - self.arcs.held[arc, joint]
-        by_entry = by[node, n + joint] / limit[:, None]
-        room, by_room = self._rooms(motion, by)
-        above, below = ~exact & np.isfinite(high), ~exact & np.isfinite(low)
-        to_high, to_low = (high - value) / scale, (value - low) / scale
-        return Shot(
-            motion,
-            np.concatenate([to_low[exact], entry]),
-            np.vstack([slopes[exact], by_entry]),
-            np.concatenate([to_high[above], to_low[below], room]),
-            np.vstack([-slopes[above], slopes[below], by_room]),
-            seeds[exact],
-            by_stages,
+        parts = (
+            EndRows.of_states(to_low[exact], end, slope[exact]),
+            EndRows.of_states(entry, node, np.eye(2 * n)[n + joint] / limit[:, None]),
+            EndRows.of_states(to_high[above], end, -slope[above]),
+            EndRows.of_states(to_low[below], end, slope[below]),
+            self._watched_rows(motion),
         )
+        columns: Iterator[Any] = zip(*parts, strict=True)
+        rows = EndRows(*map(np.concatenate, columns))
+        by, by_stages = self.propagate(motion)
+        value, slopes = rows.value, self._slopes(rows, by)
+        equal = int(exact.sum()) + entry.size
+        equations = value[:equal], slopes[:equal]
+        return Shot(motion, *equations, value[equal:], slopes[equal:], rows, by_stages)
+
+    def _slopes(self, rows: EndRows, by: Array) -> Array:
+        """Derivatives of rows by the unknowns, shape (k, size).
+
+        Args:
+            rows: The rows.
+            by: Derivatives of the states at the ends of steps, (M + 1, 2n, size).
+        """
+        out = np.einsum("kx,kxz->kz", rows.by_x, by[rows.node])
+        column = self._column[self.arc_of_step[rows.node - 1]]
+        row, joint = np.nonzero(column >= 0)
+        by_share = rows.by_u[row, joint] * self.system.effort_half[joint]
+        out[row, column[row, joint]] += by_share
+        # The time at the end of a step is the sum of the steps before.
+        over = np.arange(self.steps.size) == self.arc_of_step[:, None]
+        share = np.cumsum(over * (self.duration / self.steps), axis=0)
+        out[:, : self.arcs.count] += rows.by_t[:, None] * share[rows.node - 1]
+        return np.asarray(out)
 
     # -- limits ------------------------------------------------------------------------
 
-    def _values(self, motion: IntegratedArcs, kind: int) -> tuple[Array, Array]:
-        """Distances to upper and lower limits at the ends of steps, (M, k) each."""
-        system, n = self.system, self._n
-        limits, x = system.problem.robot.limits, motion.x[1:]
-        if kind == POSITION:
-            q, scale = x[:, :n], system.step_scale
-            above, below = limits.position_upper - q, q - limits.position_lower
-            return above / scale, below / scale
-        if kind == VELOCITY:
-            share = x[:, n:] / limits.velocity
-            return 1.0 - share, 1.0 + share
-        if kind == TORQUE:
-            tau = motion.rates.tau.reshape(-1, 3, n)[:, -1]
-            share = (tau - system.effort_middle) / system.effort_half
-            return 1.0 - share, 1.0 + share
-        assert system.clearance is not None  # noqa: S101
-        room = -system.clearance.values(x[:, :n], times=np.cumsum(motion.h))
-        return room, np.full_like(room, np.inf)
+    def _states(self, motion: IntegratedArcs) -> States:
+        """States at the ends of steps."""
+        n, x = self._n, motion.x[1:]
+        torque = motion.rates.tau.reshape(-1, STAGES, n)[:, -1]
+        none, t = np.zeros((0, n)), np.cumsum(motion.h)
+        return States(t, x[:, :n], x[:, n:], none, torque)
+
+    def _values(self, states: States, kind: int) -> tuple[Array, Array]:
+        """Distances to upper and lower limits at states, shape (m, k) each."""
+        values = self.limits[kind].evaluate(states)
+        lower, upper = self.limits[kind].bounds(states.t.size)
+        return upper - values, values - lower
 
     def look(self, motion: IntegratedArcs, near: float | None = None) -> WatchedLimits:
         """Limits that a motion comes near to, or passes.
@@ -230,92 +290,58 @@ class ArcProgram:
             motion: The motion.
             near: How near, in shares; None takes the usual.
         """
-        system, parts = self.system, list[WatchedLimits]()
-        kinds = [POSITION, VELOCITY, TORQUE]
-        if system.clearance is not None:
-            kinds.append(CLEARANCE)
+        system, states = self.system, self._states(motion)
+        parts = list[WatchedLimits]()
         # A joint that is held, or begins to be, is at its speed limit; torques that do
         # not follow are within theirs.
         held = self._held.copy()
         held[:-1] |= self._held[1:]
-        free = {VELOCITY: held, TORQUE: ~self._follows}
+        free = {VELOCITY: held, TORQUE: ~self.follows}
         # A joint that is given at the end has no room to keep there.
         given = {POSITION: system.final_configuration, VELOCITY: system.final_velocity}
-        for kind in kinds:
+        for kind in sorted(self.limits):
             distance = (CLOSE if kind == CLEARANCE else NEAR) if near is None else near
-            for sign, room in zip((1, -1), self._values(motion, kind), strict=True):
+            for sign, room in zip((1, -1), self._values(states, kind), strict=True):
                 if kind in free:
-                    room[free[kind]] = np.inf
+                    room[free[kind][:, self.limits[kind].of_joints]] = np.inf
                 if given.get(kind) is not None:
                     room[-1] = np.inf
                 step, index = np.nonzero(room < distance)
                 what, signs = np.full_like(step, kind), np.full_like(step, sign)
-                parts.append(WatchedLimits(what, step + 1, index, signs))
+                rooms = room[step, index]
+                parts.append(WatchedLimits(what, step + 1, index, signs, rooms))
         return WatchedLimits(
             *(np.concatenate(part) for part in zip(*parts, strict=True))
         )
 
-    def _room(self, motion: IntegratedArcs, watched: WatchedLimits) -> Array:
-        """Distances to limits, shape (r,)."""
-        room = np.zeros(watched.kind.size)
-        for kind in np.unique(watched.kind).tolist():
-            rows = watched.kind == kind
-            at = watched.node[rows] - 1, watched.which[rows]
-            high, low = self._values(motion, kind)
-            room[rows] = np.where(watched.sign[rows] > 0, high[at], low[at])
-        return room
-
-    def _rooms(self, motion: IntegratedArcs, by: Array) -> tuple[Array, Array]:
+    def _watched_rows(self, motion: IntegratedArcs) -> EndRows:
         """Distances to the watched limits, with derivatives."""
-        system, n, watched = self.system, self._n, self.watched
-        by_room = np.zeros((watched.kind.size, self.size))
-        limits = system.problem.robot.limits
+        n, watched, rates = self._n, self.watched, motion.rates
+        states, count = self._states(motion), watched.kind.size
+        by_x = np.zeros((count, 2 * n))
+        out = EndRows.of_states(np.zeros(count), watched.node, by_x)
         for kind in np.unique(watched.kind).tolist():
             rows = np.flatnonzero(watched.kind == kind)
-            node, index = watched.node[rows], watched.which[rows]
-            if kind == POSITION:
-                slope = by[node, index] / system.step_scale[index, None]
-            elif kind == VELOCITY:
-                slope = by[node, n + index] / limits.velocity[index, None]
-            elif kind == TORQUE:
-                slope = self._torque_slopes(motion, by, node, index)
-            else:
-                slope = self._clearance_slopes(motion, by, node, index)
-            by_room[rows] = -watched.sign[rows, None] * slope
-        return self._room(motion, watched), by_room
-
-    def _clearance_slopes(
-        self, motion: IntegratedArcs, by: Array, node: IntArray, index: IntArray
-    ) -> Array:
-        clearance, n = self.system.clearance, self._n
-        assert clearance is not None  # noqa: S101
-        gradients, rates = clearance.derivatives_at(
-            motion.x[1:, :n], node - 1, index, np.cumsum(motion.h)
-        )
-        slope: Array = np.einsum("rj,rjz->rz", gradients, by[node, :n])
-        if clearance.moving:
-            # The time at the end of a step is the sum of the steps before.
-            over = np.arange(self.steps.size) == self.arc_of_step[:, None]
-            share = over * (self.duration / self.steps)
-            arcs = np.arange(self.arcs.count)
-            slope[:, arcs] += rates[:, None] * np.cumsum(share, axis=0)[node - 1]
-        return slope
-
-    def _torque_slopes(
-        self, motion: IntegratedArcs, by: Array, node: IntArray, index: IntArray
-    ) -> Array:
-        rates, last = motion.rates, 3 * node - 1
-        slope = np.einsum("rx,rxz->rz", rates.tau_x[last, index], by[node])
-        column = self._column[self.arc_of_step[node - 1]]
-        row, joint = np.nonzero(column >= 0)
-        by_u = rates.tau_u[last[row], index[row], joint]
-        slope[row, column[row, joint]] += by_u * self.system.effort_half[joint]
-        return np.asarray(slope / self.system.effort_half[index, None])
+            node, which, sign = (part[rows] for part in watched[1:4])
+            high, low = (room[node - 1, which] for room in self._values(states, kind))
+            out.value[rows] = np.where(sign > 0, high, low)
+            by = self.limits[kind].differentiate(states, node - 1, which)
+            by = by.times(-sign[:, None])
+            for part, joints in ((by.by_q, slice(n)), (by.by_v, slice(n, None))):
+                if part is not None:
+                    out.by_x[rows, joints] = part
+            if by.by_u is not None:
+                # Torques that follow depend on the state and on the other torques.
+                last = STAGES * node - 1
+                out.by_x[rows] += np.einsum("kj,kjx->kx", by.by_u, rates.tau_x[last])
+                out.by_u[rows] = np.einsum("kj,kji->ki", by.by_u, rates.tau_u[last])
+            if by.by_t is not None:
+                out.by_t[rows] = by.by_t
+        return out
 
     def excess(self, motion: IntegratedArcs, slack: float) -> float:
         """What the limits are passed by at the ends of steps, if by more than slack."""
-        passed = self.look(motion, -slack)
-        return float(np.max(-self._room(motion, passed), initial=0.0))
+        return float(np.max(-self.look(motion, -slack).room, initial=0.0))
 
     def sample_times(self, arcs: Arcs) -> Array:
         """Times of the stages, shape (M, 3) [s]."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,13 +75,8 @@ class Arcs:
 
     def pick(self, index: IntArray, lengths: Array) -> Arcs:
         """Arcs of chosen kinds with given lengths."""
-        return Arcs(
-            lengths,
-            self.levels[index],
-            self.free[index],
-            self.held[index],
-            self.follows[index],
-        )
+        kinds: tuple[Any, ...] = self.levels, self.free, self.held, self.follows
+        return Arcs(lengths, *(part[index] for part in kinds))
 
     def _cut(self, arc: int, shares: Sequence[float]) -> Arcs:
         """An arc cut into pieces by their shares of its length; arrays are its own."""

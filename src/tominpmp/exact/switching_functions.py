@@ -16,8 +16,9 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exact.shooting import POSITION, TORQUE, VELOCITY, ArcProgram, Shot
+from tominpmp.exact.shooting import TORQUE, VELOCITY, ArcProgram, Shot
 from tominpmp.exact.structure import Arcs
+from tominpmp.transcription.integrator import Sensitivities, sweep_adjoint
 
 # Limits with less room than this are active.
 ACTIVE = 1e-6
@@ -43,11 +44,10 @@ class Change:
     urgent: bool = False
 
 
-def _multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Array]:
-    """Multipliers of the equations and of the limits, by least squares.
+def _multipliers(program: ArcProgram, y: Array, shot: Shot) -> Array:
+    """Multipliers of the rows, by least squares, shape (e + r,).
 
-    Returns:
-        Shapes (e,) and (r,), in shares of the duration.
+    They are shares of the duration, negative for limits that cost time.
     """
     count = program.arcs.count
     moving = np.concatenate([y[:count] > ON_BOUND, np.abs(y[count:]) < 1.0 - ON_BOUND])
@@ -55,47 +55,25 @@ def _multipliers(program: ArcProgram, y: Array, shot: Shot) -> tuple[Array, Arra
     active = np.flatnonzero(shot.room < ACTIVE)
     matrix = np.vstack([shot.by_equal, -shot.by_room[active]])[:, moving]
     found = np.linalg.lstsq(matrix.T, -cost[moving], rcond=1e-10)[0]
-    of_room = np.zeros(shot.room.size)
-    of_room[active] = found[shot.equal.size :]
-    return found[: shot.equal.size], of_room
+    weights, equal = np.zeros(shot.rows.value.size), shot.equal.size
+    weights[:equal], weights[equal + active] = found[:equal], -found[equal:]
+    return weights
 
 
-def _torque_slopes(program: ArcProgram, shot: Shot, of: tuple[Array, Array]) -> Array:
-    """Derivatives of the duration by the torque shares of steps, shape (M, n) [s]."""
-    equations, limits = of
-    A, B, _ = (part[:, -1] for part in shot.motion.sensitivities)
-    n = B.shape[2]
-    push = np.zeros((A.shape[0] + 1, 2 * n))
-    goals = shot.seeds.shape[0]
-    push[-1] += equations[:goals] @ shot.seeds
-    speed = program.system.problem.robot.limits.velocity
-    arc, joint = np.nonzero(program.arcs.entries)
-    node = (np.cumsum(program.steps) - program.steps)[arc]
-    np.add.at(push, (node, n + joint), equations[goals:] / speed[joint])
-    watched = program.watched
-    slack = limits.size - watched.kind.size  # bounds of the goal come first
-    weights = limits[slack:] * watched.sign
-    for kind, offset, scale in (
-        (POSITION, 0, program.system.step_scale),
-        (VELOCITY, n, speed),
-    ):
-        rows = (watched.kind == kind) & (weights != 0.0)
-        index = watched.which[rows]
-        at = (watched.node[rows], offset + index)
-        np.add.at(push, at, weights[rows] / scale[index])
-    out = np.zeros((A.shape[0], n))
-    rows = np.flatnonzero((watched.kind == TORQUE) & (weights != 0.0))
-    stage, index = 3 * watched.node[rows] - 1, watched.which[rows]
-    share = (weights[rows] / program.system.effort_half[index])[:, None]
-    rates = shot.motion.rates
-    np.add.at(push, watched.node[rows], share * rates.tau_x[stage, index])
-    np.add.at(out, watched.node[rows] - 1, share * rates.tau_u[stage, index])
-    p = np.zeros(2 * n)
-    for i in range(A.shape[0] - 1, -1, -1):
-        p = p + push[i + 1]
-        out[i] += p @ B[i]
-        p = p @ A[i]
-    return out * program.system.effort_half * program.duration
+def torque_slopes(program: ArcProgram, shot: Shot, weights: Array) -> Array:
+    """Derivatives of the duration by the torque shares of steps, shape (M, n) [s].
+
+    Args:
+        program: The program.
+        shot: The motion.
+        weights: Multipliers of its rows, shares of the duration, shape (e + r,).
+    """
+    steps = Sensitivities(*(part[:, -1] for part in shot.motion.sensitivities))
+    rows, weight = shot.rows, weights[:, None]
+    one = np.zeros(weights.size, dtype=np.int64)
+    slopes, _ = sweep_adjoint(steps, rows.node, weight * rows.by_x, one)
+    np.add.at(slopes[0], rows.node - 1, weight * rows.by_u)
+    return np.asarray(slopes[0] * program.system.effort_half * program.duration)
 
 
 def find_changes(
@@ -112,8 +90,8 @@ def find_changes(
     Returns:
         Changes, at most one an arc, in the order of the arcs.
     """
-    of = _multipliers(program, y, shot)
-    slopes = _torque_slopes(program, shot, of)
+    weights = _multipliers(program, y, shot)
+    slopes = torque_slopes(program, shot, weights)
     arcs = program.unpack(y)
     found: dict[int, Change] = {}
 
@@ -138,7 +116,7 @@ def find_changes(
                 share = (peak + 0.5) / wrong.size
                 new = partial(Arcs.insert, arc=k, share=share, joint=j, level=-level)
                 offer(Change(float(wrong[a:b].sum()), k, new))
-    for change in _of_limits(program, of[1]):
+    for change in _of_limits(program, weights):
         offer(change)
     return [found[k] for k in sorted(found)]
 
@@ -168,7 +146,7 @@ def _limits_instead(arc: int, joint: int, level: float, slopes: Array) -> Change
     return Change(gain, arc, new)
 
 
-def _of_limits(program: ArcProgram, limits: Array) -> Iterator[Change]:
+def _of_limits(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
     """Joints that touch their speed limit, and held joints that need another torque.
 
     A joint that touches its speed limit might stay on it. Where the torque of a held
@@ -176,15 +154,16 @@ def _of_limits(program: ArcProgram, limits: Array) -> Iterator[Change]:
     changes there, might hold the joint for a while.
     """
     watched, arcs = program.watched, program.arcs
-    weights = limits[limits.size - watched.kind.size :]
+    weights = -of_rows[of_rows.size - watched.kind.size :]
     first = np.cumsum(program.steps) - program.steps
     costly = (weights > 1e-6) & np.isin(watched.kind, (VELOCITY, TORQUE))
     for row in np.flatnonzero(costly).tolist():
-        step, joint = int(watched.node[row]) - 1, int(watched.which[row])
+        step, kind = int(watched.node[row]) - 1, int(watched.kind[row])
+        joint = int(program.limits[kind].of_joints[watched.which[row]])
         gain, sign = float(weights[row]) * program.duration, int(watched.sign[row])
         arc = int(program.arc_of_step[step])
         place, count = step - int(first[arc]), int(program.steps[arc])
-        if watched.kind[row] == VELOCITY:
+        if kind == VELOCITY:
             share = (place + 1) / count
             new = partial(
                 Arcs.insert, arc=arc, share=share, joint=joint, level=0.0, held=sign

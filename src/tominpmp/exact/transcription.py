@@ -10,9 +10,10 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from tominpmp.arrays import Array
-from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
+from tominpmp.exact.held_joints import differentiate_rates
 from tominpmp.exact.radau import NODES
 from tominpmp.exact.shooting import ArcProgram, Shot
+from tominpmp.exact.switching_times import NOT_INTEGRATED
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.rows import Rows
 
@@ -21,7 +22,6 @@ EQUATIONS = ("goal", "speed")
 LIMITS = ("position", "velocity", "torque", "clearance")
 # The torque of a held joint changes all the time: a step is cut this often for it.
 CUTS = 4
-NOT_INTEGRATED = 1e3
 # Steps shorter than this share of the duration are left out: nothing moves in them.
 VANISHED = 1e-9
 
@@ -36,8 +36,9 @@ class ArcTranscription:
 
     def __init__(self, program: ArcProgram, shot: Shot) -> None:
         self.program = program
-        goals, watched = shot.seeds.shape[0], program.watched.kind  # sorted
-        counts = [goals, shot.equal.size - goals, shot.room.size - watched.size]
+        watched = program.watched.kind  # sorted
+        entries = int(program.arcs.entries.sum())
+        counts = [shot.equal.size - entries, entries, shot.room.size - watched.size]
         counts += np.bincount(watched, minlength=len(LIMITS)).tolist()
         names = (*EQUATIONS, "goal region", *LIMITS)
         parts = []
@@ -76,10 +77,8 @@ class ArcTranscription:
         if shot is None:
             raise ValueError("the motion cannot be integrated")
         motion, arcs, n = shot.motion, program.unpack(z), system.n
-        of = program.arc_of_step
-        u = system.effort_middle + system.effort_half * arcs.levels[of]
-        follows = arcs.follows[of]
-        modes = HOLDS * (arcs.held[of] != 0) + FOLLOWS * follows
+        u = system.effort_middle + system.effort_half * arcs.levels[program.arc_of_step]
+        modes, follows = program.modes, program.follows
         steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
         x, h = motion.x, motion.h
         pieces = []

@@ -30,17 +30,6 @@ PLACEHOLDER = {
 }
 
 
-def _import_mujoco() -> Any:
-    """The package.
-
-    Raises:
-        MissingDependency: If it is not installed.
-    """
-    with optional("mujoco", "mujoco", "replay in MuJoCo"):
-        import mujoco
-    return mujoco
-
-
 class MujocoArm:
     """A robot in MuJoCo.
 
@@ -55,7 +44,10 @@ class MujocoArm:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.mujoco = _import_mujoco()
+        with optional("mujoco", "mujoco", "replay in MuJoCo"):
+            import mujoco
+
+            self.mujoco: Any = mujoco
         if robot.model.nv != robot.n:
             raise ProblemError(
                 "robot has joints that follow others (mimic), expected one whose "

@@ -12,6 +12,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.problem import Problem
+from tominpmp.verification.replay import cut
 
 # Steps of the simulator, unless something else is asked for [s].
 STEP = 2e-4
@@ -150,7 +151,7 @@ def check_one_load(problem: Problem) -> None:
 
 def _run(arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float) -> Run:
     """Move an arm by the torques of a motion, and a feedback of some bandwidth."""
-    times = _steps(trajectory, step)
+    times = cut(trajectory.t, step)
     gains = arm.gains(trajectory.q, bandwidth)
     q, v, u = follow(arm, trajectory, times, gains)
     limits, wanted = arm.robot.limits, trajectory(times).q
@@ -225,12 +226,3 @@ def torque_difference(arm: MujocoArm, trajectory: Trajectory) -> float:
     largest = np.maximum(np.abs(state.u).max(axis=0), 1e-9)
     moving = (np.abs(state.v) > 1e-2) | (arm.robot.friction == 0.0)
     return float(np.max(np.abs(found - state.u) / largest * moving))
-
-
-def _steps(trajectory: Trajectory, step: float) -> Array:
-    """Times of the steps: nodes, and what is between them in equal parts."""
-    parts = [
-        np.linspace(a, b, max(int(np.ceil((b - a) / step - 1e-9)), 1), endpoint=False)
-        for a, b in zip(trajectory.t[:-1], trajectory.t[1:], strict=True)
-    ]
-    return np.concatenate([*parts, trajectory.t[-1:]])

@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
+from tominpmp.arrays import Array, FrozenArray, Record, array_or_nan
 from tominpmp.checks import instance, number, positive, whole, wrong
 from tominpmp.exceptions import told_of
 from tominpmp.motion.trajectory import Trajectory
@@ -87,19 +87,14 @@ class Robustness(Record):
             use; the reserves are shares of that.
     """
 
-    reserves: Array
-    T: Array
-    kept: Array
-    errors: Array
+    reserves: FrozenArray
+    T: FrozenArray
+    kept: FrozenArray
+    errors: FrozenArray
     tolerance: float
     samples: int
     disturbances: Disturbances = field(default_factory=Disturbances)
     effort_scale: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        for name in ("reserves", "T", "kept", "errors"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
 
     @property
     def reserve(self) -> float | None:

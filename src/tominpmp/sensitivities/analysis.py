@@ -32,6 +32,7 @@ from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.stays import without_stays
 from tominpmp.checks import instance
+from tominpmp.constraints import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion.joining import checked_motion
@@ -397,22 +398,21 @@ class SegmentRows:
         return np.asarray(out + self._by_base(self._asked))
 
     @cached_property
-    def _asked_of(self) -> list[tuple[int, LimitRows]]:
+    def _asked_of(self) -> list[tuple[PathConstraint, LimitRows]]:
         """Constraints with their active rows."""
         every = self.rows.kept(np.abs(self.rows.y) > NOTHING)
         found = []
         for index, item in enumerate(self._problem.constraints):
             rows = every.kept(every.of(item.name) & (every.subject == index))
             if rows.subject.size:
-                found.append((index, rows))
+                found.append((item, rows))
         return found
 
     def _asked(self, robot: Robot) -> float:
         """Values of the constraints for another robot, weighted by multipliers."""
         total = 0.0
-        for index, rows in self._asked_of:
-            item = self._problem.constraints[index].on(robot)
-            values = item.evaluate(self.motion.states(rows.at))
+        for item, rows in self._asked_of:
+            values = item.on(robot).evaluate(self.motion.states(rows.at))
             total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
         return total
 

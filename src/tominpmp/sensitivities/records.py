@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, frozen_array
+from tominpmp.arrays import Array, FrozenArray, Record, frozen_array
 from tominpmp.checks import instance, whole
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import joint_kinds
@@ -64,7 +64,7 @@ class Sensitivity(Record):
     def __post_init__(self) -> None:
         """Make the vector read-only."""
         if self.vector is not None:
-            object.__setattr__(self, "vector", frozen_array(self.vector))
+            self._keep(vector=frozen_array(self.vector))
 
     @property
     def step(self) -> float:
@@ -113,13 +113,13 @@ class Sensitivities(Record):
     T: float
     records: tuple[Sensitivity, ...]
     promise: float
-    base: Array
+    base: FrozenArray
 
     def __post_init__(self) -> None:
         """Put the records into order."""
+        super().__post_init__()
         found = sorted(self.records, key=lambda item: -abs(item.effect))
-        object.__setattr__(self, "records", tuple(found))
-        object.__setattr__(self, "base", frozen_array(self.base))
+        self._keep(records=tuple(found))
 
     def __iter__(self) -> Iterator[Sensitivity]:
         """Iterate over the records."""

@@ -50,7 +50,8 @@ class TorqueWeights:
     @classmethod
     def of(cls, motion: Motion, given: LimitRows) -> TorqueWeights:
         """Gather the multipliers of torques on a segment of a motion."""
-        n, found = motion.changes.n, []
+        n = motion.changes.n
+        found = [tuple(np.zeros((5, 0, n)))]
         for item in limits_of_joints(motion):
             kinds = (item.kind_name, PASSIVE)[: 1 + isinstance(item, TorqueLimit)]
             rows = given.kept(given.of(*kinds) & (given.y != 0.0))
@@ -69,8 +70,6 @@ class TorqueWeights:
             worth = rows.y if by.row is None else rows.y[by.row]
             np.add.at(weight, by.at, worth[:, None] * by.by_u)
             found.append((q, v, a, motion.ways(at), weight))
-        if not found:
-            return cls(*np.zeros((5, 0, n)))
         return cls(*map(np.concatenate, zip(*found, strict=True)))
 
     def _of_model(self, robot: Robot, change: Callable[[pin.Model], None]) -> float:

@@ -407,23 +407,23 @@ def _solve_steps(
             change = -solve_systems(matrix, residual).reshape(1, 2 * size)
         else:
             right = np.concatenate([-residual, both], axis=2)
-            change = _follow(solve_systems(matrix, right))
+            change = follow(solve_systems(matrix, right))
         stages = stages + change.reshape(stages.shape)
         if progress.settled(change.reshape(1, -1), stages.reshape(1, -1)):
             break
     return stages if progress.solved[0] else None
 
 
-def _follow(parts: Array) -> Array:
-    """Changes of all stages, each step starting where the one before it ends, (M, 2s).
+def follow(parts: Array) -> Array:
+    """Changes of all stages, each step starting where the one before it ends, (M, ks).
 
     Computed from changes with a fixed start and their derivatives by the start, shape
-    (M, 2s, 1 + s).
+    (M, ks, 1 + s), for k stages a step, the last of which is its end.
     """
     size = parts.shape[2] - 1
     own, by_start = parts[..., 0].copy(), parts[..., 1:]
     for k in range(1, own.shape[0]):
-        own[k] += by_start[k] @ own[k - 1, size:]
+        own[k] += by_start[k] @ own[k - 1, -size:]
     return own
 
 

@@ -23,9 +23,10 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.collision import CollisionChecker, Contact
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.verification.closest_approach import Approach, HermitePath
+from tominpmp.verification.closest_approach import Approach
 from tominpmp.verification.replay import Replay, planned
 from tominpmp.verification.stages import stages_of
 
@@ -300,5 +301,6 @@ def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Arra
     if rows.t.size < 2:
         return rows, stray
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
-    gaps = np.abs(HermitePath(rows).positions(probes) - path(probes).q)
+    joined, *_ = states(rows.t, rows.q, rows.v, None, probes)
+    gaps = np.abs(joined - path(probes).q)
     return rows, stray + OFF * np.max(gaps, axis=0)

@@ -12,7 +12,7 @@ those of its Bézier points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,48 +57,34 @@ class Stretches:
     q: Array
     swing: Array
 
+    @classmethod
+    def of(
+        cls, motion: Replay, begin: Array, end: Array, stray: Array | float = 0.0
+    ) -> Stretches:
+        """Stretches of a motion, which is a cubic polynomial between two of its rows.
 
-class HermitePath:
-    """A replayed motion as cubic polynomials between its rows.
-
-    Args:
-        replay: The motion.
-        stray: Largest deviations of joints from it, shape (n,) [rad or m].
-    """
-
-    def __init__(self, replay: Replay, stray: Array | float = 0.0) -> None:
-        self.t, self.q, self.v = replay.t, replay.q, replay.v
-        if self.t.size == 1:
-            self.t = self.t + np.array([0.0, INSTANT])
-            self.q, self.v = (np.vstack([x, x]) for x in (self.q, 0.0 * self.v))
-        self._stray = stray
-
-    def stretches(self, begin: Array, end: Array) -> Stretches:
-        """Stretches from time to time [s], shape (m,) each."""
-        time = 0.5 * (begin + end)
-        q = self.positions(time)
-        first = np.searchsorted(self.t[1:-1], begin, "right")
-        last = np.searchsorted(self.t[1:-1], end, "left")
+        Args:
+            motion: The motion, of two rows at least.
+            begin: Times from which the stretches last [s], shape (m,).
+            end: Times up to which they last [s], shape (m,).
+            stray: Largest deviations of joints from the motion, shape (n,) [rad or m].
+        """
+        t, time = motion.t, 0.5 * (begin + end)
+        q, _, _ = states(t, motion.q, motion.v, None, time)
+        first = np.searchsorted(t[1:-1], begin, "right")
+        last = np.searchsorted(t[1:-1], end, "left")
         count = np.arange(int(np.max(last - first, initial=0)) + 1)
         row = np.minimum(first[:, None] + count, last[:, None])
-        early = np.maximum(begin[:, None], self.t[row])
-        late = np.minimum(end[:, None], self.t[row + 1])
-        points = self._bezier(early.ravel(), late.ravel())
-        away = np.abs(points.reshape(4, *row.shape, -1) - q[:, None])
-        swing = np.max(away, axis=(0, 2)) + self._stray
-        return Stretches(begin, end, time, q, swing)
-
-    def positions(self, times: Array) -> Array:
-        """Positions at times [s], shape (m,) to (m, n)."""
-        return states(self.t, self.q, self.v, None, times)[0]
-
-    def _bezier(self, begin: Array, end: Array) -> Array:
-        """Bézier points between times within one row, shape (4, m, n)."""
+        early = np.maximum(begin[:, None], t[row])
+        late = np.minimum(end[:, None], t[row + 1])
         (q0, v0, *_), (q1, v1, *_) = (
-            states(self.t, self.q, self.v, None, times) for times in (begin, end)
+            states(t, motion.q, motion.v, None, times.ravel())
+            for times in (early, late)
         )
-        third = (end - begin)[:, None] / 3.0
-        return np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
+        third = (late - early).reshape(-1, 1) / 3.0
+        bezier = np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
+        away = np.abs(bezier.reshape(4, *row.shape, -1) - q[:, None])
+        return cls(begin, end, time, q, np.max(away, axis=(0, 2)) + stray)
 
 
 class Approach:
@@ -136,9 +122,11 @@ class Approach:
         stray: Array | float = 0.0,
         most: int = MOST,
     ) -> None:
+        if replay.t.size == 1:
+            moment, q = np.array([0.0, INSTANT]), np.vstack([replay.q, replay.q])
+            replay = replace(replay, t=moment, q=q, v=np.zeros_like(q))
         self._checker, self._margins = checker, margins
-        self._path = HermitePath(replay, stray)
-        self._near = near
+        self._motion, self._stray, self._near = replay, stray, near
         self._allowed = np.zeros((2, margins.size)) if allowed is None else allowed
         self._ends = replay.q[0], replay.q[-1]
         self.pair, self.time, self.room = 0, float(replay.t[0]), np.inf
@@ -147,7 +135,16 @@ class Approach:
 
     def nearest(self) -> Contact:
         """The pair with the least clearance, at its refined minimum in time."""
-        self._sharpen()
+        t = self._motion.t
+        row = int(np.searchsorted(t, self.time))
+        low, high = t[max(row - ROWS, 0)], t[min(row + ROWS, t.size - 1)]
+
+        def look(times: Array) -> Array:
+            pair = np.full(times.size, self.pair)
+            at = self._stretches(times, times)
+            return self._measure(at, np.arange(times.size), pair)
+
+        least_between(look, low, high)
         margin = float(self._margins[self.pair])
         return self._checker.contact(self.pair, self.room + margin, margin)
 
@@ -161,19 +158,22 @@ class Approach:
 
     def run(self) -> Approach:
         """Search, and return itself."""
-        t, pairs = self._path.t, self._margins.size
+        t, pairs = self._motion.t, self._margins.size
         edges = np.append(t[:-1:ROWS], t[-1])
         most = max(1, TABLE // pairs)
         for at in range(0, edges.size - 1, most):
             part = edges[at : at + most + 1]
-            self._look(self._path.stretches(part[:-1], part[1:]))
+            self._look(self._stretches(part[:-1], part[1:]))
         return self
+
+    def _stretches(self, begin: Array, end: Array) -> Stretches:
+        return Stretches.of(self._motion, begin, end, self._stray)
 
     def _look(self, stretches: Stretches) -> None:
         """Examine all pairs in stretches of many rows."""
         of = stretches
         moved = self._checker.closing(of.q, of.swing, of.begin, of.end)
-        lower = self._checker.lower_bounds(stretches.q, stretches.time) - self._margins
+        lower = self._checker.lower_bounds(of.q, of.time) - self._margins
         if self.room == np.inf:
             nearest = np.argsort(lower, axis=None, kind="stable")[:FIRST]
             self._measure(stretches, *divmod(nearest, lower.shape[1]))
@@ -217,7 +217,7 @@ class Approach:
                 stretches.begin[used], stretches.end[used], PARTS + 1, axis=1
             )
             begin, end = edges[:, :-1].ravel(), edges[:, 1:].ravel()
-            parts = self._path.stretches(begin, end)
+            parts = self._stretches(begin, end)
             some, column = np.unique(pair[at : at + CUT], return_inverse=True)
             # The same pairs in all parts.
             index = (PARTS * index[:, None] + np.arange(PARTS)).ravel()
@@ -276,16 +276,3 @@ class Approach:
             here = (away <= self._near)[stretch]
             lack = np.maximum(lack, np.where(here, allowed[pair], 0.0))
         return lack
-
-    def _sharpen(self) -> None:
-        """Refine the time of the least clearance."""
-        t = self._path.t
-        row = int(np.searchsorted(t, self.time))
-        low, high = t[max(row - ROWS, 0)], t[min(row + ROWS, t.size - 1)]
-
-        def look(times: Array) -> Array:
-            pair = np.full(times.size, self.pair)
-            at = self._path.stretches(times, times)
-            return self._measure(at, np.arange(times.size), pair)
-
-        least_between(look, low, high)

@@ -30,7 +30,6 @@ from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
     RTOL,
-    TIME_STEP,
     Integration,
     Integrator,
     Replay,
@@ -137,29 +136,24 @@ class Tracking(Integration):
         self._plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
         super().__init__(robot, trajectory, pieces, integrator, self._plants)
 
-    def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
+    def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end; u includes the feedback."""
-        found = super().run(start, time_step)
-        self.feedback = self._feedback(found)
-        return replace(found, u=found.u[:, : found.q.shape[1]] + self.feedback)
-
-    def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
-        """Integrate the deviation over a piece, and add the plan."""
-        times = np.concatenate([self.pieces.t[k : k + 1], ticks])
-        plan = self.pieces.on(k, times)[:, x.size // 2 : 3 * x.size // 2]
-        rows, way = super()._piece(k, x - plan[0], ticks)
-        return rows + plan[1 : 1 + len(rows)], way
-
-    def _feedback(self, found: Replay) -> Array:
-        n = found.q.shape[1]
+        found, n = super().run(start), start.size // 2
         plan = self.pieces(found.t)[:, n : 3 * n]
         demand = self._plants[0].demand(np.hstack([found.q, found.v]) - plan)
-        out = np.zeros_like(demand)
+        self.feedback = np.zeros_like(demand)
         for plant, stage in zip(self._plants, self._stages, strict=True):
             check()
             rows = (found.t >= stage.begin) & (found.t <= stage.end)
-            out[rows] = plant.dynamics.inertial(found.q[rows], demand[rows])
-        return out
+            torque = plant.dynamics.inertial(found.q[rows], demand[rows])
+            self.feedback[rows] = torque
+        return replace(found, u=found.u[:, :n] + self.feedback)
+
+    def _piece(self, k: int, x: Array, times: Array) -> tuple[Array, Array]:
+        """Integrate the deviation over a piece, and add the plan."""
+        plan = self.pieces.on(k, times)[:, x.size // 2 : 3 * x.size // 2]
+        rows, way = super()._piece(k, x - plan[0], times)
+        return rows + plan[1 : 1 + len(rows)], way
 
 
 def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:

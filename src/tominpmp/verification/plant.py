@@ -17,7 +17,6 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.dynamics import (
     HOLD,
     RobotDynamics,
-    from_upper,
     held_still,
     setting_out,
 )
@@ -79,10 +78,9 @@ class Plant:
     def free(self, t: float, x: Array) -> Array:
         """Derivative of positions and velocities for free joints, shape (2n,)."""
         robot, n = self.robot, self._n
-        if robot.kinematic:
-            return np.concatenate([x[n:], self.torque(t)])
-        if robot.expansion_matrix is not None:
+        if robot.kinematic or robot.expansion_matrix is not None:
             return np.asarray(self.dynamics.forward(x[None], self.torque(t)[None])[0])
+        # Without the handling of many rows, which takes longer than the dynamics.
         out, v = np.empty(2 * n), x[n:]
         out[:n] = v
         force = self.torque(t) - robot.damping * v
@@ -91,18 +89,8 @@ class Plant:
 
     def free_jacobian(self, t: float, x: Array) -> Array:
         """Derivative of :meth:`free` with respect to x, shape (2n, 2n)."""
-        robot, n, data = self.robot, self._n, self._data
-        if robot.kinematic or robot.expansion_matrix is not None:
-            u = self.torque(t)[None]
-            return np.asarray(self.dynamics.forward_jacobians(x[None], u).f_x[0])
-        v = x[n:]
-        force = self.torque(t) - robot.damping * v
-        pin.computeABADerivatives(robot.model, data, x[:n], v, force)
-        out = np.zeros((2 * n, 2 * n))
-        out[:n, n:] = np.eye(n)
-        out[n:, :n] = data.ddq_dq
-        out[n:, n:] = data.ddq_dv - from_upper(data.Minv) * robot.damping
-        return out
+        u = self.torque(t)[None]
+        return np.asarray(self.dynamics.forward_jacobians(x[None], u).f_x[0])
 
     def slope(self, t: float, x: Array) -> Array:
         """dx/dt, shape (2n,)."""

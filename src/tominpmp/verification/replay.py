@@ -19,7 +19,7 @@ import numpy as np
 from scipy import integrate
 from scipy.integrate import ODEintWarning, OdeSolver, odeint
 
-from tominpmp.arrays import Array, IntArray, Record, real_array
+from tominpmp.arrays import Array, FrozenArray, IntArray, Record
 from tominpmp.checks import choice
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
 from tominpmp.problem import Problem
@@ -75,20 +75,15 @@ class Replay(Record):
     """
 
     joint_names: tuple[str, ...]
-    t: Array
-    q: Array
-    v: Array
-    u: Array
-    way: Array
+    t: FrozenArray
+    q: FrozenArray
+    v: FrozenArray
+    u: FrozenArray
+    way: FrozenArray
     nodes: IntArray
     integrator: str
     evaluations: int
     complete: bool
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        for name in ("t", "q", "v", "u", "way"):
-            object.__setattr__(self, name, real_array(getattr(self, name)))
 
     @property
     def duration(self) -> float:
@@ -117,10 +112,7 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
         trajectory: The motion.
         time_step: Largest time between two rows [s].
     """
-    time_step = max(time_step, trajectory.duration / MOST_ROWS)
-    nodes = trajectory.t
-    rows = [_instants(nodes[k : k + 2], time_step) for k in range(nodes.size - 1)]
-    t = np.concatenate([nodes[:1], *rows])
+    t = cut(trajectory.t, max(time_step, trajectory.duration / MOST_ROWS))
     state = trajectory(t)
     return Replay(
         trajectory.joint_names,
@@ -129,26 +121,32 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
         state.v,
         state.u,
         trajectory.turns.at(0.5 * (t[1:] + t[:-1])),
-        np.searchsorted(t, nodes),
+        np.searchsorted(t, trajectory.t),
         "planned",
         0,
         True,
     )
 
 
-def _instants(ends: Array, time_step: float) -> Array:
-    """Times of rows after one time up to another, shape (m,) [s]."""
-    begin, end = ends.tolist()
-    count = max(1, int(np.ceil((end - begin) / time_step - 1e-9)))
-    return np.linspace(begin, end, count + 1)[1:]
+def cut(nodes: Array, time_step: float) -> Array:
+    """Nodes, and times between them that cut their intervals into equal parts.
+
+    Args:
+        nodes: Times of the nodes [s], increasing, shape (N + 1,).
+        time_step: Largest time between two of the times [s].
+    """
+    counts = np.maximum(np.ceil(np.diff(nodes) / time_step - 1e-9), 1.0)
+    parts = [
+        np.linspace(begin, end, int(count), endpoint=False)
+        for begin, end, count in zip(nodes[:-1], nodes[1:], counts, strict=True)
+    ]
+    return np.concatenate([*parts, nodes[-1:]])
 
 
 def replay(
     problem: Problem,
     trajectory: Trajectory,
     *,
-    pieces: Pieces | None = None,
-    time_step: float = TIME_STEP,
     integrator: Integrator | None = None,
 ) -> Replay:
     """Integrate the torques of a trajectory from the start of a problem.
@@ -156,16 +154,14 @@ def replay(
     Args:
         problem: Robot and start.
         trajectory: The motion, of which only the torques are used.
-        pieces: Its torques, if known.
-        time_step: Largest time between two rows of the result [s].
         integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences for
             stiff arms) or "Radau" (implicit); None for LSODA.
 
     Returns:
         The motion of the robot under the torques.
     """
-    integration = Integration(problem.robot, trajectory, pieces, integrator)
-    return integration.run(start_of(problem), time_step)
+    integration = Integration(problem.robot, trajectory, integrator=integrator)
+    return integration.run(start_of(problem))
 
 
 def start_of(problem: Problem) -> Array:
@@ -228,20 +224,20 @@ class Integration:
         self.evaluations = 0
         self._stride = np.inf
 
-    def run(self, start: Array, time_step: float = TIME_STEP) -> Replay:
+    def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
-        time_step = max(time_step, self._trajectory.duration / MOST_ROWS)
+        time_step = max(TIME_STEP, self._trajectory.duration / MOST_ROWS)
         times, states, ways = [np.zeros(1)], [start[None]], [np.zeros((0, n))]
         x = start
         for k in range(pieces.count):
             check()
-            ticks = _instants(pieces.t[k : k + 2], time_step)
+            ticks = cut(pieces.t[k : k + 2], time_step)
             rows, way = self._piece(k, x, ticks)
-            times.append(ticks[: len(rows)])
+            times.append(ticks[1 : len(rows) + 1])
             states.append(rows)
             ways.append(way)
-            if len(rows) < ticks.size:
+            if len(rows) < ticks.size - 1:
                 break
             x = rows[-1]
         t, path = np.concatenate(times), np.concatenate(states)
@@ -288,31 +284,30 @@ class Integration:
             check()
             x = nodes[k]
             for piece in np.flatnonzero(interval == k).tolist():
-                ticks = _instants(pieces.t[piece : piece + 2], TIME_STEP)
+                ticks = cut(pieces.t[piece : piece + 2], TIME_STEP)
                 rows, _ = self._piece(piece, x, ticks)
                 x = rows[-1] if len(rows) else np.full_like(x, np.nan)
             out[k] = x - nodes[k + 1]
         return out
 
-    def _piece(self, k: int, x: Array, ticks: Array) -> tuple[Array, Array]:
+    def _piece(self, k: int, x: Array, times: Array) -> tuple[Array, Array]:
         """Integrate over a piece of torque.
 
         Args:
             k: Index of the piece.
             x: The state at its beginning, shape (2n,).
-            ticks: Times of rows, with the end of the piece, shape (m,).
+            times: Its beginning, and times of rows up to its end [s], shape (m + 1,).
 
         Returns:
-            States at these times, shape (m, 2n), and directions of joints with dry
+            States at the rows, shape (m, 2n), and directions of joints with dry
             friction before each of them, shape (m, n); fewer rows after a failure.
         """
-        begin, end = float(self.pieces.t[k]), float(self.pieces.t[k + 1])
+        begin, end = float(times[0]), float(times[-1])
         plant = self.plants[min(self._segment[k], len(self.plants) - 1)]
         plant.load(begin, end, self.pieces.coefficients[k])
         rows, ways = np.empty((0, x.size)), np.empty((0, x.size // 2))
         if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:
             return rows, ways
-        times = np.concatenate([[begin], ticks])
         # Rows far apart do not show the changes between them.
         near = not plant.dry.any() or np.max(np.diff(times)) < 2.0 * TIME_STEP
         with AT_WORK, np.errstate(all="ignore"), warnings.catch_warnings():
@@ -324,10 +319,10 @@ class Integration:
                 done = plant.unchanged(times, found)
                 rows, ways = found[1 : done + 1], np.tile(plant.way, (done, 1))
                 begin, x = float(times[done]), found[done]
-                if done == ticks.size or not plant.dry.any():
+                if done == times.size - 1 or not plant.dry.any():
                     return rows, ways
                 # A joint stops or is released: the rest is integrated step by step.
-            more, later = self._steps(plant, x, begin, ticks[len(rows) :])
+            more, later = self._steps(plant, x, begin, times[len(rows) + 1 :])
         return np.vstack([rows, more]), np.vstack([ways, later])
 
     def _fortran(self, plant: Plant, x: Array, times: Array) -> Array:

@@ -123,12 +123,10 @@ def with_segments(
     if not problem.segments:
         return replace(trajectory, segment_ends=None, segment_dynamics=())
     given = trajectory.segment_ends
-    if given is not None and len(given) == len(phases):
-        if trajectory.segment_dynamics:
-            return trajectory
-    else:
-        given = None
-    ends = _found(problem, trajectory, tolerances, given)
+    known = given is not None and len(given) == len(phases)
+    if known and trajectory.segment_dynamics:
+        return trajectory
+    ends = _found(problem, trajectory, tolerances, given if known else None)
     found = replace(_with_nodes(trajectory, ends), segment_ends=ends)
     if trajectory.inverse_dynamics is None:
         return found

@@ -202,7 +202,7 @@ def verify(
         feedback = frozen_array(np.max(np.abs(tracking.feedback), axis=0))
         findings = judge(stages, tracked, torque, tolerances, checkers)
         taken = needed(robot, tracked.t, tracking.feedback, tolerances.limits)
-        findings.limits.extend([] if taken is None else [taken])
+        findings.items.extend([] if taken is None else [taken])
     assert findings is not None  # noqa: S101
     if findings.violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
@@ -227,7 +227,7 @@ def _too_long(
         "duration", "the motion", T, beyond, "s", share, violated=True
     )
     plan = replace(planned(trajectory, np.inf), complete=False)
-    findings = Findings(plan, (), [violation], -np.inf)
+    findings = Findings(plan, [violation], -np.inf)
     deviation = np.full(trajectory.n, np.inf)
     found = findings.result(problem, tolerances, deviation, np.inf, begin)
     return replace(found, goal_error=np.inf, speed_error=np.inf)
@@ -238,35 +238,19 @@ class Findings(NamedTuple):
 
     Attributes:
         replay: The replay.
-        end: Deviations from the goals of the segments, in place and velocity.
-        limits: The worst of each kind of limit, clearance among them.
+        items: Deviations from the goals of the segments, in place ("goal") and velocity
+            ("speed"), and the worst of each kind of limit, clearance among them.
         distance: Least distance of the pairs [m]; infinite without pairs.
     """
 
     replay: Replay
-    end: tuple[LimitViolation, ...]
-    limits: list[LimitViolation]
+    items: list[LimitViolation]
     distance: float
 
     @property
     def violations(self) -> tuple[LimitViolation, ...]:
         """Violations beyond the tolerances."""
-        return tuple(item for item in (*self.end, *self.limits) if item.violated)
-
-    @property
-    def worst(self) -> dict[str, LimitViolation]:
-        """The worst of each kind of limit, on all segments."""
-        found: dict[str, LimitViolation] = {}
-        for item in self.limits:
-            known = found.get(item.kind)
-            if known is None or item.share > known.share:
-                found[item.kind] = item
-        return found
-
-    def worst_end(self, kind: str) -> float:
-        """Largest deviation from the goals, in place ("goal") or velocity ("speed")."""
-        amounts = (item.amount for item in self.end if item.kind == kind)
-        return max(amounts, default=0.0)
+        return tuple(item for item in self.items if item.violated)
 
     def result(
         self,
@@ -285,11 +269,17 @@ class Findings(NamedTuple):
             growth: Amplification of errors along the motion.
             begin: Begin of the computation, by ``time.perf_counter`` [s].
         """
+        worst: dict[str, LimitViolation] = {}  # of each kind, on all segments
+        for item in self.items:
+            known = worst.get(item.kind)
+            if known is None or item.share > known.share:
+                worst[item.kind] = item
+        goal, speed = worst.pop("goal", None), worst.pop("speed", None)
         return Verification(
             ok=not self.violations,
-            goal_error=self.worst_end("goal"),
-            speed_error=self.worst_end("speed"),
-            worst=self.worst,
+            goal_error=0.0 if goal is None else goal.amount,
+            speed_error=0.0 if speed is None else speed.amount,
+            worst=worst,
             violations=self.violations,
             min_clearance=self.distance,
             deviation=frozen_array(deviation),
@@ -328,7 +318,7 @@ def judge(
             distance = min(distance, near[1].distance)
         limits += map(stage.named, [*found, *stage.timeliness])
         ends += map(stage.named, arrival(stage, part, tolerances))
-    return Findings(replay, tuple(ends), limits, distance)
+    return Findings(replay, [*ends, *limits], distance)
 
 
 def _checkers(
