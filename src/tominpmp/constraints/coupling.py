@@ -37,7 +37,6 @@ class JointCoupling(PathConstraint):
     upper: float
     lower: float = -np.inf
 
-    order = 0
     unit = "rad or m"
     largest = 0.0
     scale = SCALE
@@ -46,9 +45,8 @@ class JointCoupling(PathConstraint):
         """Check and copy the values."""
         super().__post_init__()
         names = (self.joints,) if isinstance(self.joints, str) else self.joints
-        if not isinstance(names, list | tuple) or not names:
-            names = ()
-        if not names or not all(isinstance(name, str) for name in names):
+        listed = isinstance(names, list | tuple) and len(names) > 0
+        if not (listed and all(isinstance(name, str) for name in names)):
             raise wrong(self.joints, "joints", "names of joints")
         self._keep(joints=tuple(names))
         count = len(names)

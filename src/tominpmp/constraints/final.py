@@ -75,7 +75,6 @@ class Arrival(Constraint):
     latest: float
 
     name = "arrival"
-    order = 0
 
     @property
     def count(self) -> int:

@@ -210,12 +210,12 @@ class PathConstraint(Record, Constraint):
         return self._is_length and type(self).term_rows is PathConstraint.term_rows
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Results of :meth:`values` at m states, shape (m, count)."""
+        """Values of :meth:`terms` at m states, shape (m, count)."""
         if self._is_length:
             limit = self.largest / self.scale
             sizes = self.measure_rows(q, v, a) / self.scale
             return rounded(sizes, limit)[:, None]
-        found = [self.values(*state) for state in _states(q, v, a)]
+        found = [self.terms(*state)[0] for state in _states(q, v, a)]
         return np.array(found).reshape(-1, self.count)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
@@ -250,10 +250,6 @@ class PathConstraint(Record, Constraint):
             (root @ part)[:, None] if part.size else part for part in by
         )
         return by_q, by_v, by_a
-
-    def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Values of :meth:`terms` without derivatives, shape (count,)."""
-        return self.terms(q, v, a)[0]
 
     def terms(self, q: Array, v: Array, a: Array) -> Linear:
         """Smooth values at a state, and their derivatives.

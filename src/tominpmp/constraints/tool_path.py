@@ -31,7 +31,6 @@ class Tube(FrameRows):
     quantity = "distance from its path"
     bound = "radius"
     least_scale = 0.02
-    order = 0
     unit = "m"
 
     @abstractmethod

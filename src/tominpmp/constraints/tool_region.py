@@ -34,7 +34,6 @@ class WithinRegion(FrameRows):
     pose: PoseOrNone = default(None)
 
     quantity = "distance from its region"
-    order = 0
     unit = "m"
     largest = 0.0
     scale = SCALE
@@ -106,7 +105,6 @@ class KeepAway(FrameRows):
     distance: Metres
 
     quantity = "intrusion"
-    order = 0
     unit = "m"
     largest = 0.0
 
