@@ -6,9 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, number_or_nan, record
-from tominpmp.checks import JOINTS, array, instance, vector, whole, wrong
+from tominpmp.checks import (
+    JOINTS,
+    array,
+    instance,
+    known_joints,
+    vector,
+    whole,
+    wrong,
+)
 from tominpmp.constraints.path import NONE, Linear, PathConstraint
-from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.exceptions import ProblemError
 from tominpmp.robot import Robot
 
 # Scale of an excess [rad or m].
@@ -75,10 +83,7 @@ class JointCoupling(PathConstraint):
 
     def validate(self, robot: Robot) -> None:
         """Check that the robot has the joints."""
-        known = instance(robot, Robot, "robot").joint_names
-        for joint in self.joints:
-            if joint not in known:
-                raise JointNotFound(joint, known)
+        known_joints(self.joints, instance(robot, Robot, "robot").joint_names)
 
     def _sums(self, q: Array) -> Array:
         """The weighted sums of states in rows, shape (m,)."""

@@ -27,14 +27,16 @@ from tominpmp.checks import (
     by_joint,
     in_order,
     instance,
+    known_joints,
     named_row,
     names,
+    one_each,
     text,
     vector,
     whole,
     wrong,
 )
-from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row, robot_of
 from tominpmp.goals.place import Place, joint_labels
 from tominpmp.goals.turns import MOST_WAYS, TURN, equivalent_positions
@@ -78,7 +80,8 @@ class GoalOnJoints(Record, Goal):
         expected = "one number for each joint [rad or m]"
         self._keep(q=vector(q, "goal.q", expected))
         if self.joints is not None:
-            self._keep(joints=_checked_names(self.joints, self.q))
+            self._keep(joints=names(self.joints, "goal.joints"))
+            one_each(self.q, "goal.q", self.joints)
 
     @property
     def ways(self) -> tuple[Array, ...]:
@@ -135,11 +138,36 @@ class GoalOnJoints(Record, Goal):
         asked = () if isinstance(self.wrap, bool) else self.wrap
         known = np.array(robot.joint_names)
         turning = known[~prismatic_joints(robot)].tolist()
-        for name in asked:
-            if name not in turning:
-                raise JointNotFound(name, turning)
+        known_joints(asked, turning)
         found = np.isin(known, asked)
         return found if self.wrap is False else found | endless_joints(robot)
+
+    def _asked(self, robot: Robot, given: Array) -> tuple[IntArray, Array, Array]:
+        """Indices of the joints, their positions, and the largest distance from these.
+
+        Args:
+            robot: The robot.
+            given: The positions, by some turns.
+        """
+        return self._rows(robot), given, np.zeros(given.size)
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Difference to the positions asked for [rad or m]."""
+        robot, q = robot_of(kinematics), joint_row(kinematics, q, "q")
+        given = self.nearest(kinematics, q, q).ways[0]
+        rows, target, room = self._asked(robot, given)
+        every = joint_labels(robot)
+        labels = tuple(every[i] for i in rows)
+        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
+
+    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
+        """The ranges of the joints, over all turns."""
+        lower, upper = super().joint_ranges(robot)
+        each = [self._asked(robot, way) for way in self.ways]
+        rows = each[0][0]
+        lower[rows] = np.min([target - room for _, target, room in each], axis=0)
+        upper[rows] = np.max([target + room for _, target, room in each], axis=0)
+        return lower, upper
 
     def turns(self, robot: Robot) -> dict[str, int]:
         """Whole turns from the numbers that were given, by joint."""
@@ -206,7 +234,7 @@ class JointGoal(GoalOnJoints):
         ):
             values, what = getattr(self, name), f"goal.{name}"
             if values is not None:
-                _check_length(what, values, self.joints)
+                one_each(values, what, self.joints)
                 given = dict(zip(self.joints, values.tolist(), strict=True))
                 values = in_order({**unnamed, **given}, known, what, others=locked)
             rows.append(values)
@@ -223,15 +251,7 @@ class JointGoal(GoalOnJoints):
         self._angles(robot)
         for name, value in (("goal.q", self.q), ("goal.v", self.v)):
             if value is not None:
-                _check_length(name, value, names)
-
-    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Difference of the positions [rad or m]."""
-        q = joint_row(kinematics, q, "q")
-        zero = np.zeros(q.size)
-        labels = joint_labels(kinematics.robot)
-        way = self.nearest(kinematics, q, q).ways[0]
-        return Place(q - way, np.eye(q.size), zero, zero, labels)
+                one_each(value, name, names)
 
     def with_state(self, q: Array, v: Array) -> JointGoal:
         """A goal at another configuration and velocity."""
@@ -241,10 +261,6 @@ class JointGoal(GoalOnJoints):
         given = self.q + (q - self.ways[0])
         moved = replace(self, q=given, v=self.v if same else v)
         return moved._by(q) if self._ways else moved
-
-    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """The configuration itself, or the range of all turns."""
-        return np.min(self.ways, axis=0), np.max(self.ways, axis=0)
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The configuration as positions of some joints, those of one robot."""
@@ -297,20 +313,9 @@ class JointRegionGoal(GoalOnJoints):
         """Check names and lengths."""
         known = instance(robot, Robot, "robot").joint_names
         names = known if self.joints is None else tuple(self.joints)
-        for name in names:
-            if name not in known:
-                raise JointNotFound(name, known)
-        _check_length("goal.q", self.q, names)
+        known_joints(names, known)
+        one_each(self.q, "goal.q", names)
         self._angles(robot)
-
-    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Difference to the positions asked for [rad or m]."""
-        robot, q = robot_of(kinematics), joint_row(kinematics, q, "q")
-        given = self.nearest(kinematics, q, q).ways[0]
-        rows, target, room = self._asked(robot, given)
-        every = joint_labels(kinematics.robot)
-        labels = tuple(every[i] for i in rows)
-        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
 
     def _asked(self, robot: Robot, given: Array) -> tuple[IntArray, Array, Array]:
         """Indices of the joints, their positions, and the largest distance from these.
@@ -331,15 +336,6 @@ class JointRegionGoal(GoalOnJoints):
         found[rows] = np.clip(target, given - self.tolerance, given + self.tolerance)
         return found
 
-    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """The ranges of the joints that are named."""
-        lower, upper = super().joint_ranges(robot)
-        each = [self._asked(robot, way) for way in self.ways]
-        rows = each[0][0]
-        lower[rows] = np.min([target - room for _, target, room in each], axis=0)
-        upper[rows] = np.max([target + room for _, target, room in each], axis=0)
-        return lower, upper
-
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The ranges for joints as they are named beside other robots."""
         own = instance(robot, Robot, "robot").joint_names
@@ -357,31 +353,6 @@ def nearest_turns(robot: Robot, rows: Iterable[Array], near: Array) -> list[Arra
     """
     goals = (JointGoal(q).wrapped(robot, near, 0.0 * near, 2) for q in rows)
     return [way for goal in goals for way in goal.ways]
-
-
-def _check_length(name: str, value: Array, joints: Sequence[str]) -> None:
-    if value.size != len(joints):
-        raise ProblemError(
-            f"{name} has {value.size} numbers, expected {len(joints)}, one for "
-            f"each of: {', '.join(joints)}",
-            field=name,
-        )
-
-
-def _checked_names(joints: Sequence[str], q: Array) -> tuple[str, ...]:
-    """Check that there is a name for each of the numbers."""
-    listed = isinstance(joints, Sequence) and not isinstance(joints, str)
-    # Looked at one by one: a range may be longer than the memory.
-    named = listed and all(isinstance(name, str) for name in joints)
-    names = tuple(joints) if named else ()
-    if not names:
-        raise wrong(joints, "goal.joints", "names of joints")
-    if len(set(names)) < len(names):
-        raise ProblemError(
-            f"goal.joints names a joint twice: {', '.join(names)}", "goal.joints"
-        )
-    _check_length("goal.q", q, names)
-    return names
 
 
 def joined_turns(goals: Sequence[Any]) -> Goal:
