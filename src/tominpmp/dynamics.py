@@ -180,12 +180,7 @@ class RobotDynamics:
         Returns:
             Torques, shape (m, n) [N m or N].
         """
-        robot, model, data = self.robot, self.robot.model.copy(), self._data
-        model.gravity = pin.Motion.Zero()
-        rnea, rest = pin.rnea, np.zeros(model.nv)
-        rows = _heeding(zip(robot.expand(q), robot.expand_tangent(a), strict=True))
-        tau = np.array([rnea(model, data, at, rest, row) for at, row in rows])
-        return robot.reduce_tangent(tau.reshape(-1, model.nv))
+        return np.asarray((self.mass(q) @ a[:, :, None])[:, :, 0])
 
     def mass(self, q: Array) -> Array:
         """Mass matrices at positions of shape (m, n), shape (m, n, n)."""
@@ -328,10 +323,6 @@ class DoubleIntegrator(RobotDynamics):
     """
 
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
-        return np.array(a)
-
-    def inertial(self, q: Array, a: Array) -> Array:
-        """The accelerations."""
         return np.array(a)
 
     def mass(self, q: Array) -> Array:
