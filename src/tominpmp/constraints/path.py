@@ -18,15 +18,7 @@ from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray, Record, pair_or_nan, record
-from tominpmp.checks import (
-    JOINTS,
-    FrameName,
-    array,
-    instance,
-    number,
-    optional,
-    wrong,
-)
+from tominpmp.checks import JOINTS, FrameName, array, instance, number, optional, wrong
 from tominpmp.constraints.base import NO_TIMES, Constraint, Partials, States
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.kinematics import FrameMotions, RobotKinematics

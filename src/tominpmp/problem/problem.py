@@ -17,7 +17,7 @@ from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.description.model import sticks
-from tominpmp.exceptions import ProblemError, brief, warn_caller
+from tominpmp.exceptions import ProblemError, brief, told_of, warn_caller
 from tominpmp.goals import Goal, passed
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
@@ -192,13 +192,8 @@ class Problem(Record):
         messages: list[str] = []
         q = self.q_start
         for k, segment in enumerate(self.segments):
-            try:
+            with told_of(f"segment {k + 1} of {len(self.segments)}", f"segments[{k}]"):
                 phase, more = self._phase(segment, k, q)
-            except ProblemError as error:
-                raise ProblemError(
-                    f"segment {k + 1} of {len(self.segments)}: {error}",
-                    f"segments[{k}].{error.field or 'goal'}",
-                ) from error
             q = q if phase.goal.configuration is None else phase.goal.configuration
             found.append(phase)
             messages += [f"segment {k + 1}: {text}" for text in more]
@@ -270,7 +265,7 @@ class Problem(Record):
     def _checks(self) -> StateChecks:
         """Checks of states that need no planning."""
         return StateChecks(
-            self.robot, self.scene, self.checker, self.margin, self.ready_constraints
+            self.robot, self.scene, self.checker, self.margins, self.ready_constraints
         )
 
     def _snap_start(self) -> list[str]:

@@ -15,15 +15,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, record
-from tominpmp.checks import (
-    flag,
-    instance,
-    number,
-    of_kind,
-    of_type,
-    optional,
-    wrong,
-)
+from tominpmp.checks import flag, instance, number, of_kind, of_type, optional, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed

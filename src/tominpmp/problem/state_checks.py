@@ -41,20 +41,15 @@ class StateChecks:
         robot: The robot.
         scene: The obstacles.
         checker: Distances to them, and between links.
-        margin: Distance to keep from obstacles [m].
+        margins: Distance to keep by pair of the checker [m].
         constraints: Further constraints, ready to be evaluated.
     """
 
     robot: Robot
     scene: Scene
     checker: CollisionChecker
-    margin: float
+    margins: Array
     constraints: tuple[PathConstraint, ...]
-
-    @property
-    def margins(self) -> Array:
-        """Distance to keep by pair of the checker [m]."""
-        return self.checker.margins(self.margin)
 
     def start(self, q: Array, v: Array | None) -> None:
         """Check a start: positions, and velocities, None for rest; shape (n,) each."""
