@@ -6,15 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, number_or_nan, record
-from tominpmp.checks import (
-    JOINTS,
-    array,
-    instance,
-    known_joints,
-    vector,
-    whole,
-    wrong,
-)
+from tominpmp.checks import JOINTS, array, instance, known_joints, vector, whole, wrong
 from tominpmp.constraints.path import NONE, Linear, PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.robot import Robot

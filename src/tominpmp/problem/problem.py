@@ -31,7 +31,6 @@ from tominpmp.problem.segments import (
     Segment,
     check_names,
     checked_segments,
-    resolved_segments,
 )
 from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.robot import Robot
@@ -94,7 +93,7 @@ class Problem(Record):
     goal: Goal = default(None)
     scene: SceneLike = field(default_factory=lambda: default(Scene()))
     margin: Margin = 0.0
-    v_start: Converted[JointsLike | None, Array | None] = default(None)
+    v_start: Converted[JointsLike | None, Array] = default(None)
     motion_limits: LimitsOrNone = None
     self_collision: FlagOrNone = None
     constraints: Constraints = default(())
@@ -127,10 +126,7 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            v = np.zeros(self.robot.n) if self.v_start is None else self.v_start
-            near = self.goal.wrapped(self.robot, self.q_start, v)
-            goal, of_goal = self._checks.goal(near)
-            self._keep(goal=goal)
+            of_goal = self._take_goal(self.goal)
         for message in (*snapped, *of_goal):
             warn_caller(message)
 
@@ -220,7 +216,7 @@ class Problem(Record):
             *(() if same else ("checker", "margins")),
             robot=robot,
             q_start=q_start,
-            v_start=self.v_start if number == 0 else None,
+            v_start=self.v_start if number == 0 else frozen_array(0.0 * q_start),
             scene=scene,
             motion_limits=limits,
             constraints=self.constraints + constraints,
@@ -237,11 +233,12 @@ class Problem(Record):
             if not same:
                 phase._checks.clear(q_start, "start", later=True)
             passing = not self.segments[number - 1].stop
-            phase._checks.kept(q_start, None, "start", "q_start", passing=passing)
+            phase._checks.kept(
+                q_start, phase.v_start, "start", "q_start", passing=passing
+            )
         rests = goal is segment.goal
         most = int(MOST_WAYS ** (1.0 / len(self.segments)))
-        v = np.zeros(robot.n) if phase.v_start is None else phase.v_start
-        near = segment.goal.wrapped(robot, q_start, v, most)
+        near = segment.goal.wrapped(robot, q_start, phase.v_start, most)
         checked_goal, messages = phase._checks.goal(near, rests)
         if not rests:
             checked_goal = passed(checked_goal)
@@ -258,8 +255,20 @@ class Problem(Record):
                 "segment's goal is that of the problem",
                 "goal",
             )
-        segments = resolved_segments(self.segments, self.robot, self.q_start)
-        self._keep(segments=segments, goal=segments[-1].goal)
+        segments = list[Segment]()
+        before: Array | None = self.q_start
+        for segment in self.segments:
+            # Joints that a goal does not name stay where the one before leaves them.
+            segments.append(segment.resolved(self.robot, before))
+            before = segments[-1].goal.configuration
+        self._keep(segments=tuple(segments), goal=segments[-1].goal)
+
+    def _take_goal(self, goal: Goal) -> list[str]:
+        """Check a goal, which is taken by its nearest turns; returns warnings."""
+        near = goal.wrapped(self.robot, self.q_start, self.v_start)
+        checked_goal, messages = self._checks.goal(near)
+        self._keep(goal=checked_goal)
+        return messages
 
     @property
     def _checks(self) -> StateChecks:
@@ -354,10 +363,7 @@ class Problem(Record):
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
         other._checks.start(other.q_start, other.v_start)
-        goal = goal.wrapped(self.robot, other.q_start, 0.0 * other.q_start)
-        checked_goal, of_goal = other._checks.goal(goal)
-        other._keep(goal=checked_goal)
-        for message in (*snapped, *of_goal):
+        for message in (*snapped, *other._take_goal(goal)):
             warn_caller(where + message)
         return other
 

@@ -152,25 +152,6 @@ class Segment(Record):
         return robot if self.payload is None else robot.with_payload(self.payload)
 
 
-def resolved_segments(
-    segments: Sequence[Segment], robot: Robot, q_start: Array
-) -> tuple[Segment, ...]:
-    """Segments with values by joint name put into the order of a robot.
-
-    Joints that a goal does not name stay where the goal before it leaves them.
-
-    Raises:
-        ProblemError: If a joint is unknown, or not named although its position is not
-            known.
-    """
-    found: list[Segment] = []
-    before: Array | None = q_start
-    for segment in segments:
-        found.append(segment.resolved(robot, before))
-        before = found[-1].goal.configuration
-    return tuple(found)
-
-
 def _check_arrivals(segments: Sequence[Segment]) -> None:
     """Check that no latest arrival is before an earliest arrival of a former segment.
 

@@ -51,8 +51,8 @@ class StateChecks:
     margins: Array
     constraints: tuple[PathConstraint, ...]
 
-    def start(self, q: Array, v: Array | None) -> None:
-        """Check a start: positions, and velocities, None for rest; shape (n,) each."""
+    def start(self, q: Array, v: Array) -> None:
+        """Check a start: positions and velocities, shape (n,) each."""
         self.clear(q, "start")
         self.moves_mass(q, "start")
         self.kept(q, v, "start", "q_start")
@@ -154,7 +154,7 @@ class StateChecks:
     def kept(
         self,
         q: Array,
-        v: Array | None,
+        v: Array,
         which: str,
         name: str,
         *,
@@ -164,7 +164,7 @@ class StateChecks:
 
         Args:
             q: Positions, shape (n,).
-            v: Velocities, shape (n,); None for rest.
+            v: Velocities, shape (n,).
             which: Name of the state in messages.
             name: Field that errors name.
             passing: Whether the arm may pass the state at an unknown speed: then only
@@ -178,7 +178,7 @@ class StateChecks:
                 continue
             if window is not None and np.isfinite(window.end) and which == "goal":
                 continue  # the arrival time is not known yet
-            if lack := item.lack(q, np.zeros_like(q) if v is None else v, ROUNDING):
+            if lack := item.lack(q, v, ROUNDING):
                 why = contradiction(item, self.constraints, self.robot, q)
                 raise ProblemError(f"{which}: {lack}{why}", name)
 

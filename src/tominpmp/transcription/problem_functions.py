@@ -298,11 +298,10 @@ class ProblemFunctions:
         scale[: place.lengths.size][place.lengths] = min(self.reach, 1.0)
         return scale
 
-    @cached_property
+    @property
     def v_start(self) -> Array:
         """Velocities at the start, shape (n,)."""
-        given = self.problem.v_start
-        return np.zeros(self.n) if given is None else given
+        return self.problem.v_start
 
     @cached_property
     def final_velocity(self) -> Array | None:
