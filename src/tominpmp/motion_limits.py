@@ -344,10 +344,10 @@ class MotionLimits(Record):
             ProblemError: If there are too many or too few values.
             JointNotFound: If a joint is unknown.
         """
+        self.check(joint_names)
         if others is None:
             return self
         instance(others, MotionLimits, "others", "MotionLimits or None")
-        joint_names = joints_named(joint_names)
         kind = max(type(self), type(others), key=lambda one: len(one.__mro__))
         values: dict[str, Any] = {}
         for name in kinds_of(kind):

@@ -110,13 +110,11 @@ class Problem(Record):
         self._keep(goal=self.goal.resolved(self.robot, self.q_start))
         names, limits = self.robot.joint_names, self.robot.motion_limits
         if self.motion_limits is not None:
-            self.motion_limits.check(names)
             limits = self.motion_limits.over(limits, names)
         self._keep(motion_limits=limits)
-        if not self.segments:
-            check_controls(self.robot, limits)
         check_names(self.may_touch, self.robot, self.scene)
         if not self.segments:
+            check_controls(self.robot, limits)
             self.goal.validate(self.robot)
         several = bool(self.segments)
         self._keep(constraints=checked(self.constraints, self.robot, several))
@@ -200,11 +198,9 @@ class Problem(Record):
     ) -> tuple[Problem, list[str]]:
         """The problem of one segment, and warnings."""
         robot = segment.robot(self.robot)
-        own = segment.motion_limits
         limits = self.motion_limits
-        if own is not None:
-            own.check(robot.joint_names)
-            limits = own if limits is None else own.over(limits, robot.joint_names)
+        if segment.motion_limits is not None:
+            limits = segment.motion_limits.over(limits, robot.joint_names)
         check_controls(robot, limits)
         scene = self.scene if segment.scene is None else segment.scene
         constraints = checked(segment.constraints, robot, several=True)
@@ -293,9 +289,9 @@ class Problem(Record):
         if not self.segments:
             return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
         each = [phase.goal.alternatives for phase in self.phases]
-        if math.prod(map(len, each)) == 1:
-            return (self,)
         count = math.prod(map(len, each))
+        if count == 1:
+            return (self,)
         if count > MOST_ALTERNATIVES:
             raise ProblemError(
                 f"segments: their goals can be chosen in {count} ways, expected no "
