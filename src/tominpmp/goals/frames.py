@@ -44,7 +44,7 @@ from tominpmp.goals.direction import across, deviations
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
-from tominpmp.scene import is_rotation, rotation_matrix
+from tominpmp.scene import rotation_matrix
 
 Distance: TypeAlias = Annotated[float, partial(goal_tolerance, unit="m")]
 Angle: TypeAlias = Annotated[float, partial(goal_tolerance, unit="rad", most=np.pi)]
@@ -75,21 +75,10 @@ def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
         raise wrong(pose, name, POSE)
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
         raise ProblemError(f"{name} is not finite", field=name)
-    if turn.shape == (4,):
-        try:
-            turn = rotation_matrix(turn)
-        except SceneError as error:
-            raise ProblemError(
-                f"{name} has the quaternion {turn.tolist()}, expected one that is not "
-                "zero",
-                name,
-            ) from error
-    if not is_rotation(turn):
-        raise ProblemError(
-            f"the rotation of {name} is not a rotation matrix (orthonormal columns, "
-            "determinant 1)",
-            field=name,
-        )
+    try:
+        turn = rotation_matrix(turn)
+    except SceneError as error:
+        raise ProblemError(f"{name}: {error}", name) from error
     return pin.SE3(np.array(turn), np.array(position))
 
 

@@ -224,14 +224,12 @@ class Problem(Record):
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
         if number == 0:
-            phase._checks.kept(phase.q_start, phase.v_start, "start", "q_start")
+            phase._checks.kept(q_start, phase.v_start, "start")
         elif self.segments[number - 1].goal.configuration is not None:
             if not same:
                 phase._checks.clear(q_start, "start", later=True)
             passing = not self.segments[number - 1].stop
-            phase._checks.kept(
-                q_start, phase.v_start, "start", "q_start", passing=passing
-            )
+            phase._checks.kept(q_start, phase.v_start, "start", passing=passing)
         rests = goal is segment.goal
         most = int(MOST_WAYS ** (1.0 / len(self.segments)))
         near = segment.goal.wrapped(robot, q_start, phase.v_start, most)
