@@ -170,7 +170,7 @@ class PathConstraint(Record, Constraint):
         """The quantity at one state, shapes (n,); derivatives not needed are empty."""
         if type(self).measure_rows is PathConstraint.measure_rows:
             raise NotImplementedError(f"{type(self).__name__} has no measure")
-        return float(self.measure_rows(*one_row(q, v, a))[0])
+        return float(self.measure_rows(*_one_row(q, v, a))[0])
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Values of :meth:`measure` at m states, shapes (m, n) to (m,)."""
@@ -186,7 +186,7 @@ class PathConstraint(Record, Constraint):
         """
         if type(self).vector_rows is PathConstraint.vector_rows:
             raise NotImplementedError(f"{type(self).__name__} is no length")
-        return _first(self.vector_rows(*one_row(q, v, a)))
+        return _first(self.vector_rows(*_one_row(q, v, a)))
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Results of :meth:`vector` at m states: (m, k), and (m, k, n) or empty."""
@@ -251,7 +251,7 @@ class PathConstraint(Record, Constraint):
             and their derivatives by q, v and a, shape (count, n) each; empty where they
             do not depend on q, v or a.
         """
-        return _first(self.term_rows(*one_row(q, v, a)))
+        return _first(self.term_rows(*_one_row(q, v, a)))
 
     # -- rows of the constraint --------------------------------------------------------
 
@@ -485,7 +485,7 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
     return tuple(items)
 
 
-def one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+def _one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
     """A state as rows of states; derivatives not needed may be empty."""
     q, v, a = (array(x, k, (None,), JOINTS) for k, x in (("q", q), ("v", v), ("a", a)))
     return q[None], v[None], a[None]

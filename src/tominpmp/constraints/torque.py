@@ -95,12 +95,7 @@ class MotorLimit(Constraint):
     @property
     def name(self) -> str:
         """Name of the kind of limit, of torques."""
-        return self.kind_name.replace("effort", "torque")
-
-    @property
-    def kind_name(self) -> str:
-        """Name of the kind of limit."""
-        return self.kind.name
+        return self.kind.name.replace("effort", "torque")
 
     @property
     @abstractmethod

@@ -249,19 +249,8 @@ class ProblemFunctions:
                 motors.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
             elif joints.size:
                 scale = most if kind.order else self.step_scale
-                others.append(
-                    JointLimit(
-                        joints,
-                        item.lower[joints],
-                        most[joints],
-                        scale[joints],
-                        most.size,
-                        kind.name,
-                        kind.of,
-                        kind.order,
-                        curable=kind.order > 0,
-                    )
-                )
+                rows = item.lower[joints], most[joints], scale[joints]
+                others.append(JointLimit(kind, joints, *rows))
         # Positions last.
         others.sort(key=lambda item: item.order == 0)
         found = [*motors, *others, self.clearance, *self.problem.ready_constraints]
