@@ -75,10 +75,8 @@ class GoalOnJoints(Record, Goal):
         """Check and copy the positions, and the names that belong to them."""
         super().__post_init__()
         joints, q = named_row(self.q, "goal.q")
-        if joints is not None:
-            self._keep(joints=joints)
-        expected = "one number for each joint [rad or m]"
-        self._keep(q=vector(q, "goal.q", expected))
+        q = vector(q, "goal.q", "one number for each joint [rad or m]")
+        self._keep(q=q, joints=self.joints if joints is None else joints)
         if self.joints is not None:
             self._keep(joints=names(self.joints, "goal.joints"))
             one_each(self.q, "goal.q", self.joints)
@@ -207,38 +205,32 @@ class JointGoal(GoalOnJoints):
             self._keep(v=self._checked_velocity())
 
     def _checked_velocity(self) -> Array:
-        expected = "one number for each joint [rad/s or m/s]"
-        speeds = by_joint(self.v)
-        if speeds is None:
-            return vector(self.v, "goal.v", expected)
-        if self.joints is None:
-            raise ProblemError(
-                "goal.v is given by joint name, expected goal.q to be so, too", "goal.v"
-            )
-        v = in_order(speeds, self.joints, "goal.v", missing=0.0)
-        return vector(v, "goal.v", expected)
+        v, speeds = self.v, by_joint(self.v)
+        if speeds is not None:
+            if self.joints is None:
+                told = "goal.v is given by joint name, expected goal.q to be so, too"
+                raise ProblemError(told, "goal.v")
+            v = in_order(speeds, self.joints, "goal.v", missing=0.0)
+        return vector(v, "goal.v", "one number for each joint [rad/s or m/s]")
 
     def resolved(self, robot: Robot, before: Array | None = None) -> JointGoal:
         """The same in the order of the robot."""
         if self.joints is None:
             return self
-        others = instance(robot, Robot, "robot").locked_joints
+        locked = instance(robot, Robot, "robot").locked_joints
         known, rest = robot.joint_names, dict[str, float]()
         if before is not None:
             before = array(before, "before", (len(known),), JOINTS)
             rest = dict(zip(known, before.tolist(), strict=True))
-        rows: list[Array | None] = []
-        for name, locked, unnamed in (
-            ("q", dict(others), rest),
-            ("v", dict.fromkeys(others, 0.0), dict.fromkeys(rest, 0.0)),
-        ):
-            values, what = getattr(self, name), f"goal.{name}"
-            if values is not None:
-                one_each(values, what, self.joints)
-                given = dict(zip(self.joints, values.tolist(), strict=True))
-                values = in_order({**unnamed, **given}, known, what, others=locked)
-            rows.append(values)
-        return JointGoal(rows[0], rows[1], wrap=self.wrap)  # type: ignore[arg-type]
+        places = dict(zip(self.joints, self.q.tolist(), strict=True))
+        q = in_order({**rest, **places}, known, "goal.q", others=locked)
+        if self.v is None:
+            return JointGoal(q, wrap=self.wrap)
+        one_each(self.v, "goal.v", self.joints)
+        speeds = dict(zip(self.joints, self.v.tolist(), strict=True))
+        still = dict.fromkeys(locked, 0.0)
+        v = in_order(speeds, known, "goal.v", others=still, missing=0.0)
+        return JointGoal(q, v, wrap=self.wrap)
 
     @property
     def configuration(self) -> Array:

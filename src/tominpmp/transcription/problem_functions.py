@@ -244,7 +244,7 @@ class ProblemFunctions:
             if kind.of == "u":
                 motors.append(TorqueLimit(self.motors, kind))
             elif kind.of == "du":
-                motors.append(TorqueRate(self.motors, joints, most[joints]))
+                motors.append(TorqueRate(self.motors, kind, joints, most[joints]))
             elif kind.of == "uv":
                 motors.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
             elif joints.size:
