@@ -37,17 +37,24 @@ def free_port() -> int:
         return int(trial.getsockname()[1])
 
 
-@pytest.fixture(scope="module")
-def page() -> Iterator[object]:
+@contextlib.contextmanager
+def opened(robot: str) -> Iterator[object]:
+    """The page of a robot, at a port that is free."""
     from tominpmp.app.page import Page
 
     found = None
     while found is None:
         # What was free may be taken by somebody else meanwhile.
         with contextlib.suppress(OptionsError):
-            found = Page(first_request(known("planar3r")), port=free_port())
+            found = Page(first_request(known(robot)), port=free_port())
     yield found
     found.close()
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[object]:
+    with opened("planar3r") as found:
+        yield found
 
 
 def send(page: object, **message: object) -> None:
@@ -122,6 +129,13 @@ def test_a_dragged_obstacle_in_the_way_is_told_and_nothing_ends(page: object) ->
     assert "start" in refused.message
     drag(page, "item_O", list(home))
     assert awaited(page, refused.number + 1).ok
+
+
+def test_where_there_is_no_obstacle_none_can_be_resized_or_removed() -> None:
+    with opened("so100") as page:
+        panel = page.panel  # type: ignore[attr-defined]
+        assert panel._items.options == ("none",)
+        assert not any(field.visible for field in (*panel._sizes, panel._remove))
 
 
 def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:

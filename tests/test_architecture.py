@@ -158,7 +158,7 @@ def test_declared_dependencies_are_those_imported() -> None:
     assert always_installed - imported == DATA
     sources = [path.read_text(encoding="utf-8") for path in MODULES]
     for name in DATA:
-        assert any(f'metadata.distribution("{name}")' in text for text in sources)
+        assert any(f'Path("share", "{name}"' in text for text in sources)
 
 
 JUDGES = ("bounds", "verification")

@@ -47,6 +47,7 @@ MakeError = Callable[[str, str], TominpmpError]
 
 # Whole numbers from here on are none of NumPy's.
 LARGEST = 2**63
+FLAG = "True or False"
 #: What arrays that have a number for each joint hold.
 JOINTS = "numbers, one for each joint"
 
@@ -105,7 +106,7 @@ def flag(value: object, name: str) -> bool:
     Raises:
         ProblemError: If it is none.
     """
-    return bool(instance(value, (bool, np.bool_), name, "True or False"))
+    return bool(instance(value, (bool, np.bool_), name, FLAG))
 
 
 def text(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tominpmp.linear_programs.compressed import Compressed, single, sorted_in
+from tominpmp.linear_programs.compressed import Compressed, sorted_in
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_some_places_of_some_lines(matrix: sp.csr_matrix, kind: str) -> None:
 
 def test_lines_behind_others(matrix: sp.csr_matrix) -> None:
     own = Compressed.of(matrix)
-    other = single(np.array([2.0, -1.0]), [3, 0], 7)
+    other = Compressed.of_table(np.array([[2.0], [-1.0]]), np.array([[3], [0]]), 7)
     found = own.followed_by(other, own).rows()
     found.check_format(full_check=True)
     ones = sp.csr_matrix(([2.0, -1.0], ([0, 1], [3, 0])), shape=(2, 7))

@@ -78,7 +78,7 @@ def test_points_bound_the_curve():
     """Position limits on the points hold on the whole curve (convex hull)."""
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(3))
     motion = nlp.trajectory(z)
-    points = nlp.transcription.points(z)
+    points = nlp.transcription.motion(z).derivative(0)
     q = motion(np.linspace(0, motion.duration, 2000)).q
     low, high = points.min(axis=0), points.max(axis=0)
     ends = motion.q[[0, -1]]

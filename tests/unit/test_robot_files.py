@@ -73,16 +73,12 @@ def test_name_without_example_robots_says_that_they_are_not_installed(
         find_robot("panda")
 
 
-def test_example_folder_is_found_without_metadata(
+def test_example_folder_lies_beside_the_packages(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     folder = tmp_path / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
     folder.mkdir(parents=True)
 
-    def missing(name: str) -> None:
-        raise files.metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(files.metadata, "distribution", missing)
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     files._example_folder.cache_clear()
     try:

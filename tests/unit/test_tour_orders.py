@@ -70,6 +70,14 @@ def test_times_of_joints_are_those_of_the_bounds(resting: int) -> None:
             assert times[k] == pytest.approx(known, rel=1e-6)
 
 
+@pytest.mark.parametrize("resting", [0, 1, 2])
+def test_a_joint_without_limits_takes_no_time(resting: int) -> None:
+    """It was no number for a joint that has neither limit."""
+    none = np.full(1, np.inf)
+    for way in (0.0, 1.0):
+        assert JointTimes(none, none, none).of_joints(np.array([way]), resting) == 0.0
+
+
 @pytest.mark.parametrize("jerk", [3.0, 20.0, 1e4])
 @pytest.mark.parametrize("acceleration", [5.0, np.inf])
 def test_times_with_jerk_are_those_of_the_bounds(

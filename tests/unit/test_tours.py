@@ -11,9 +11,11 @@ import pytest
 
 import tests.sample_arms as arms
 import tominpmp as tm
+from tominpmp import stopping
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.legs import JointTimes, direct_motion
+from tominpmp.cell.tours.legs import JointTimes, Legs, direct_motion
 from tominpmp.cell.tours.lower_bound import tour_bound
+from tominpmp.cell.tours.planning import TourSearch
 from tominpmp.cell.tours.station import Rules
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError
 from tominpmp.robot import Robot
@@ -204,6 +206,26 @@ def test_places_that_are_passed_take_less_than_stops(arm: Robot) -> None:
     assert len(found.motions) == 1 and 0.0 < times[0] < found.cycle_time
 
 
+def test_a_place_is_passed_with_a_load_that_may_touch() -> None:
+    """The arm stopped there: the load was named on the way there, where it is not."""
+    robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
+    part = tm.Box("part", size=(0.05, 0.05, 0.05))
+    load = tm.Payload(0.1, "tip", geometry=[part], name="part")
+    goal, touch = tm.JointGoal([0.8, 1.4, -1.6]), [("part", "table")]
+    station = tm.Station("s", goal, stop=False, payload=load, may_touch=touch)
+    few = {"intervals": 6, "refine": None, "starts": 1, "max_iterations": 12}
+    found = tm.plan_tour(
+        robot,
+        [0.5, 1.7, -1.7],
+        [station],
+        q_end=[1.1, 1.0, -1.4],
+        scene=tm.Scene([tm.Box("table", size=(1, 1, 0.1), position=(9, 9, 0))]),
+        motion_limits=LIMITS,
+        **few,
+    )
+    assert found.verified and len(found.motions) == 1
+
+
 def test_direct_motions_are_the_fastest(arm: Robot) -> None:
     rng = np.random.default_rng(1)
     for _ in range(5):
@@ -290,6 +312,37 @@ def test_time_limits_leave_a_sentence(arm: Robot, goals: list[tm.PositionGoal]) 
         found.raise_if_failed()
     with pytest.raises(ProblemError, match="no tour"):
         found.export("tour.csv")
+
+
+def test_a_tour_that_is_found_as_the_time_ends_is_kept(
+    arm: Robot, goals: list[tm.PositionGoal], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was thrown away, as there was no time left for its bound."""
+    usual = TourSearch.run
+
+    def run(search: TourSearch) -> tm.Tour:
+        found = usual(search)
+        assert stopping.request()
+        return found
+
+    monkeypatch.setattr(TourSearch, "run", run)
+    found = tm.plan_tour(arm, HOME, goals[:2], motion_limits=LIMITS)
+    assert found.success and found.lower_bound == 0.0 and found.gap is None
+
+
+def test_a_place_where_the_arm_is_already_is_visited(
+    arm: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was left out where places that are passed had to become stops."""
+    monkeypatch.setattr(Legs, "passing", lambda *_: None)
+    goal = tm.JointGoal([0.7, 0.6])
+    stations = [
+        tm.Station("one", goal, stop=False),
+        tm.Station("other", goal, stop=False, after="one"),
+    ]
+    found = tm.plan_tour(arm, HOME, stations, motion_limits=LIMITS)
+    assert found.order == ("one", "other") and len(found.motions) == 2
+    assert found.visits[0].departure == found.visits[1].arrival
 
 
 def test_motions_and_stays_of_a_tour_are_on_the_clock(arm: Robot) -> None:

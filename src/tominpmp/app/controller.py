@@ -19,7 +19,6 @@ from tominpmp.app.worker import Worker
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import PoseGoal, PositionGoal
 from tominpmp.initial_guess.inverse_kinematics import solve_inverse_kinematics
-from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem import Problem
 from tominpmp.robot import Robot
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -47,8 +46,6 @@ class Reach:
     def __init__(self, robot: Robot, frame: str) -> None:
         self.turns = robot.n >= JOINTS_OF_A_POSE
         self._frame = frame
-        robot.frame_id(frame)
-        self._kinematics = RobotKinematics(robot)
         limits = robot.limits
         q = np.clip(np.zeros(robot.n), limits.position_lower, limits.position_upper)
         goal = PositionGoal(frame, np.zeros(3))
@@ -58,8 +55,8 @@ class Reach:
 
     def pose(self, q: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] and quaternion (x, y, z, w) of the frame."""
-        placement = self._kinematics.placement(np.array(q), self._frame)
-        both = pin.SE3ToXYZQUAT(placement)
+        kinematics = self._functions.kinematics
+        both = pin.SE3ToXYZQUAT(kinematics.placement(np.array(q), self._frame))
         return both[:3], both[3:]
 
     def solve(

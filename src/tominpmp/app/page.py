@@ -244,15 +244,14 @@ class Page:
             }
             self._arms["robot"].move(request.q_start)
             self._size = stage.look_at(self.server, robot, request)
-            self.handles.rebuild(0.16 * self._size)
+            self.handles.clear(0.16 * self._size)
             self.panel.rebuild()
-        self.refresh()
+            self.refresh()
 
     def _found(self, outcome: Outcome) -> None:
         """Take an outcome of the planning."""
         with self._lock:
-            same = outcome.request.robot == self.controller.request.robot
-            if not same or not hasattr(self, "handles"):
+            if outcome.request.robot != self.controller.request.robot:
                 return
             if outcome.shown is not None:
                 if self._shown is None:
@@ -367,17 +366,11 @@ class Readout:
 
     def show_bars(self, shown: Shown, time: float) -> None:
         """Show speeds and torques at a time [s]."""
-        _set(self._bars, pictures.bars(shown, time))
+        self._bars.content = pictures.bars(shown, time)
 
     def tell(self, text: str, *, bad: bool = False) -> None:
         """Show a sentence; nothing takes it away."""
-        _set(self._notice, pictures.notice(text, bad=bad))
-
-
-def _set(field: Any, content: str) -> None:
-    """Send a text to the browsers, if it is another one."""
-    if field.content != content:
-        field.content = content
+        self._notice.content = pictures.notice(text, bad=bad)
 
 
 class Panel:
@@ -432,7 +425,6 @@ class Panel:
                 slider.value = getattr(limits, name)
             self._bounded.value = limits.acceleration is not None
             self._acceleration.visible = self._bounded.value
-        self.refresh_lines()
 
     def refresh_lines(self) -> None:
         """Show the lines of Python, and the names of the obstacles."""
@@ -446,11 +438,9 @@ class Panel:
     # -- robots ------------------------------------------------------------------------
 
     def _add_robots(self) -> None:
-        gui, source = self._gui, self._request.robot.source
-        names = [*ARMS, *(name for name in robot_names() if name not in ARMS)]
-        if source not in names:
-            names.insert(0, source)
-        self._robots = gui.add_dropdown("Robot", names, initial_value=source)
+        gui = self._gui
+        names = tuple(dict.fromkeys((*ARMS, *robot_names())))
+        self._robots = gui.add_dropdown("Robot", names)
         self._groups = gui.add_dropdown("Joints", (ALL_JOINTS,))
         self._datasheet = gui.add_checkbox("Maker's data sheet", False)
         self._kinematic = gui.add_checkbox("Kinematic", False)
@@ -531,7 +521,6 @@ class Panel:
         }
         self._bounded = gui.add_checkbox("Limit accelerations", False)
         self._acceleration = gui.add_slider("Acceleration", 1.0, 60.0, 0.5, MODERATE)
-        self._acceleration.visible = False
         for field in (*self._sliders.values(), self._bounded, self._acceleration):
             field.on_update(by_user(self._change_limits))
 
@@ -547,7 +536,7 @@ class Panel:
     def _add_obstacles(self) -> None:
         gui, page = self._gui, self._page
         kinds = gui.add_button_group("Add", tuple(SIZES))
-        self._items = gui.add_dropdown("Obstacle", ("none",))
+        self._items = gui.add_dropdown("Obstacle", ("",))
         self._sizes = [
             gui.add_slider(f"size {number + 1}", 0.01, 2.0, 0.01, 0.1)
             for number in range(3)
@@ -592,6 +581,5 @@ class Panel:
             self._page.ask(items=self._request.items_with(item.name, size=sizes))
 
     def _remove_item(self) -> None:
-        chosen = self._chosen()
-        kept = tuple(item for item in self._request.items if item != chosen)
-        self._page.ask(items=kept)
+        name, items = self._items.value, self._request.items
+        self._page.ask(items=tuple(item for item in items if item.name != name))

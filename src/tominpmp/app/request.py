@@ -10,21 +10,17 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, partial
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from tominpmp.arrays import Record
+from tominpmp.checks import choice, number, wrong
 from tominpmp.datasheets import find_datasheet
-from tominpmp.exceptions import (
-    ProblemError,
-    RobotLoadError,
-    SceneError,
-    TominpmpWarning,
-    brief,
-)
+from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
@@ -61,6 +57,24 @@ def rounded(values: ArrayLike, digits: int = DIGITS) -> Any:
     """Numbers of Python with so many digits after the point, as a tuple."""
     numbers = np.round(np.asarray(values, dtype=np.float64).ravel(), digits) + 0.0
     return tuple(numbers.tolist())
+
+
+def _rounded_turn(values: ArrayLike, _: str) -> Quaternion:
+    turned: Quaternion = rounded(values, 6)
+    return UPRIGHT if turned[3] in (1.0, -1.0) else turned
+
+
+# Types of fields that are rounded, or checked.
+Numbers: TypeAlias = Annotated[tuple[float, ...], lambda values, _: rounded(values)]
+Point: TypeAlias = Annotated[Triple, lambda values, _: rounded(values)]
+Points: TypeAlias = Annotated[
+    tuple[Triple, ...], lambda points, _: tuple(map(rounded, points))
+]
+Turn: TypeAlias = Annotated[Quaternion, _rounded_turn]
+GoalKind: TypeAlias = Annotated[str, lambda value, name: choice(value, GOALS, name)]
+SpeedShare: TypeAlias = Annotated[
+    float, partial(number, expected="a share above 0, 1 at most", above=0.0, most=1.0)
+]
 
 
 @dataclass(frozen=True)
@@ -176,7 +190,7 @@ def group_names(source: str) -> tuple[str, ...]:
     said = _said(source).semantics
     if said is None:
         return ()
-    return tuple(name for name, group in said.groups.groups.items() if group.joints)
+    return tuple(name for name, group in said.groups.items() if group.joints)
 
 
 def follows_datasheet(choice: RobotChoice) -> bool | None:
@@ -193,8 +207,8 @@ def follows_datasheet(choice: RobotChoice) -> bool | None:
     return named if choice.limits is None else choice.limits == "datasheet"
 
 
-@dataclass(frozen=True)
-class Item:
+@dataclass(frozen=True, eq=False)
+class Item(Record):
     """An obstacle as one drags it: a kind, its sizes, and where it is.
 
     Attributes:
@@ -210,29 +224,22 @@ class Item:
 
     kind: str
     name: str
-    size: tuple[float, ...]
-    position: Triple
-    quaternion: Quaternion = UPRIGHT
+    size: Numbers
+    position: Point
+    quaternion: Turn = UPRIGHT
 
     def __post_init__(self) -> None:
         """Check kind and number of sizes; the obstacle checks the rest."""
-        if self.kind not in SIZES:
-            raise SceneError(
-                f"obstacle {self.name!r}: kind is {brief(self.kind)}, expected one of: "
-                f"{', '.join(SIZES)}",
-                self.name,
-            )
-        if len(self.size) != len(SIZES[self.kind]):
-            raise SceneError(
-                f"obstacle {self.name!r}: size is {brief(self.size)}, expected "
-                f"{len(SIZES[self.kind])} lengths: {', '.join(SIZES[self.kind])} [m]",
-                self.name,
-            )
-        turned = rounded(self.quaternion, 6)
-        turned = UPRIGHT if turned[3] in (1.0, -1.0) else turned
-        object.__setattr__(self, "quaternion", turned)
-        for name in ("size", "position"):
-            object.__setattr__(self, name, rounded(getattr(self, name)))
+        super().__post_init__()
+
+        def error(message: str, _: str) -> SceneError:
+            return SceneError(f"obstacle {self.name!r}: {message}", self.name)
+
+        choice(self.kind, tuple(SIZES), "kind", error=error)
+        sizes = SIZES[self.kind]
+        if len(self.size) != len(sizes):
+            expected = f"{len(sizes)} lengths: {', '.join(sizes)} [m]"
+            raise wrong(self.size, "size", expected, error)
 
     def call(self) -> Call:
         """The call that makes the obstacle that the library plans around.
@@ -261,8 +268,8 @@ def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
     return Item(kind, f"{kind}{number}", sizes, rounded(position))
 
 
-@dataclass(frozen=True)
-class Limits:
+@dataclass(frozen=True, eq=False)
+class Limits(Record):
     """Limits as sliders set them.
 
     Attributes:
@@ -271,25 +278,20 @@ class Limits:
         acceleration: Limit of all accelerations [rad/s^2 or m/s^2]; None for none
             beyond the robot's.
         margin: Distance to keep from obstacles [m].
+
+    Raises:
+        ProblemError: If the share of the speed limits is none; the problem checks the
+            rest.
     """
 
     effort_scale: float = 1.0
-    speed_scale: float = 1.0
+    speed_scale: SpeedShare = 1.0
     acceleration: float | None = None
     margin: float = 0.02
 
-    def __post_init__(self) -> None:
-        """Check what nothing else checks."""
-        if not 0.0 < self.speed_scale <= 1.0:
-            raise ProblemError(
-                f"speed_scale is {brief(self.speed_scale)}, expected a share above 0, "
-                "1 at most",
-                "speed_scale",
-            )
 
-
-@dataclass(frozen=True, kw_only=True)
-class Request:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Request(Record):
     """Robot, start, goal, scene and limits; plain numbers, so that requests compare.
 
     Attributes:
@@ -309,23 +311,12 @@ class Request:
 
     robot: RobotChoice
     frame: str
-    q_start: tuple[float, ...]
-    q_goal: tuple[float, ...]
-    goal: str = "joint"
-    via: tuple[Triple, ...] = ()
+    q_start: Numbers
+    q_goal: Numbers
+    goal: GoalKind = "joint"
+    via: Points = ()
     items: tuple[Item, ...] = ()
     limits: Limits = field(default_factory=Limits)
-
-    def __post_init__(self) -> None:
-        """Round the numbers, so that the lines of Python say them all."""
-        if self.goal not in GOALS:
-            raise ProblemError(
-                f"goal is {brief(self.goal)}, expected one of: {', '.join(GOALS)}",
-                "goal",
-            )
-        for name in ("q_start", "q_goal"):
-            object.__setattr__(self, name, rounded(getattr(self, name)))
-        object.__setattr__(self, "via", tuple(rounded(point) for point in self.via))
 
     def items_with(self, name: str, **changes: Any) -> tuple[Item, ...]:
         """The obstacles, with fields of one of them changed."""

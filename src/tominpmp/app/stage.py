@@ -135,10 +135,9 @@ def _by_color(body: Body) -> list[tuple[Surface, Color]]:
     colors, which = np.unique(np.round(surface.colors, 2), axis=0, return_inverse=True)
     if len(colors) > MOST_COLORS:
         colors, which = surface.colors.mean(axis=0)[None], np.zeros_like(which)
-    parts = [surface.faces[which.ravel() == number] for number in range(len(colors))]
     return [
-        (Surface(surface.vertices, faces), tuple(color))
-        for faces, color in zip(parts, colors.tolist(), strict=True)
+        (Surface(surface.vertices, surface.faces[which.ravel() == k]), tuple(color))
+        for k, color in enumerate(colors.tolist())
     ]
 
 
@@ -212,11 +211,10 @@ class Handles:
         self._known: dict[str, tuple[object, Any]] = {}
         self._held: dict[str, float] = {}
 
-    def rebuild(self, size: float) -> None:
-        """Make all anew, for another robot; size of the handles [m]."""
+    def clear(self, size: float) -> None:
+        """Take all off the stage, for another robot; size of the next ones [m]."""
         self._size = size
         self._keep(())
-        self.refresh()
 
     def allow_turning(self, wanted: bool) -> None:
         """Whether obstacles are turned, too."""

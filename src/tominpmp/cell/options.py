@@ -6,13 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tominpmp.cli.option_fields import options
-from tominpmp.cli.options import (
-    OUTPUT_FILE,
-    PLANNING,
-    QUIET,
-    VERBOSE,
-    ReportOptions,
-)
+from tominpmp.cli.options import OUTPUT_FILE, PLANNING, QUIET, VERBOSE, ReportOptions
 
 
 @options("Output")

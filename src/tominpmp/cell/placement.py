@@ -236,9 +236,7 @@ def improve_placement(
     given, low, high = _checked(tasks, bounds)
     names = tuple(bounds)
     what = _what(moves, given, names)
-    place = (
-        pin.SE3.Identity() if base is None else base_placement(robot.name, base, "base")
-    )
+    place = base_placement(robot.name, np.zeros(3) if base is None else base, "base")
     scale = np.ones(len(given)) if weights is None else array_or_nan(weights)
     if scale.shape != (len(given),) or not np.all(np.isfinite(scale) & (scale > 0.0)):
         raise wrong(weights, "weights", f"{len(given)} positive numbers, one a task")
@@ -333,9 +331,8 @@ class _Search:
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
         """Go downhill until nothing is gained."""
         span = high - low
-        best = self._at(np.zeros(low.size))
-        assert best is not None  # noqa: S101 (or it was raised)
-        T_before = best.T
+        start = np.zeros(low.size)
+        best = self._point(start, self._motions(start, [None] * len(self.tasks)))
         radius, curvature = FIRST, np.zeros((low.size, low.size))
         # Left out where the curvature is not positive; scaled by the first update.
         model = BFGS(exception_strategy="skip_update", init_scale="auto")
@@ -346,11 +343,16 @@ class _Search:
             x, promised = _step(best, curvature, *box)
             if promised < ENOUGH * best.T:
                 break
-            found = self._at(x, best)
-            if found is not None:
-                model.update(found.x - best.x, found.slope - best.slope)
-                curvature = model.get_matrix()
-            if found is None or found.T >= best.T:
+            try:
+                motions = self._motions(x, best.solutions)
+            except TominpmpError:
+                self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
+                radius *= SHRINK
+                continue
+            found = self._point(x, motions)
+            model.update(found.x - best.x, found.slope - best.slope)
+            curvature = model.get_matrix()
+            if found.T >= best.T:
                 radius *= SHRINK
                 continue
             if best.T - found.T > 0.5 * promised:
@@ -361,41 +363,42 @@ class _Search:
             values=frozen_array(best.x),
             placement=self.moves.placement(best.x),
             T=best.T,
-            T_before=T_before,
+            T_before=self.trials[0].T,
             plans=self.plans,
             trials=tuple(self.trials),
             solutions=best.solutions,
         )
 
-    def _at(self, x: Array, former: _Point | None = None) -> _Point | None:
-        """Plan all tasks at a placement; None if one has no motion there.
+    def _motions(self, x: Array, starts: Sequence[Solution | None]) -> list[Solution]:
+        """Plan all tasks at a placement.
+
+        Args:
+            x: The coordinates, shape (k,) [m or rad].
+            starts: What the plans begin with, by task; None for nothing.
 
         Raises:
-            ProblemError: If a task has no motion at the first placement.
+            TominpmpError: If a task cannot be there, or has no motion there.
         """
-        count, solutions = len(self.tasks), list[Solution]()
-        try:
-            move, problems = self.moves.mover(x), list[Problem]()
-            for number, task in enumerate(self.tasks):
-                with _of_task(number, count):
-                    problems.append(move(task))
-            for number, problem in enumerate(problems):
-                self.plans += 1
-                start = None if former is None else former.solutions[number]
-                with _of_task(number, count):
-                    found = plan(problem, self.options, start)
-                if not found.success:
-                    raise ProblemError(
-                        f"tasks: number {number + 1} of {count} has no motion where "
-                        f"the placement begins: {found.message}",
-                        f"tasks[{number}]",
-                    )
-                solutions.append(found)
-        except TominpmpError:
-            if former is None:
-                raise
-            self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
-            return None
+        count, move = len(self.tasks), self.moves.mover(x)
+        problems, solutions = list[Problem](), list[Solution]()
+        for number, task in enumerate(self.tasks):
+            with _of_task(number, count):
+                problems.append(move(task))
+        for number, (problem, start) in enumerate(zip(problems, starts, strict=True)):
+            self.plans += 1
+            with _of_task(number, count):
+                found = plan(problem, self.options, start)
+            if not found.success:
+                raise ProblemError(
+                    f"tasks: number {number + 1} of {count} has no motion where "
+                    f"the placement begins: {found.message}",
+                    f"tasks[{number}]",
+                )
+            solutions.append(found)
+        return solutions
+
+    def _point(self, x: Array, solutions: list[Solution]) -> _Point:
+        """What the motions of all tasks take at a placement, and its slope."""
         T = float(self.weights @ np.array([item.T for item in solutions]))
         slopes = [self.moves.gradient(item.sensitivities, x) for item in solutions]
         self.trials.append(Trial(frozen_array(x), T, self.plans))

@@ -33,7 +33,8 @@ from tominpmp.cli.terminal import (
 )
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ScenarioError, TominpmpError
+from tominpmp.exceptions import ScenarioError
+from tominpmp.files.records import blaming
 from tominpmp.files.scenario import SECTIONS, read_toml
 from tominpmp.options import Options
 from tominpmp.status import Status
@@ -184,19 +185,11 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     check_target(args.plot, "--plot", PLOT_ENDINGS)
     check_target(args.html, "--html", PAGE_ENDINGS)
     check_period(args.dt)
-    changes: dict[str, Any] = {}
-    if args.max_time is not None:
-        changes["max_planning_time"] = args.max_time
+    changes = {} if args.max_time is None else {"max_planning_time": args.max_time}
     Options().changed(changes)
     arguments = load_tour(scenario)
-    with logged(args.verbose, error_console()):
-        try:
-            tour = plan_tour(**arguments, **changes)
-        except ScenarioError:
-            raise
-        except TominpmpError as error:
-            field = getattr(error, "field", None)
-            raise ScenarioError(f"{scenario}: {error}", scenario, field) from error
+    with logged(args.verbose, error_console()), blaming(Field({}, scenario)):
+        tour = plan_tour(**arguments | changes)
     files = _write(tour, args) if tour.success else []
     if args.json:
         data = {name: getattr(tour, name) for name in OF_TOURS}

@@ -243,7 +243,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
     Infinite limits are None.
     """
     limits, beyond, semantics = robot.limits, robot.motion_limits, robot.srdf
-    groups = {} if semantics is None else semantics.groups.groups
+    groups = {} if semantics is None else semantics.groups
     kinds = {joint.name: joint.kind for joint in robot.description.joints}
     columns = {
         item.name: getattr(limits, item.name) for item in dataclasses.fields(limits)

@@ -17,6 +17,7 @@ from tominpmp.collision.bodies import (
 )
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.query import PairDistances, Pairs
+from tominpmp.description.model import are_neighbours
 from tominpmp.robot import Robot
 
 # Links that overlap at this share of random configurations overlap by design.
@@ -133,20 +134,9 @@ def _candidates(robot: Robot, bodies: Sequence[Body]) -> Pairs:
         if disabled:
             names = min(one.name, other.name), max(one.name, other.name)
             return names not in disabled
-        return not _neighbours(robot, one.joint, other.joint, carriers)
+        return not are_neighbours(robot.model, one.joint, other.joint, carriers)
 
     return _moving_pairs(bodies, watched)
-
-
-def _neighbours(robot: Robot, one: int, other: int, carriers: set[int]) -> bool:
-    """Whether no other link with a shape is between two joints in the tree."""
-    for joint, target in ((one, other), (other, one)):
-        parent = int(robot.model.parents[joint])
-        while parent and parent not in carriers:
-            parent = int(robot.model.parents[parent])
-        if parent == target:
-            return True
-    return False
 
 
 def _inseparable(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:

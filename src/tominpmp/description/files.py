@@ -8,14 +8,13 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib import metadata
 from pathlib import Path
 from urllib.parse import unquote
 
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import RobotLoadError, brief, closest, shortened
 
-# Where the wheel of example-robot-data puts its files, below a prefix.
+# Where example-robot-data has its files, below a prefix.
 _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
 
 # Characters of a path that a message shows, and the most paths that it shows.
@@ -179,25 +178,14 @@ def _bundled_folder() -> Path:
 
 @cache
 def _example_folder() -> Path | None:
-    """Folder of example-robot-data, a wheel of data without a Python module."""
-    folders: list[Path] = []
-    try:
-        for file in metadata.distribution("example-robot-data").files or ():
-            if "example-robot-data/robots" in file.as_posix():
-                located = Path(str(file.locate())).resolve()
-                folders += [p for p in located.parents if p.match(str(_EXAMPLE_SHARE))]
-                break
-    except metadata.PackageNotFoundError:
-        pass
-    if folders:
-        return folders[0]
-    # Without metadata (conda, robotpkg, ROS): the usual prefixes.
+    """Folder of example-robot-data, which has no Python module: below a prefix.
+
+    That of its wheel lies beside the packages; conda, robotpkg and ROS have their own.
+    """
     roots = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
     roots += [Path(sys.prefix), *_environment_folders("AMENT_PREFIX_PATH")]
-    for root in roots:
-        if (root / _EXAMPLE_SHARE).is_dir():
-            return root / _EXAMPLE_SHARE
-    return None
+    folders = (root / _EXAMPLE_SHARE for root in roots)
+    return next((folder.resolve() for folder in folders if folder.is_dir()), None)
 
 
 def _environment_folders(variable: str) -> list[Path]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from tominpmp.checks import wrong
 from tominpmp.description.mjcf import describe_mjcf
 from tominpmp.description.paths import read_bytes
 from tominpmp.description.srdf import SemanticDescription
@@ -14,7 +15,7 @@ from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.urdf import read_urdf
 from tominpmp.description.xacro_files import expanded, is_xacro
 from tominpmp.description.xml_reader import MAX_BYTES, parse_xml
-from tominpmp.exceptions import OptionsError, RobotLoadError, brief
+from tominpmp.exceptions import OptionsError, RobotLoadError
 
 
 def read_description(
@@ -41,8 +42,7 @@ def read_description(
     """
     args = {} if xacro_args is None else xacro_args
     if not isinstance(args, Mapping):
-        message = f"xacro_args is {brief(args)}, expected values by name"
-        raise OptionsError(message, "xacro_args")
+        raise wrong(args, "xacro_args", "values by name", OptionsError)
     text = read_bytes(path, MAX_BYTES, RobotLoadError) if text is None else text
     root = parse_xml(text, path)
     if is_xacro(root):

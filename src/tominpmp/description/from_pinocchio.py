@@ -31,7 +31,7 @@ from tominpmp.description.tree import (
     solid,
     warn_of_points,
 )
-from tominpmp.description.xml_reader import MAX_NUMBER
+from tominpmp.description.xml_reader import MAX_NUMBER, bounded
 from tominpmp.exceptions import RobotLoadError, brief
 
 # Two placements that differ by less are one [m, rad].
@@ -159,12 +159,13 @@ class _ModelReader:
             return JointDescription(**values, mimic=Mimic(leader, ratio, offset))
         v = joint.idx_v
         if joint.nq == 1:
-            values["lower"] = _limit(model.lowerPositionLimit[joint.idx_q])
-            values["upper"] = _limit(model.upperPositionLimit[joint.idx_q])
+            values["lower"] = bounded(model.lowerPositionLimit[joint.idx_q])
+            values["upper"] = bounded(model.upperPositionLimit[joint.idx_q])
         else:  # on two numbers, cosine and sine, it turns without end
             values["kind"] = "continuous"
         effort = min(abs(model.lowerEffortLimit[v]), abs(model.upperEffortLimit[v]))
-        values |= {"velocity": _limit(model.velocityLimit[v]), "effort": _limit(effort)}
+        values["velocity"] = bounded(model.velocityLimit[v])
+        values["effort"] = bounded(effort)
         losses = ("damping", "friction", "armature")
         values |= {loss: float(getattr(model, loss)[v]) for loss in losses}
         return JointDescription(**values)
@@ -176,13 +177,10 @@ class _ModelReader:
         for index, frame in enumerate(self.model.frames):
             body = frame.type == pin.FrameType.BODY and frame.parentJoint == joint
             if body and frame.placement.isIdentity(SAME):
-                self.link_of[index] = self._link_name(frame.name)
+                self.link_of[index] = fresh_name(frame.name, self._links)
                 return self.link_of[index]
         own = f"{self.model.names[joint]}_link" if joint else "world"
-        return self._link_name(own)
-
-    def _link_name(self, name: str) -> str:
-        return fresh_name(name, self._links)
+        return fresh_name(own, self._links)
 
     def links(self) -> dict[str, LinkDescription]:
         """The links by their names, without shapes: of the joints, then of frames."""
@@ -201,10 +199,9 @@ class _ModelReader:
 
     def _add_frames(self) -> None:
         """Add a link for every further frame, fixed to the one of its joint."""
-        frames = self.model.frames
-        kinds = pin.FrameType
+        frames, kinds = self.model.frames, pin.FrameType
         carried = {
-            int(frame.parentFrame): index
+            int(frame.parentFrame)
             for index, frame in enumerate(frames)
             if frame.type == kinds.BODY and index not in self.link_of
         }
@@ -218,7 +215,7 @@ class _ModelReader:
             named = above.name if fixed and int(frame.parentFrame) else None
             if frame.type == kinds.FIXED_JOINT:
                 named = frame.name
-            link = self._link_name(str(frame.name))
+            link = fresh_name(str(frame.name), self._links)
             self.link_of[index] = link
             name = fresh_name(str(named or f"{frame.name}_fixed"), self._joint_names)
             parent = self.main[frame.parentJoint]
@@ -231,11 +228,6 @@ class _ModelReader:
             placement = self.model.frames[index].placement.actInv(item.placement)
             return self.link_of[index], placement
         return self.main[joint], item.placement
-
-
-def _limit(value: float) -> float:
-    """A limit; infinite if it is the largest number there is, or near it."""
-    return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else float(value)
 
 
 def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | None:

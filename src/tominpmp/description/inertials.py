@@ -42,17 +42,15 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
 
     Frames between joints in one place need no mass.
     """
-    shaped = {
-        link.name for link in description.bodies if link.collisions or link.visuals
-    }
-    every = range(1, model.njoints)
+    bodies = description.bodies
+    shaped = {link.name for link in bodies if link.collisions or link.visuals}
     found = impossible_bodies(model) | {
         joint: f"{named_body(model, joint)} {fault}"
-        for joint in every
+        for joint in range(1, model.njoints)
         if (fault := _lack(model, joint, shaped)) is not None
     }
     if found:
-        faults = listed([found[joint] for joint in every if joint in found])
+        faults = listed([found[joint] for joint in sorted(found)])
         warn_caller(f"{description.path}: {faults}: mend the <inertial> elements")
 
 
@@ -158,7 +156,8 @@ def check_inertia(
             the mass matrix is singular.
     """
     path, names = description.path, table.joint_names
-    ratios = np.eye(len(names)) if matrix is None else np.abs(matrix)
+    matrix = np.eye(len(names)) if matrix is None else matrix
+    ratios, shift = np.abs(matrix), 0.0 if offset is None else offset
     bare = ratios @ table["armature"] == 0.0
     found = {k: v for k, v in impossible_bodies(model).items() if bare[k - 1]}
     if found:
@@ -174,13 +173,9 @@ def check_inertia(
     low, high = np.clip(table.ends, -np.pi, np.pi)
     data = model.createData()
     for _ in range(INERTIA_SAMPLES):
-        q = rng.uniform(low, high)
-        if matrix is not None and offset is not None:
-            q = matrix @ q + offset
+        q = matrix @ rng.uniform(low, high) + shift
         upper = np.triu(pin.crba(model, data, q))
-        mass = upper + np.triu(upper, 1).T
-        if matrix is not None:
-            mass = matrix.T @ mass @ matrix
+        mass = matrix.T @ (upper + np.triu(upper, 1).T) @ matrix
         singular = np.flatnonzero(singular_directions(mass))
         if singular.size:
             joints = [names[i] for i in singular]

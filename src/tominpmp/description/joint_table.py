@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
-from tominpmp.checks import by_joint, in_order
+from tominpmp.checks import FLAG, by_joint, in_order, wrong
 from tominpmp.description.tree import JointDescription, Mimic
 from tominpmp.exceptions import (
     JointNotFound,
@@ -107,11 +107,8 @@ def _check_positions(
 ) -> dict[str, float]:
     """Check that positions are numbers and belong to joints."""
     if not isinstance(locked_joints, Mapping):
-        raise OptionsError(
-            f"locked_joints: got {brief(locked_joints)}, expected positions by joint "
-            "name",
-            "locked_joints",
-        )
+        expected = "positions by joint name"
+        raise wrong(locked_joints, "locked_joints", expected, OptionsError)
     for name, position in locked_joints.items():
         if name not in names:
             raise JointNotFound(name, names)
@@ -239,24 +236,22 @@ def check_gravity(gravity: ArrayLike) -> Array:
     return vector
 
 
-def check_kinematic(kinematic: object, **values: object) -> bool:
+def check_kinematic(kinematic: object, values: Mapping[str, object]) -> None:
     """Check whether a robot is kinematic, and then is given nothing of its dynamics.
+
+    Args:
+        kinematic: Whether it is.
+        values: What is given for the columns of its table, None for nothing.
 
     Raises:
         OptionsError: If that is no truth value, or a value is not None.
     """
     if not isinstance(kinematic, bool):
-        raise OptionsError(
-            f"kinematic is {brief(kinematic)}, expected True or False", "kinematic"
-        )
-    for option, value in values.items():
-        if kinematic and value is not None:
-            raise OptionsError(
-                f"{option} is {brief(value)}, expected None for a kinematic robot, "
-                "which has no torques",
-                option,
-            )
-    return kinematic
+        raise wrong(kinematic, "kinematic", FLAG, OptionsError)
+    for option in ("effort", *LOSSES):
+        if kinematic and values[option] is not None:
+            expected = "None for a kinematic robot, which has no torques"
+            raise wrong(values[option], option, expected, OptionsError)
 
 
 def stack_parts(
@@ -316,15 +311,12 @@ class JointLimits(Record):
         """Check the arrays and make them read-only."""
         for f in fields(self):
             value = getattr(self, f.name)
-            array = array_or_nan(value)
-            if array.ndim != 1:
-                raise ProblemError(
-                    f"limits: {f.name} is {brief(value)}, expected a row of numbers",
-                    f.name,
-                )
-            object.__setattr__(self, f.name, array)
-        if len({getattr(self, f.name).size for f in fields(self)}) > 1:
-            sizes = {f.name: getattr(self, f.name).size for f in fields(self)}
+            row = array_or_nan(value)
+            if row.ndim != 1:
+                raise wrong(value, f.name, "a row of numbers")
+            self._keep(**{f.name: row})
+        sizes = {f.name: getattr(self, f.name).size for f in fields(self)}
+        if len(set(sizes.values())) > 1:
             raise ProblemError(f"limits: lengths differ: {sizes}", "limits")
 
 
@@ -350,6 +342,8 @@ KINEMATIC = (
 
 #: Its columns: values that callers may give instead of those of a description.
 OVERRIDES: tuple[str, ...] = ROW.names or ()
+# Those of its columns that are zero for a kinematic robot.
+LOSSES = ("damping", "armature", "friction")
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,32 +395,14 @@ class JointTable:
             rows.append((*limits, joint.damping, joint.armature, joint.friction))
         return cls(tuple(joint_names), np.array(rows, dtype=ROW))
 
-    @classmethod
-    def of_limits(
-        cls,
-        joint_names: Sequence[str],
-        limits: JointLimits,
-        damping: Array,
-        armature: Array,
-        friction: Array,
-    ) -> JointTable:
-        """Table of a robot as it is."""
-        rows = np.zeros(len(joint_names), dtype=ROW)
-        for name in ("position_lower", "position_upper", "velocity"):
-            rows[name] = getattr(limits, name)
-        rows["effort"] = np.column_stack([limits.effort_lower, limits.effort_upper])
-        rows["damping"], rows["armature"] = damping, armature
-        rows["friction"] = friction
-        return cls(tuple(joint_names), rows)
-
     def overridden(
-        self, not_free: Mapping[str, str], **values: JointValues | None
+        self, not_free: Mapping[str, str], values: Mapping[str, JointValues | None]
     ) -> JointTable:
         """Replace values by those a caller gave.
 
         Args:
             not_free: Joints of the robot that are not in the table, and why.
-            **values: By field of the table; ``None`` changes nothing.
+            values: By column of the table; ``None`` changes nothing.
 
         Raises:
             OptionsError: If a value is wrong.
@@ -447,7 +423,7 @@ class JointTable:
         """The table of a kinematic robot: no limits of torques, friction or rotors."""
         rows = self.rows.copy()
         rows["effort"] = -np.inf, np.inf
-        for column in ("damping", "armature", "friction"):
+        for column in LOSSES:
             rows[column] = 0.0
         return JointTable(self.joint_names, rows)
 
@@ -461,10 +437,6 @@ class JointTable:
         rows = [self.joint_names.index(name) for name in joint_names]
         return JointTable(tuple(joint_names), self.rows[rows])
 
-    def limits(self) -> JointLimits:
-        """The limits alone."""
-        return JointLimits(*self.ends, self["velocity"], *self["effort"].T)
-
     def check_complete(self, path: Path) -> None:
         """Check that every joint has all limits, and room to move.
 
@@ -473,8 +445,8 @@ class JointTable:
         """
         complaints = []
         for quantity in ("effort", "velocity"):
-            array = self[quantity].reshape(len(self.joint_names), -1)
-            joints = self._names(np.any(np.isnan(array), axis=1))
+            unknown = np.isnan(self[quantity]).reshape(len(self.joint_names), -1)
+            joints = np.array(self.joint_names)[unknown.any(axis=1)].tolist()
             if joints:
                 complaints.append(
                     f"no {quantity} limit for {', '.join(joints)}: give "
@@ -493,9 +465,6 @@ class JointTable:
             )
         if complaints:
             raise RobotLoadError(f"{path}: {'; '.join(complaints)}", path)
-
-    def _names(self, chosen: NDArray[np.bool_]) -> list[str]:
-        return [name for name, c in zip(self.joint_names, chosen, strict=True) if c]
 
 
 def example_values(joints: Sequence[str]) -> str:

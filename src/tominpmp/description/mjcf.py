@@ -296,11 +296,10 @@ class _MjcfReader:
         scale = math.pi / 180.0 if degrees else 1.0
         lower, upper = (scale * end for end in self._range(own, "range", "limited"))
         ref = scale * self.context.number(own, "ref", f"joint {joint.name}")
-        back = -ref * np.hstack([joint.axis * (not turns), joint.axis * turns])
         return replace(
             joint,
             kind="continuous" if turns and upper == math.inf else joint.kind,
-            placement=frozen_array(joint.placement @ pin.exp6(back).homogeneous),
+            placement=frozen_array(joint.placement @ joint.motion(-ref).homogeneous),
             lower=lower,
             upper=upper,
             effort=min(map(abs, efforts.get(joint.name, (math.nan,)))),

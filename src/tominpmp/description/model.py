@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointTable
 from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
 from tominpmp.description.tree import (
+    SIZES,
     JointDescription,
     LinkDescription,
     Mimic,
@@ -31,13 +32,6 @@ SAME_AXIS = 1e-12
 # Joints about or along an axis of their own frame, which Pinocchio computes faster.
 TURNING = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 SLIDING = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
-# Shapes that are given by their sizes.
-SOLIDS = {
-    "box": coal.Box,
-    "sphere": coal.Sphere,
-    "cylinder": coal.Cylinder,
-    "capsule": coal.Capsule,
-}
 # Colour of shapes to which a description gives none, as Pinocchio has it.
 GREY = (0.9, 0.9, 0.9, 1.0)
 
@@ -67,7 +61,7 @@ def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pi
         inertia = _inertia(links[joint.child])
         if joint.kind == "fixed" or joint.name in locked:
             if joint.name in locked:
-                place = place * _motion(joint, locked[joint.name])
+                place = place * joint.motion(locked[joint.name])
             frame = model.addFrame(
                 pin.Frame(joint.name, index, above, place, kinds.FIXED_JOINT, inertia)
             )
@@ -99,14 +93,6 @@ def _joint_model(joint: JointDescription) -> Any:
     if slides:
         return pin.JointModelPrismaticUnaligned(joint.axis)
     return pin.JointModelRevoluteUnaligned(joint.axis)
-
-
-def _motion(joint: JointDescription, position: float) -> pin.SE3:
-    """What a joint at a position [rad or m] adds to its placement."""
-    way = position * joint.axis
-    if joint.kind == "prismatic":
-        return pin.SE3(np.eye(3), way)
-    return pin.SE3(pin.exp3(way), np.zeros(3))
 
 
 def build_geometry(
@@ -154,8 +140,8 @@ def build_geometry(
 
 def _solid(shape: Shape, load: Any) -> Any:
     """The shape as Coal has it."""
-    if shape.kind in SOLIDS:
-        return SOLIDS[shape.kind](*shape.sizes)
+    if shape.kind in SIZES:
+        return getattr(coal, shape.kind.capitalize())(*shape.sizes)
     if shape.corners is None or shape.faces is None:
         return load(shape.file, shape.sizes)
     mesh = coal.BVHModelOBBRSS()
@@ -214,6 +200,19 @@ def sticks(model: pin.Model, q: Array) -> Array:
     return np.array(lines or [np.zeros((2, 3))])
 
 
+def are_neighbours(
+    model: pin.Model, one: int, other: int, carriers: Collection[int]
+) -> bool:
+    """Whether of joints whose links have shapes, carriers, none is between two."""
+    for joint, target in ((one, other), (other, one)):
+        parent = int(model.parents[joint])
+        while parent and parent not in carriers:
+            parent = int(model.parents[parent])
+        if parent == target:
+            return True
+    return False
+
+
 def expansion(
     model: pin.Model, followers: Mapping[str, Mimic], order: Sequence[str] = ()
 ) -> tuple[tuple[str, ...], Array | None, Array | None]:
@@ -261,25 +260,21 @@ def configured_model(
         offset: c, shape (nv,), or ``None``.
     """
     model = model.copy()
-    n = len(table.joint_names)
-    matrix = np.eye(n) if matrix is None else matrix
-    leader = np.abs(matrix).argmax(axis=1)
-    ratio = matrix[np.arange(len(leader)), leader]
-    offset = np.zeros(len(leader)) if offset is None else offset
-    free = [int(model.getJointId(name)) - 1 for name in table.joint_names]
+    matrix = np.eye(len(table.joint_names)) if matrix is None else matrix
+    leader, ratio = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
+    shift = 0.0 if offset is None else offset
+    is_free = np.isin(list(model.names)[1:], table.joint_names)
 
     def scaled(values: Array) -> Array:
         # A limit at infinity times a ratio of zero is zero.
         return np.asarray(np.where(ratio == 0.0, 0.0, values[leader]) * ratio)
 
     def alone(values: Array) -> Array:
-        full = np.zeros(len(leader))
-        full[free] = values
-        return full
+        return np.where(is_free, values[leader], 0.0)
 
     ends = np.stack([scaled(end) for end in table.ends])
-    model.lowerPositionLimit = ends.min(axis=0) + offset
-    model.upperPositionLimit = ends.max(axis=0) + offset
+    model.lowerPositionLimit = ends.min(axis=0) + shift
+    model.upperPositionLimit = ends.max(axis=0) + shift
     model.velocityLimit = np.abs(scaled(table["velocity"]))
     model.lowerVelocityLimit = -model.velocityLimit
     model.effortLimit = alone(np.abs(table["effort"]).max(axis=1))

@@ -21,6 +21,7 @@ from tominpmp.description.tree import JointDescription, UrdfDescription
 from tominpmp.description.xml_reader import (
     XmlContext,
     add,
+    given_text,
     parse_xml,
     read_xml,
     xml_text,
@@ -37,7 +38,7 @@ from tominpmp.exceptions import (
 RESTING = ("default", "neutral", "home", "half_sitting")
 # Elements that are read, and those that do not touch a motion: hands and tools, spheres
 # for other collision checkers, metrics of samplers, footprints.
-READ = (
+READ = {
     "disable_collisions",
     "disable_default_collisions",
     "enable_collisions",
@@ -46,14 +47,14 @@ READ = (
     "passive_joint",
     "rotor_params",
     "virtual_joint",
-)
-WITHOUT_EFFECT = (
+}
+WITHOUT_EFFECT = {
     "end_effector",
     "gripper",
     "joint_property",
     "link_sphere_approximation",
     "specificities",
-)
+}
 # The reason for which MoveIt disables pairs that it has not seen to touch, and the one
 # of pairs that a file disables for a link as a whole.
 NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
@@ -62,19 +63,6 @@ NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
 Pair: TypeAlias = "tuple[str, str]"
 #: Name of a group, names of joints, or the first and the last link of a chain.
 Group: TypeAlias = "str | Sequence[str]"
-
-
-class _ReadOnly:
-    """Base of frozen dataclasses with mappings: read-only ones, pickled as plain."""
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        for name, value in vars(self).items():
-            object.__setattr__(self, name, _mapped(value, MappingProxyType))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the read-only mappings as plain ones."""
-        return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
 
 
 def _mapped(value: Any, kind: Callable[[dict[Any, Any]], Any]) -> Any:
@@ -100,20 +88,49 @@ class JointGroup:
 
 
 @dataclass(frozen=True)
-class JointGroups(_ReadOnly):
-    """The groups of an SRDF file, and what it says of their joints.
+class SemanticDescription:
+    """What an SRDF file says about a robot.
 
     Attributes:
+        disabled_pairs: Pairs of links whose collision is not to be checked, each pair
+            in alphabetical order and none twice.
+        group_states: Joint positions [rad or m] by joint name, by the name of the
+            state; states of several groups that share a name are one.
+        path: The file.
+        groups: Groups of joints that are planned together, by name.
         robot: Name of the robot in the file.
-        groups: The groups by name.
         passive: Joints that the file calls passive.
+        rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
+        never_touch: Those of the disabled pairs that are said, or have to be taken, to
+            be apart at all configurations: with the reason "Never", or without one
+            where two joints or more are between the links.
     """
 
-    robot: str = ""
+    disabled_pairs: tuple[tuple[str, str], ...] = ()
+    group_states: Mapping[str, Mapping[str, float]] = field(
+        default_factory=dict, hash=False
+    )
+    path: Path = Path()
     groups: Mapping[str, JointGroup] = field(default_factory=dict, hash=False)
+    robot: str = ""
     passive: tuple[str, ...] = ()
+    rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
+    never_touch: tuple[tuple[str, str], ...] = ()
 
-    def find(self, name: str) -> str | None:
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, _mapped(value, MappingProxyType))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the read-only mappings as plain ones."""
+        return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
+
+    def __repr__(self) -> str:
+        """What it holds, on one line."""
+        return record_line(self)
+
+    def find_group(self, name: str) -> str | None:
         """Name in the file of a group; None if there is none.
 
         Where no group has the very name, one is taken that is meant without doubt:
@@ -133,35 +150,6 @@ class JointGroups(_ReadOnly):
         return [{"left": "l", "right": "r"}.get(word, word) for word in words]
 
 
-@dataclass(frozen=True)
-class SemanticDescription(_ReadOnly):
-    """What an SRDF file says about a robot.
-
-    Attributes:
-        disabled_pairs: Pairs of links whose collision is not to be checked, each pair
-            in alphabetical order and none twice.
-        group_states: Joint positions [rad or m] by joint name, by the name of the
-            state; states of several groups that share a name are one.
-        path: The file.
-        groups: Groups of joints that are planned together.
-        rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
-        never_touch: Those of the disabled pairs that are said, or have to be taken, to
-            be apart at all configurations: with the reason "Never", or without one
-            where two joints or more are between the links.
-    """
-
-    disabled_pairs: tuple[tuple[str, str], ...]
-    group_states: Mapping[str, Mapping[str, float]] = field(hash=False)
-    path: Path
-    groups: JointGroups = field(default_factory=JointGroups)
-    rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
-    never_touch: tuple[tuple[str, str], ...] = ()
-
-    def __repr__(self) -> str:
-        """What it holds, on one line."""
-        return record_line(self)
-
-
 def read_semantics(
     path: str | os.PathLike[str] | None, description: UrdfDescription
 ) -> SemanticDescription | None:
@@ -172,8 +160,8 @@ def read_semantics(
     """
     if path is None:
         return None
-    if isinstance(path, str) and path.lstrip().startswith("<"):
-        text = path.lstrip().encode("utf-8", "replace")
+    text = given_text(path)
+    if text is not None:
         return read_srdf(Path("<text of an SRDF file>"), description, text)
     file = checked_path(path, "srdf", RobotLoadError).absolute()
     return read_srdf(file, description)
@@ -195,7 +183,7 @@ def read_srdf(
     context = XmlContext(path)
     if root.tag != "robot":
         context.fail(f"is no SRDF file: its root is <{root.tag}>, expected <robot>")
-    unread = {element.tag for element in root} - {*READ, *WITHOUT_EFFECT}
+    unread = {element.tag for element in root} - READ - WITHOUT_EFFECT
     if unread:
         names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
         warn_caller(f"{path}: not read: {names}")
@@ -238,7 +226,9 @@ class _SrdfReader:
             tuple(disabled),
             self._group_states(),
             self.context.path,
-            JointGroups(self.root.get("name", ""), groups, tuple(passive)),
+            groups,
+            self.root.get("name", ""),
+            tuple(passive),
             self._rotor_inertias(),
             tuple(never),
         )
@@ -334,10 +324,8 @@ class _SrdfReader:
                     found |= joints
                     unknown += lacking
                 elif tag == "link" and member in self.links:
-                    # No joint carries the first link.
-                    found |= (
-                        {self.carrying[member]} if member in self.carrying else set()
-                    )
+                    if member in self.carrying:  # no joint carries the first link
+                        found.add(self.carrying[member])
                 elif tag == "joint" and self._short(member) in self.known:
                     found.add(self._short(member))
                 else:
@@ -376,20 +364,19 @@ def group_locks(
     Raises:
         OptionsError: If there is no such group, or it has no joint.
     """
-    groups = JointGroups() if semantics is None else semantics.groups
-    states = {} if semantics is None else semantics.group_states
-    inside = _asked_for(groups, description, group)
+    said = SemanticDescription() if semantics is None else semantics
+    inside = _asked_for(said, description, group)
     outside = [j for j in description.joints if j.name not in inside and not j.mimic]
-    return {j.name: rest_position(j, states) for j in outside} | dict(locked)
+    return {j.name: rest_position(j, said.group_states) for j in outside} | dict(locked)
 
 
 def _asked_for(
-    groups: JointGroups, description: UrdfDescription, group: Group
+    said: SemanticDescription, description: UrdfDescription, group: Group
 ) -> Collection[str]:
     """Joints of the group of a name, or those that are meant."""
-    name = groups.find(group) if isinstance(group, str) else None
+    name = said.find_group(group) if isinstance(group, str) else None
     if name is not None:
-        found = groups.groups[name]
+        found = said.groups[name]
         if not found.joints:
             raise OptionsError(
                 f"group: the group {name!r} has no joint that the robot has", "group"
@@ -398,7 +385,7 @@ def _asked_for(
         return found.joints
     joints = _without_name(description, group)
     if joints is None:
-        raise OptionsError(_no_group(groups, group), "group")
+        raise OptionsError(_no_group(list(said.groups), group), "group")
     if not joints:
         raise OptionsError(f"group: no joint moves {brief(group)}", "group")
     return joints
@@ -422,12 +409,12 @@ def _without_name(description: UrdfDescription, group: object) -> set[str] | Non
     return None
 
 
-def _no_group(groups: JointGroups, group: object) -> str:
-    known = f"; the robot has: {', '.join(groups.groups)}"
-    if not groups.groups:
+def _no_group(groups: Sequence[str], group: object) -> str:
+    known = f"; the robot has: {', '.join(groups)}"
+    if not groups:
         known = ": the robot has no SRDF file with groups; give one with srdf="
     return (
-        f"group: there is no group {brief(group)}{closest(group, list(groups.groups))}"
+        f"group: there is no group {brief(group)}{closest(group, groups)}"
         f"{known}; or give the name of the last link of a chain, two links (base, tip),"
         " or names of joints"
     )
@@ -477,14 +464,13 @@ def srdf_file(
         name: Name of the robot.
         without: Links whose pairs are left out.
     """
-    groups = semantics.groups
-    root = Element("robot", name=groups.robot or name)
+    root = Element("robot", name=semantics.robot or name)
     for one, other in semantics.disabled_pairs:
         if not {one, other} & set(without):
             item = add(root, "disable_collisions", link1=one, link2=other)
             if (one, other) in semantics.never_touch:
                 item.set("reason", NEVER)
-    for group, found in groups.groups.items():
+    for group, found in semantics.groups.items():
         element = add(root, "group", name=group)
         for joint in (*found.joints, *found.unknown):
             add(element, "joint", name=joint)
@@ -496,7 +482,7 @@ def srdf_file(
         element = add(root, "group_state", name=state)
         for joint, value in positions.items():
             add(element, "joint", name=joint, value=value)
-    for joint in groups.passive:
+    for joint in semantics.passive:
         add(root, "passive_joint", name=joint)
     if semantics.rotor_inertias:
         rotors = add(root, "rotor_params")

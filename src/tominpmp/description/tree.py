@@ -133,6 +133,13 @@ class JointDescription(Record):
     jerk: float = math.inf
     armature: float = 0.0
 
+    def motion(self, position: float) -> pin.SE3:
+        """What it adds to its placement at a position [rad or m]."""
+        way = position * self.axis
+        if self.kind == "prismatic":
+            return pin.SE3(np.eye(3), way)
+        return pin.SE3(pin.exp3(way), np.zeros(3))
+
 
 @dataclass(frozen=True, eq=False)
 class UrdfDescription(Record):
@@ -310,8 +317,7 @@ def joined(
         tree += [_renamed(joint, part) for joint in description.tree]
     descriptions = [description for description, _ in parts.values()]
     folders = [folder for one in descriptions for folder in one.package_dirs]
-    own_order = any(one.order for one in descriptions)
-    names = (
+    order = (
         f"{part}/{joint}"
         for part, (description, _) in parts.items()
         for joint in description.order or orders[part]
@@ -324,7 +330,7 @@ def joined(
         path=descriptions[0].path,
         package_dirs=tuple(dict.fromkeys(folders)),
         parts=tuple(parts),
-        order=tuple(names) if own_order else (),
+        order=tuple(order),
     )
 
 

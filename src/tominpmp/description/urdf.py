@@ -45,9 +45,9 @@ from tominpmp.description.tree import (
     warn_of_unseen,
 )
 from tominpmp.description.xml_reader import (
-    MAX_NUMBER,
     XmlContext,
     add,
+    bounded,
     read_xml,
     to_number,
     xml_text,
@@ -64,8 +64,6 @@ SLIGHT = 1e-9
 MOST = 10
 # Limits of joints that turn within which nobody gives radians: five to 115 turns.
 MANY_TURNS, DEGREES = 30.0, 720.0
-
-
 # The parsers recurse into the tree; humanoids have some hundred links.
 MAX_LINKS = 2000
 SHAPES = (*SIZES, "mesh")
@@ -338,7 +336,7 @@ def read_parsed(
             if said is not None:
                 given = {k: v for k, v in vars(said).items() if v is not None}
                 add(element, tag, **given)
-    return _UrdfReader(root, XmlContext(path), package_dirs).read()
+    return read_urdf(path, package_dirs, root)
 
 
 class _UrdfReader:
@@ -486,7 +484,7 @@ class _UrdfReader:
         for key, value in limits.items():
             if key not in ("lower", "upper") and value < 0.0:
                 context.fail(f"{where}: limit {key}={value:g} is negative")
-        limits = {key: _bounded(value) for key, value in limits.items()}
+        limits = {key: bounded(value) for key, value in limits.items()}
         lower, upper = limits["lower"], limits["upper"]
         if kind == "continuous":
             lower, upper = -math.inf, math.inf
@@ -558,12 +556,6 @@ class _UrdfReader:
                 f"{path}: position limits of many turns, which look like degrees: "
                 f"{_first(self.turned)}; a URDF file has radians"
             )
-
-
-def _bounded(value: float) -> float:
-    """A limit: infinite if it is beyond reason."""
-    # "No limit" is commonly written as 1e16 or the like.
-    return math.copysign(math.inf, value) if abs(value) > MAX_NUMBER else value
 
 
 def _check_tree(
@@ -648,9 +640,8 @@ def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, byte
         inertial = add(element, "inertial")
         add(inertial, "origin", xyz=link.com)
         add(inertial, "mass", value=link.mass)
-        moments = zip(*np.triu_indices(3), strict=True)
-        named = {f"i{'xyz'[i]}{'xyz'[k]}": link.inertia[i, k] for i, k in moments}
-        add(inertial, "inertia", **named)
+        moments = link.inertia[np.triu_indices(3)]
+        add(inertial, "inertia", **dict(zip(_MOMENTS, moments, strict=True)))
     for tag, shapes in (("collision", link.collisions), ("visual", link.visuals)):
         for shape in shapes:
             item = add(element, tag)

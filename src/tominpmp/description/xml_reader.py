@@ -45,6 +45,15 @@ def read_xml(path: Path) -> Element:
     return parse_xml(read_bytes(path, MAX_BYTES, RobotLoadError), path)
 
 
+def given_text(source: object) -> bytes | None:
+    """A text that is given instead of the name of a file; None if it is none."""
+    if isinstance(source, str):
+        # A declaration would name another encoding than that of the text given.
+        source = source.lstrip("\ufeff").encode("utf-8", "replace")
+    text = source.lstrip() if isinstance(source, bytes) else b""
+    return text if text.startswith(b"<") else None
+
+
 def parse_xml(content: bytes, path: Path) -> Element:
     """Parse XML with limits and without entities.
 
@@ -179,6 +188,12 @@ def to_number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def bounded(limit: float) -> float:
+    """A limit: infinite if it is beyond reason."""
+    # "No limit" is commonly written as 1e16, or as the largest number there is.
+    return math.copysign(math.inf, limit) if abs(limit) > MAX_NUMBER else float(limit)
 
 
 def add(parent: Element, tag: str, **attributes: Any) -> Element:

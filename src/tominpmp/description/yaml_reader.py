@@ -16,7 +16,7 @@ import ast
 import math
 import operator
 import re
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -68,119 +68,104 @@ def read_yaml(path: Path) -> Any:
 
 def parse_yaml(content: bytes, path: Path) -> Any:
     """Parse YAML with limits and without tags; see :func:`read_yaml`."""
-    builder = _Builder(path)
     try:
-        for event in yaml.parse(content, Loader=_LOADER):
-            builder.take(event)
+        return _Builder(content, path).document()
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())[:300]
         raise ScenarioError(f"{path} is no YAML: {reason}", path) from error
     except (UnicodeError, ValueError, RecursionError) as error:
         raise ScenarioError(f"{path} is no YAML: {error}", path) from error
-    return builder.result
 
 
-@dataclass
-class _Open:
-    """A list or mapping whose end has not been read."""
-
-    value: list[Any] | dict[str, Any]
-    anchor: str | None
-    start: int
-    key: str | None = None
-
-
-@dataclass
 class _Builder:
-    """Builds plain values from the events of the parser, without recursion."""
+    """Builds plain values from the events of the parser."""
 
-    path: Path
-    result: Any = None
-    documents: int = 0
-    count: int = 0
-    stack: list[_Open] = field(default_factory=list)
-    anchors: dict[str, tuple[Any, int]] = field(default_factory=dict)
+    def __init__(self, content: bytes, path: Path) -> None:
+        self.events: Iterator[Any] = yaml.parse(content, Loader=_LOADER)
+        self.path, self.count = path, 0
+        #: Values by their anchors, and how many values are in each.
+        self.anchors: dict[str, tuple[Any, int]] = {}
 
-    def fail(self, message: str, mark: Any) -> NoReturn:
-        raise ScenarioError(f"{self.path}, line {mark.line + 1}: {message}", self.path)
+    def fail(self, message: str, event: Any) -> NoReturn:
+        line = event.start_mark.line + 1
+        raise ScenarioError(f"{self.path}, line {line}: {message}", self.path)
 
-    def take(self, event: Any) -> None:
-        mark = event.start_mark
-        if isinstance(event, yaml.DocumentStartEvent):
-            self.documents += 1
-        elif self.documents > 1 and _is_content(event):
-            self.fail("a second document begins, expected a single one", mark)
-        elif isinstance(event, yaml.AliasEvent):
+    def document(self) -> Any:
+        """The only document; an empty one may follow, as ROS ends messages."""
+        result, documents = None, 0
+        for event in self.events:
+            documents += isinstance(event, yaml.DocumentStartEvent)
+            if not isinstance(event, yaml.NodeEvent):
+                continue
+            if documents == 1:
+                result = self._value(event, 0)
+            elif not isinstance(event, yaml.ScalarEvent) or event.value:
+                self.fail("a second document begins, expected a single one", event)
+        return result
+
+    def _value(self, event: Any, depth: int) -> Any:
+        """The value that begins with an event, so deep within others."""
+        if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
-                self.fail(f"nothing is named {brief(event.anchor)} before it", mark)
+                self.fail(f"nothing is named {brief(event.anchor)} before it", event)
             value, size = self.anchors[event.anchor]
-            self._add(value, size, mark)
-        elif isinstance(event, yaml.ScalarEvent):
-            if event.tag not in UNITS:
-                self._check_tag(event.tag, mark)
-            # The parser in C has no style where the other has None.
-            plain = not event.style and event.tag is None
-            value = _plain(event.value) if plain else event.value
-            if event.tag in UNITS:
-                value = _in_unit(event.value, event.tag)
-                if value is None:
-                    word = f"{event.tag} {brief(event.value)}"
-                    self.fail(f"{word}: expected a number, as 90 or pi/2", mark)
-            if event.anchor:
-                self.anchors[event.anchor] = value, 1
-            is_key = self.stack and self._awaits_key()
-            self._add(event.value if is_key else value, 1, mark)
-        elif isinstance(event, yaml.SequenceStartEvent | yaml.MappingStartEvent):
-            self._check_tag(event.tag, mark)
-            if len(self.stack) >= MAX_DEPTH:
-                self.fail(f"values nest deeper than {MAX_DEPTH}", mark)
-            if self.stack and self._awaits_key():
-                self.fail("a key is no single word", mark)
-            empty: Any = [] if isinstance(event, yaml.SequenceStartEvent) else {}
-            self.stack.append(_Open(empty, event.anchor, self.count))
-        elif isinstance(event, yaml.SequenceEndEvent | yaml.MappingEndEvent):
-            done = self.stack.pop()
-            size = self.count - done.start + 1
-            if done.anchor:
-                self.anchors[done.anchor] = done.value, size
-            self._add(done.value, 1, mark)
+            self._add(size, event)
+            return value
+        before = self.count
+        self._add(1, event)
+        if isinstance(event, yaml.ScalarEvent):
+            value = self._word(event)
+        else:
+            self._check_tag(event)
+            if depth >= MAX_DEPTH:
+                self.fail(f"values nest deeper than {MAX_DEPTH}", event)
+            is_list = isinstance(event, yaml.SequenceStartEvent)
+            value = self._list(depth + 1) if is_list else self._mapping(depth + 1)
+        if event.anchor:
+            self.anchors[event.anchor] = value, self.count - before
+        return value
 
-    def _check_tag(self, tag: str | None, mark: Any) -> None:
-        if tag is not None and not _CORE_TAG.fullmatch(tag):
-            known = f"plain values only, and {', '.join(UNITS)} with a number"
-            self.fail(f"the tag {tag[:80]!r} is refused: {known}", mark)
-
-    def _awaits_key(self) -> bool:
-        top = self.stack[-1]
-        return isinstance(top.value, dict) and top.key is None
-
-    def _add(self, value: Any, size: int, mark: Any) -> None:
+    def _add(self, size: int, event: Any) -> None:
+        """Count values, those that an alias repeats too."""
         self.count += size
         if self.count > MAX_VALUES:
-            self.fail(f"it holds more than {MAX_VALUES} values", mark)
-        if not self.stack:
-            if self.documents == 1:
-                self.result = value
-            return
-        top = self.stack[-1]
-        if isinstance(top.value, list):
-            top.value.append(value)
-        elif top.key is None:
-            if not isinstance(value, str):
-                self.fail("a key is no single word", mark)
-            if value in top.value:
-                self.fail(f"the key {value[:80]!r} is there twice", mark)
-            top.key = value
-        else:
-            top.value[top.key] = value
-            top.key = None
+            self.fail(f"it holds more than {MAX_VALUES} values", event)
 
+    def _list(self, depth: int) -> list[Any]:
+        found = []
+        while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
+            found.append(self._value(event, depth))
+        return found
 
-def _is_content(event: Any) -> bool:
-    """Whether there is anything in a document: ROS ends messages with ``---``."""
-    if isinstance(event, yaml.ScalarEvent):
-        return bool(event.value)
-    return isinstance(event, yaml.AliasEvent | yaml.CollectionStartEvent)
+    def _mapping(self, depth: int) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        while not isinstance(event := next(self.events), yaml.MappingEndEvent):
+            key = self._value(event, depth)
+            if isinstance(event, yaml.ScalarEvent):
+                key = event.value
+            if not isinstance(key, str):
+                self.fail("a key is no single word", event)
+            if key in found:
+                self.fail(f"the key {key[:80]!r} is there twice", event)
+            found[key] = self._value(next(self.events), depth)
+        return found
+
+    def _word(self, event: Any) -> Any:
+        if event.tag in UNITS:
+            value = _in_unit(event.value, event.tag)
+            if value is None:
+                word = f"{event.tag} {brief(event.value)}"
+                self.fail(f"{word}: expected a number, as 90 or pi/2", event)
+            return value
+        self._check_tag(event)
+        # The parser in C has no style where the other has None.
+        is_plain = not event.style and event.tag is None
+        return _plain(event.value) if is_plain else event.value
+
+    def _check_tag(self, event: Any) -> None:
+        if event.tag is not None and not _CORE_TAG.fullmatch(event.tag):
+            known = f"plain values only, and {', '.join(UNITS)} with a number"
+            self.fail(f"the tag {event.tag[:80]!r} is refused: {known}", event)
 
 
 def _plain(word: str) -> Any:

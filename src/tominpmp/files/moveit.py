@@ -28,7 +28,6 @@ from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.paths import checked_path
 from tominpmp.description.srdf import (
-    JointGroups,
     SemanticDescription,
     rest_position,
     warn_of_group,
@@ -535,14 +534,13 @@ def _outside_group(
     name = request.get("group_name")
     if not name.given:
         return {}
-    groups = JointGroups() if semantics is None else semantics.groups
-    states = {} if semantics is None else semantics.group_states
-    found = groups.find(name.text())
+    said = SemanticDescription() if semantics is None else semantics
+    found, states = said.find_group(name.text()), said.group_states
     links = _goal_links(request)
-    moving = set[str]() if found is None else set(groups.groups[found].joints)
+    moving = set[str]() if found is None else set(said.groups[found].joints)
     named = bool(moving)
     if found is not None and named:
-        warn_of_group(found, groups.groups[found])
+        warn_of_group(found, said.groups[found])
     if not named:
         above = map(description.joints_above, links)
         moving = set(_goal_joints(request)).union(*above)
@@ -554,7 +552,7 @@ def _outside_group(
     if not named and links and outside:
         warn_caller(
             f"{name.path}: {name.key}: the robot has no group {brief(name.text())} (it "
-            f"has: {', '.join(groups.groups) or 'none'}); planned are the joints that "
+            f"has: {', '.join(said.groups) or 'none'}); planned are the joints that "
             "carry the links of the goal, "
             f"and {', '.join(j.name for j in outside)} are held"
         )

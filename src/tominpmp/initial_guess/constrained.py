@@ -7,8 +7,7 @@ hold, or until a tool whose speed is limited goes straight.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -32,10 +31,6 @@ INSIDE = 0.02
 STEP, JUMP = 0.3, 1.2
 # Bisections for the speed at which a constraint not linear in the speed is active.
 BISECTIONS = 30
-
-# Residual to be brought to zero at a configuration at a share of the path, (k,), and
-# its Jacobian, (k, n).
-Residual = Callable[[float, Array], tuple[Array, Array]]
 
 
 def path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
@@ -113,20 +108,15 @@ def keeping_paths(system: ProblemFunctions, q_end: Array, keeps: bool) -> list[A
     problem = system.problem
     held = held_positions(problem)
     line = np.linspace(problem.q_start, q_end, PLACES + 1)
-    inside = partial(excess_of, held)
     found: list[Array | None] = []
     guided = _guided(system, line, held)
-    if guided:
-        along = partial(_off_points, system, guided)
-        found.append(_shifted(system, line, _both(along, inside)))
-    elif not keeps:
-        found.append(_shifted(system, line, lambda _, q: inside(q)))
+    if guided or not keeps:
+        found.append(_shifted(system, line, guided, held))
     always = [item for item in problem.ready_constraints if item.window is None]
     fast = [item.top_speed[0] for item in always if item.top_speed is not None]
     for straight in STRAIGHT if fast and not guided else ():
         points = _straight(system, line, fast, straight)
-        along = partial(_off_points, system, points)
-        path = _shifted(system, line, _both(along, inside))
+        path = _shifted(system, line, points, held)
         found.append(path)
         if path is not None:
             break
@@ -148,16 +138,6 @@ def _guided(
     return found
 
 
-def _both(along: Residual, inside: Callable[[Array], tuple[Array, Array]]) -> Residual:
-    """A residual that stacks two residuals."""
-
-    def residual(share: float, q: Array) -> tuple[Array, Array]:
-        values, slopes = zip(along(share, q), inside(q), strict=True)
-        return np.concatenate(values), np.vstack(slopes)
-
-    return residual
-
-
 def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
     """Whether a straight line to a configuration keeps constraints on positions."""
     path = np.linspace(system.problem.q_start, q_end, PLACES + 1)
@@ -167,27 +147,6 @@ def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
         for item in held_positions(system.problem)
         for q in path
     )
-
-
-def excess_of(held: Sequence[PathConstraint], q: Array) -> tuple[Array, Array]:
-    """Violation of constraints on positions at a configuration.
-
-    The constraints are tightened by a small margin.
-
-    Returns:
-        Violations, zero where a constraint is kept, shape (k,), and their Jacobian,
-        zero there too, shape (k, n).
-    """
-    none = np.zeros(0)
-    values, slopes = [none], [np.zeros((0, q.size))]
-    for item in held:
-        value, by_q, _, _ = item.terms(q, none, none)
-        lower, upper = (bound[0] for bound in item.bounds(1))
-        room = np.minimum(INSIDE, 0.25 * (upper - lower))
-        excess = value - np.clip(value, lower + room, upper - room)
-        values.append(excess)
-        slopes.append(np.where((excess != 0.0)[:, None], by_q, 0.0))
-    return np.concatenate(values), np.vstack(slopes)
 
 
 def _straight(
@@ -208,28 +167,49 @@ def _straight(
     return found
 
 
-def _off_points(
-    system: ProblemFunctions, wanted: dict[str, Array], share: float, q: Array
-) -> tuple[Array, Array]:
-    """Distances of frames from their points at a share of the path, over the reach."""
-    values, slopes = [], []
-    for frame, points in wanted.items():
-        there = points[round(share * (len(points) - 1))]
-        place = np.asarray(system.kinematics.placement(q, frame).translation)
-        values.append((place - there) / system.reach)
-        slopes.append(system.kinematics.jacobian(q, frame)[:3] / system.reach)
-    return np.concatenate(values), np.vstack(slopes)
+def _shifted(
+    system: ProblemFunctions,
+    line: Array,
+    points: Mapping[str, Array],
+    held: Sequence[PathConstraint],
+) -> Array | None:
+    """A line whose configurations are shifted until they are where they should be.
 
+    Args:
+        system: The problem.
+        line: The configurations, shape (m, n).
+        points: Where frames should be on the way, by frame, shape (m, 3) [m].
+        held: Constraints on positions that should hold.
 
-def _shifted(system: ProblemFunctions, line: Array, residual: Residual) -> Array | None:
-    """A line whose configurations are shifted until a residual is zero.
-
-    None if a configuration cannot be shifted to zero residual, or jumps away from its
-    neighbour.
+    Returns:
+        The line; None if one of its configurations cannot be shifted so far, or jumps
+        away from its neighbour.
     """
-    limits, shares = system.problem.robot.limits, np.linspace(0.0, 1.0, len(line))
+    kinematics, reach, none = system.kinematics, system.reach, np.zeros(0)
+
+    def residual(row: int, q: Array) -> tuple[Array, Array]:
+        """Distances of frames from their points, over the reach, and violations.
+
+        Constraints are tightened by a small margin; where one is kept, value and
+        Jacobian are zero.
+        """
+        values, slopes = [none], [np.zeros((0, q.size))]
+        for frame, wanted in points.items():
+            place = np.asarray(kinematics.placement(q, frame).translation)
+            values.append((place - wanted[row + 1]) / reach)
+            slopes.append(kinematics.jacobian(q, frame)[:3] / reach)
+        for item in held:
+            value, by_q, _, _ = item.terms(q, none, none)
+            lower, upper = (bound[0] for bound in item.bounds(1))
+            room = np.minimum(INSIDE, 0.25 * (upper - lower))
+            excess = value - np.clip(value, lower + room, upper - room)
+            values.append(excess)
+            slopes.append(np.where((excess != 0.0)[:, None], by_q, 0.0))
+        return np.concatenate(values), np.vstack(slopes)
+
+    limits = system.problem.robot.limits
     inner, left = least_squares(
-        each(lambda row, q: residual(float(shares[row + 1]), q)),
+        each(residual),
         line[1:-1],
         (limits.position_lower, limits.position_upper),
         system.step_scale,

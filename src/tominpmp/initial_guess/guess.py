@@ -13,18 +13,11 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
-from tominpmp.initial_guess.constrained import (
-    keeping_paths,
-    keeps_positions,
-)
+from tominpmp.initial_guess.constrained import keeping_paths, keeps_positions
 from tominpmp.initial_guess.inverse_kinematics import find_configurations, shut_out
 from tominpmp.initial_guess.pace import load_stretch, stretch
 from tominpmp.initial_guess.path import RoundedPath
-from tominpmp.initial_guess.rrt import (
-    is_free,
-    is_free_line,
-    sample_paths,
-)
+from tominpmp.initial_guess.rrt import is_free, is_free_line, sample_paths
 from tominpmp.initial_guess.timing import time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -48,6 +41,8 @@ RESTS = 0.5
 RESTING = "at rest"
 # Name of guesses along paths around obstacles.
 SAMPLED = "sampled path"
+# Name of guesses through random configurations.
+ANYWHERE = "via point"
 # Name of guesses that keep constraints on the way.
 KEEPING = "within constraints"
 # Samples of a guess.
@@ -93,7 +88,7 @@ class Guess:
     stops: bool = False
 
     @classmethod
-    def of_motion(cls, name: str, motion: Trajectory, count: int = 200) -> Guess:
+    def of_motion(cls, name: str, motion: Trajectory, count: int = SAMPLES) -> Guess:
         """The path of a motion, sampled at a number of instants."""
         t = np.linspace(0.0, motion.duration, count)
         return cls(name, t, motion(t).q, False)
@@ -191,12 +186,6 @@ def _paced(
     return Guess(name, slower * factor * times, q, timed and factor == 1.0)
 
 
-def resting_guess(system: ProblemFunctions, duration: float) -> Guess:
-    """Stay at the start for a duration [s]."""
-    q = np.tile(system.problem.q_start, (2, 1))
-    return Guess(RESTING, np.array([0.0, duration]), q, False)
-
-
 def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
     """Quadratic Bézier curve through a configuration halfway, from rest to rest."""
     start, s = system.problem.q_start, _quintic()
@@ -206,7 +195,7 @@ def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
     limits = system.problem.robot.limits
     q = weights @ np.stack([start, middle, q_end])
     q = np.clip(q, limits.position_lower, limits.position_upper)
-    return _untimed_guess(system, q, "via point")
+    return _untimed_guess(system, q, ANYWHERE)
 
 
 def _quintic() -> Array:
@@ -302,13 +291,12 @@ def _guesses(
 ) -> Iterator[Guess]:
     problem = system.problem
     final = problem.goal.configuration
-    straight = [line_guess(system, q) for q in ends]
-    both = sorted(
-        zip(straight, ends, strict=True),
-        key=lambda one: (not one[0].keeps, _pace(one[0])),
-    )
-    straight, ends = [one[0] for one in both], [one[1] for one in both]
-    rest = resting_guess(system, duration or straight[0].duration)
+    lines = [(line_guess(system, q), q) for q in ends]
+    lines.sort(key=lambda one: (not one[0].keeps, _pace(one[0])))
+    straight, ends = zip(*lines, strict=True)
+    # Stays at the start, for as long as the fastest line takes unless told otherwise.
+    times = np.array([0.0, duration or straight[0].duration])
+    rest = Guess(RESTING, times, np.tile(problem.q_start, (2, 1)), False)
     if system.in_free_space:
         yield from straight[:FEW_LINES]
         # The paper's initial guess, which does not even reach the goal: the linear

@@ -8,6 +8,7 @@ outlive a parent that was killed: seen with "spawn", "fork" and "forkserver".
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import pickle
@@ -17,6 +18,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from functools import cache
 from typing import Any, TypeVar
 
 from tominpmp.stopping import Stop, check, grace, seconds_to_end
@@ -36,15 +38,12 @@ LATE = 1.0
 TICK, PULSE = 0.1, 0.25
 # Numerical libraries take one thread a process.
 THREADS = {
-    name: "1"
-    for name in (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "BLIS_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-    )
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "BLIS_NUM_THREADS": "1",
+    "VECLIB_MAXIMUM_THREADS": "1",
+    "NUMEXPR_NUM_THREADS": "1",
 }
 
 
@@ -91,10 +90,8 @@ def run_parallel(
     try:
         while True:
             # One more than there are processes, so that no process waits for an item.
-            while len(crew.pending) <= processes:
-                following = next(numbered, None)
-                if following is None:
-                    break
+            wanted = processes + 1 - len(crew.pending)
+            for following in itertools.islice(numbered, wanted):
                 crew.submit(*following)
             if not crew.pending:
                 return
@@ -189,17 +186,12 @@ class _Crew:
             self._executor.shutdown(wait=False, kill_workers=True)
 
 
-_known_event: Any = None
-
-
+@cache
 def _event() -> Any:
     """Event that asks the processes to stop; shared, so that these can be kept."""
-    global _known_event
-    if _known_event is None:
-        from loky.backend import get_context
+    from loky.backend import get_context
 
-        _known_event = get_context("loky").Event()
-    return _known_event
+    return get_context("loky").Event()
 
 
 _asked: Callable[[], bool] | None = None

@@ -11,17 +11,15 @@ the motion: T counts from the start.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision import CollisionChecker
-from tominpmp.constraints import ClearanceConstraint
 from tominpmp.constraints.path import PathConstraint, Window
-from tominpmp.initial_guess.guess import SAMPLED, Guess, initial_guesses
+from tominpmp.initial_guess.guess import ANYWHERE, SAMPLED, Guess, initial_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of places on the path, and the shortest time between two [s].
@@ -43,8 +41,6 @@ CAUTION = 0.02
 # moving obstacles are frozen for later guesses, as shares of the time of a motion.
 WITHOUT_MOVING = 4
 MOMENTS = (0.5, 0.25, 0.75, 1.0)
-# Name of guesses through random configurations.
-ANYWHERE = "via point"
 
 
 def guesses_of(
@@ -87,10 +83,9 @@ def waiting_guesses(
     """
     alone = initial_guesses(system.resting(), count, rng, duration, deadline)
     first: Guess | None = None
-    last: Guess | None = None
     for guess in itertools.islice(alone, WITHOUT_MOVING):
         if guess.name == ANYWHERE:
-            last = guess
+            alone = itertools.chain([guess], alone)
             break
         first = guess if first is None else first
         yield from _with_passages(system, guess)
@@ -104,7 +99,7 @@ def waiting_guesses(
             if guess.name == SAMPLED:  # the straight lines are known from above
                 yield from _with_passages(system, guess)
                 break
-    for guess in alone if last is None else itertools.chain([last], alone):
+    for guess in alone:
         yield from _with_passages(system, guess)
 
 
@@ -142,18 +137,18 @@ def let_pass(
         its path is free, and None if no timing is free.
     """
     clearance, holding = system.clearance, _passing(system)
-    bodies: _Bodies | None = None
-    if isinstance(clearance, ClearanceConstraint) and clearance.moving:
-        far = clearance.margin + caution * system.reach
-        moving = clearance.checker.moving_pairs
-        bodies = _Bodies(clearance.checker, np.where(moving, far, ANY_DEPTH))
-    elif not holding:
+    watched = clearance if clearance is not None and clearance.moving else None
+    if watched is None and not holding:
         return guess
     count = min(PLACES, max(int(guess.duration / SHORTEST), 2))
     step = float(guess.duration) / count
     q = guess.position(np.linspace(0.0, guess.duration, count + 1))
-    windows = [_Forbidden.of(item, q) for item in holding]
-    places = _passage(_Plane(bodies, windows, q, step))
+    windows = [_forbidden(item, q) for item in holding]
+    checker, margin = None, np.zeros(0)
+    if watched is not None:
+        checker, far = watched.checker, watched.margin + caution * system.reach
+        margin = np.where(checker.moving_pairs, far, ANY_DEPTH)
+    places = _passage(_Plane(q, step, windows, checker, margin))
     if places is None:
         return None
     if places.size == count + 1:
@@ -164,77 +159,64 @@ def let_pass(
     return replace(guess, name=name, t=t, q=q[places], delay=waits)
 
 
-class _Bodies(NamedTuple):
-    """Checker of moving obstacles, and the margins of its pairs, shape (pairs,) [m]."""
-
-    checker: CollisionChecker
-    margin: Array
-
-
-class _Forbidden(NamedTuple):
-    """Places on the path that a constraint forbids while it holds, shape (places,)."""
-
-    window: Window
-    places: BoolArray
-
-    @classmethod
-    def of(cls, item: PathConstraint, q: Array) -> _Forbidden:
-        """The places of a path, shape (places, n), that a constraint forbids."""
-        assert item.window is not None  # noqa: S101
-        rest = np.zeros(q.shape[1])
-        lacks = [bool(item.lack(place, rest, KEPT)) for place in q]
-        return cls(item.window, np.array(lacks))
+def _forbidden(item: PathConstraint, q: Array) -> tuple[Window, BoolArray]:
+    """When a constraint holds, and the places of a path that it forbids meanwhile."""
+    assert item.window is not None  # noqa: S101
+    rest = np.zeros(q.shape[1])
+    lacks = [bool(item.lack(place, rest, KEPT)) for place in q]
+    return item.window, np.array(lacks)
 
 
+@dataclass(eq=False)
 class _Plane:
-    """Which places on a path are free at which times."""
+    """Which places on a path are free at which times.
 
-    def __init__(
-        self,
-        bodies: _Bodies | None,
-        windows: Sequence[_Forbidden],
-        q: Array,
-        step: float,
-    ) -> None:
-        self._bodies, self._windows, self._q = bodies, windows, q
-        self.step = step
-        self.checks = 0
+    Attributes:
+        q: Configurations at the places, shape (places, n).
+        step: Time between two of the times [s].
+        windows: When constraints hold, and the places that they forbid meanwhile, shape
+            (places,).
+        checker: Checker of moving obstacles; None without any.
+        margin: Margins of its pairs, shape (pairs,) [m].
+        checks: How many configurations were checked.
+    """
 
-    @property
-    def places(self) -> int:
-        """Number of places."""
-        return len(self._q)
+    q: Array
+    step: float
+    windows: list[tuple[Window, BoolArray]]
+    checker: CollisionChecker | None
+    margin: Array
+    checks: int = 0
 
     def free(self, places: BoolArray, number: int) -> BoolArray:
         """The places, of given ones, that are free at a time counted in steps."""
         time = number * self.step
         out = places.copy()
-        for window, forbidden in self._windows:
+        for window, forbidden in self.windows:
             # The window is widened by a step, to cover the time between the steps.
             if window.begin - self.step < time < window.end + self.step:
                 out &= ~forbidden
-        if self._bodies is None:
+        if self.checker is None:
             return out
-        checker, margin = self._bodies
         for place in np.flatnonzero(out).tolist():
             self.checks += 1
-            out[place] = checker.is_free(self._q[place], margin, time)
+            out[place] = self.checker.is_free(self.q[place], self.margin, time)
         return out
 
     def ends(self, number: int) -> bool:
         """Whether the arm may stay at the end from a time on, counted in steps."""
         time = number * self.step
         return all(
-            time >= window.end or not places[-1] for window, places in self._windows
+            time >= window.end or not places[-1] for window, places in self.windows
         )
 
 
 def _passage(plane: _Plane) -> IntArray | None:
     """Place at each step of the passage that arrives first; None without a passage."""
-    here = np.zeros(plane.places, dtype=bool)
+    here = np.zeros(len(plane.q), dtype=bool)
     here[0] = True
     reached = [here]
-    most = int(max(PATIENCE * (plane.places - 1), LONG / plane.step))
+    most = int(max(PATIENCE * (len(plane.q) - 1), LONG / plane.step))
     while not (here[-1] and plane.ends(len(reached) - 1)):
         ahead = here.copy()
         ahead[1:] |= here[:-1]
@@ -244,11 +226,11 @@ def _passage(plane: _Plane) -> IntArray | None:
             return None
         reached.append(here)
     # Back from the end, as long as possible without waiting: the arm waits at first.
-    place = plane.places - 1
+    place = len(plane.q) - 1
     found = [place]
     for before in reversed(reached[:-1]):
         for other in (place - 1, place, place + 1):
-            if 0 <= other < plane.places and before[other]:
+            if 0 <= other < len(plane.q) and before[other]:
                 place = other
                 break
         found.append(place)

@@ -50,9 +50,8 @@ class PathTiming:
 
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n); s'' is constant on each step."""
-        index = np.clip(
-            np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2
-        )
+        index = np.searchsorted(self.t, times, side="right") - 1
+        index = np.clip(index, 0, self.t.size - 2)
         step = times - self.t[index]
         speed = np.sqrt(self.x)
         slope = (speed[index + 1] - speed[index]) / (self.t[index + 1] - self.t[index])

@@ -30,11 +30,8 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
     held = _against_constraints(system, rng, beyond)
     if held:
         return ProblemError(f"{where}goal: {held}", "goal")
-    what = (
-        "reaches it"
-        if goal.frame_name is None
-        else f"brings frame {goal.frame_name!r} there"
-    )
+    frame = goal.frame_name
+    what = "reaches it" if frame is None else f"brings frame {frame!r} there"
     return ProblemError(
         f"{where}goal: no configuration within the position limits {what}; the nearest "
         f"one found misses it by {found.least:.4g} (m, rad)",

@@ -29,9 +29,10 @@ from tominpmp.transcription.bends import to_be_split
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
+from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.layout import SHORTEST, split_intervals
+from tominpmp.transcription.layout import SHORTEST, Gridded, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.stages import with_segments
@@ -88,15 +89,7 @@ class WarmStart(Guess):
         share, bends = (since / self.durations[k])[:, None], self.bends[:, k]
         added = bends[0] + share * (bends[1] + share * (bends[2] + share * bends[3]))
         own = np.clip(self.begins[k] + since, 0.0, self.trajectory.duration)
-        return self.within(self.trajectory(own).q + added)
-
-    def _own(self, times: Array) -> Array:
-        """Times of the motion at times of the guess [s], at most the end of it."""
-        return np.clip(self.entry + times, 0.0, self.trajectory.duration)
-
-    def within(self, q: Array) -> Array:
-        """Configurations brought within the position limits."""
-        return np.asarray(np.clip(q, *self.box))
+        return np.asarray(np.clip(self.trajectory(own).q + added, *self.box))
 
     @property
     def unchanged(self) -> bool:
@@ -136,10 +129,6 @@ class WarmStart(Guess):
         later = t[t > 1e-9 * self.duration]
         return np.concatenate([[0.0], later])
 
-    def _ends(self, shares: Array) -> Array:
-        """Times at which intervals of given shares, shape (N, 1), begin and end [s]."""
-        return self.duration * np.concatenate([[0.0], np.cumsum(shares[:, 0])])
-
     def grid(self, intervals: int) -> Array | None:
         """Nodes of the motion, its longest intervals halved until they suffice [s].
 
@@ -162,20 +151,17 @@ class WarmStart(Guess):
         T, motion = self.duration, self.trajectory
         nodes = self.grid(intervals)
         if nodes is None or motion.degree != 2:
-            transcription = InverseTranscription(
-                system, interval_shares(kind, intervals), T
-            )
+            shares = interval_shares(kind, intervals)
+            transcription = InverseTranscription(system, shares, T)
             z = transcription.start(self.position, T, np.array([T]))
             return _program(transcription, z)
         transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
         z = transcription.interpolated(np.array([T]), self.position)
-        program, z = _program(transcription, transcription.within_limits(z))
-        of = program.transcription
-        if not self.halved or nodes.size - 1 > intervals:
-            return program, z
-        assert isinstance(of, InverseTranscription)  # noqa: S101
-        finer, z = split_intervals(of, z, to_be_split(of, z))
-        return NonlinearProgram.of(finer).at(z), z
+        of: Gridded = transcription
+        z = transcription.within_limits(z)
+        if self.halved and nodes.size - 1 <= intervals:
+            of, z = split_intervals(of, z, to_be_split(of, z))
+        return _program(of, z)
 
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
@@ -189,7 +175,7 @@ class WarmStart(Guess):
             shares = own
         transcription = BSplineTranscription(system, shares, degree)
         # As many samples in each interval, however short: each has a control point.
-        starts = np.concatenate([[0.0], np.cumsum(shares[:-1, 0])])
+        starts = nodes_of(shares[:-1, 0])
         fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
         wanted = self.position(fit * self.duration)
         z = transcription.fitted(fit, wanted, self.duration)
@@ -210,18 +196,16 @@ class WarmStart(Guess):
         self, system: ProblemFunctions, intervals: int, kind: str
     ) -> tuple[NonlinearProgram, Array]:
         """Program in states and torques, and the motion as its iterate."""
-        T, n = self.duration, system.n
-        nodes = self.grid(intervals)
+        T, nodes = self.duration, self.grid(intervals)
         if nodes is None:
-            nodes = self._ends(interval_shares(kind, intervals))
+            nodes = T * nodes_of(interval_shares(kind, intervals)[:, 0])
         transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
         q = self.position(nodes)
         if not self.unchanged:
             return _program(transcription, transcription.start(q, np.array([T])))
-        v = self.trajectory(self._own(nodes)).v
+        own = np.clip(self.entry + nodes, 0.0, self.trajectory.duration)
+        x = np.hstack([q, self.trajectory(own).v])
         u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
-        x = np.hstack([q, v])
-        assert x.shape == (nodes.size, 2 * n)  # noqa: S101
         return _program(transcription, transcription.pack(x, u, np.array([T])))
 
     def _net_torque(self, system: ProblemFunctions, times: Array) -> Array:
@@ -231,7 +215,7 @@ class WarmStart(Guess):
 
     def torque_program(self, system: ProblemFunctions, shares: Array) -> Array:
         """Iterate of the shooting methods: torques and the duration."""
-        ends = self._ends(shares)
+        ends = self.duration * nodes_of(shares[:, 0])
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
         z = torque_shares(system, u).ravel()
         return np.concatenate([z, [self.duration / shares.sum()]])

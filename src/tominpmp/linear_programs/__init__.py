@@ -7,7 +7,6 @@ from tominpmp.linear_programs.choice import available_solvers, make_solver
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.piqp import USUALLY, Nearly, PiqpSolver
 from tominpmp.linear_programs.solver import LpSolver
-from tominpmp.linear_programs.through_qpsolvers import QpsolversSolver
 
 __all__ = [
     "USUALLY",
@@ -15,7 +14,6 @@ __all__ = [
     "LpSolver",
     "Nearly",
     "PiqpSolver",
-    "QpsolversSolver",
     "available_solvers",
     "make_solver",
 ]

@@ -122,18 +122,6 @@ class Compressed(NamedTuple):
         return sp.csc_matrix((self.data, self.places, self.starts), shape=shape)
 
 
-def single(data: Array, places: Any, width: int) -> Compressed:
-    """Lines of one entry each.
-
-    Args:
-        data: The entries, shape (m,).
-        places: Where they are, shape (m,).
-        width: Number of places on a line.
-    """
-    places = np.asarray(places, dtype=Index)
-    return Compressed(data, places, np.arange(data.size + 1, dtype=Index), width)
-
-
 def sorted_in(
     lines: IntArray, places: IntArray, data: Array, count: int, width: int
 ) -> Compressed:

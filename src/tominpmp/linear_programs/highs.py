@@ -29,13 +29,10 @@ class HighsSolver(LpSolver):
 
     def __init__(self) -> None:
         highs = highspy.Highs()
-        for option, value in (
-            ("output_flag", False),
-            ("threads", 1),
-            ("primal_feasibility_tolerance", 1e-9),
-            ("dual_feasibility_tolerance", 1e-9),
-        ):
-            highs.setOptionValue(option, value)
+        highs.setOptionValue("output_flag", False)
+        highs.setOptionValue("threads", 1)
+        highs.setOptionValue("primal_feasibility_tolerance", 1e-9)
+        highs.setOptionValue("dual_feasibility_tolerance", 1e-9)
         # Asked after each pivot; the time limit is for what comes before the first.
         highs.cbSimplexInterrupt += _interrupt
         highs.cbIpmInterrupt += _interrupt
@@ -57,28 +54,14 @@ class HighsSolver(LpSolver):
         lp.a_matrix_.value_ = matrix.data
         self._highs.passModel(lp)
         if self._basis is not None and self._program is not None:
-            self._carry_basis(self._program, program)
+            basis = _carried(self._basis, self._program, program)
+            self._highs.setBasis(basis)
         self._program = program
         if self._basis is None and program.cost.size > MANY_COLUMNS:
             found = self._run("ipm")
             if found.optimal:
                 return found
         return self._run()
-
-    def _carry_basis(self, old: LinearProgram, new: LinearProgram) -> None:
-        basis = self._basis
-        assert basis is not None  # noqa: S101
-        before_rows = dict(zip(old.row_keys.tolist(), basis.row_status, strict=True))
-        before = dict(zip(old.column_keys.tolist(), basis.col_status, strict=True))
-        basic, at_lower = (
-            highspy.HighsBasisStatus.kBasic,
-            highspy.HighsBasisStatus.kLower,
-        )
-        carried = highspy.HighsBasis()
-        carried.row_status = [before_rows.get(k, basic) for k in new.row_keys.tolist()]
-        carried.col_status = [before.get(k, at_lower) for k in new.column_keys.tolist()]
-        carried.valid = True
-        self._highs.setBasis(carried)
 
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
         """Solve again; the basis stays dual feasible, so that a few pivots do."""
@@ -104,3 +87,18 @@ class HighsSolver(LpSolver):
             max(int(info.simplex_iteration_count), 0),
             time.perf_counter() - begin,
         )
+
+
+def _carried(
+    basis: highspy.HighsBasis, old: LinearProgram, new: LinearProgram
+) -> highspy.HighsBasis:
+    """The basis of a program for the next one; rows that are new are basic in it."""
+    rows = dict(zip(old.row_keys.tolist(), basis.row_status, strict=True))
+    before = dict(zip(old.column_keys.tolist(), basis.col_status, strict=True))
+    basic = highspy.HighsBasisStatus.kBasic
+    at_lower = highspy.HighsBasisStatus.kLower
+    carried = highspy.HighsBasis()
+    carried.row_status = [rows.get(key, basic) for key in new.row_keys.tolist()]
+    carried.col_status = [before.get(key, at_lower) for key in new.column_keys.tolist()]
+    carried.valid = True
+    return carried

@@ -27,6 +27,7 @@ from tominpmp.arrays import (
 )
 from tominpmp.checks import Point, instance, number, optional, text, wrong
 from tominpmp.description.inertials import impossible_moments
+from tominpmp.description.model import are_neighbours
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import (
     SIZES,
@@ -151,9 +152,8 @@ def attach(
         raise FrameNotFound(payload.frame, names)
     inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
     shapes = tuple(_shape(item) for item in payload.geometry)
-    inertia = frozen_array(inertia)
     carried = LinkDescription(
-        payload.name, payload.mass, payload.com, inertia, shapes, shapes
+        payload.name, payload.mass, payload.com, frozen_array(inertia), shapes, shapes
     )
     described = description.with_link(carried, link, payload)
     if srdf is None or not srdf.disabled_pairs:
@@ -168,23 +168,11 @@ def _links_beside(
     model: pin.Model, geometry: pin.GeometryModel, body: int
 ) -> list[str]:
     """Links with shapes on the joint of a link and on those next to it."""
-    carriers = {int(item.parentJoint) for item in geometry.geometryObjects}
-    joint = int(model.frames[body].parentJoint)
-
-    def next_above(one: int) -> int:
-        one = int(model.parents[one])
-        while one and one not in carriers and one != joint:
-            one = int(model.parents[one])
-        return one
-
-    near = {joint, next_above(joint)}
-    near |= {child for child in carriers if next_above(child) == joint}
-    found = (
-        model.frames[item.parentFrame].name
-        for item in geometry.geometryObjects
-        if int(item.parentJoint) in near
-    )
-    return sorted(set(found))
+    items, joint = geometry.geometryObjects, int(model.frames[body].parentJoint)
+    carriers = {joint, *(int(item.parentJoint) for item in items)}
+    near = {k for k in carriers if are_neighbours(model, joint, k, carriers)} | {joint}
+    near_items = (item for item in items if int(item.parentJoint) in near)
+    return sorted({model.frames[item.parentFrame].name for item in near_items})
 
 
 def _shape(item: Obstacle) -> Shape:

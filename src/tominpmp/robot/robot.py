@@ -24,8 +24,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
-from tominpmp.checks import JOINTS, array, instance, names
-from tominpmp.datasheets import OVERRIDES, find_datasheet, published_values
+from tominpmp.checks import JOINTS, array, choice, instance, names
+from tominpmp.datasheets import OVERRIDES, published_values
 from tominpmp.description.files import (
     RobotFiles,
     check_folders,
@@ -37,6 +37,8 @@ from tominpmp.description.formats import read_description
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
+    LOSSES,
+    ROW,
     JointLimits,
     JointTable,
     JointValues,
@@ -61,6 +63,7 @@ from tominpmp.description.srdf import (
 )
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.urdf import read_parsed
+from tominpmp.description.xml_reader import given_text
 from tominpmp.exceptions import (
     FrameNotFound,
     OptionsError,
@@ -133,14 +136,13 @@ class Robot(Record):
         instance(self.limits, JointLimits, "limits")
         instance(self.locked_joints, Mapping, "locked_joints", "positions by name")
         instance(self.description, UrdfDescription, "description")
-        object.__setattr__(self, "joint_names", names(self.joint_names))
+        locked = MappingProxyType(dict(self.locked_joints))
+        self._keep(joint_names=names(self.joint_names), locked_joints=locked)
         matrices = ("expansion_matrix", "expansion_offset")
         for name in ("damping", "armature", "friction", "gravity", *matrices):
             if (value := getattr(self, name)) is not None:
-                value = frozen_array(array(value, name, (...,), "numbers"))
-                object.__setattr__(self, name, value)
-        locked = MappingProxyType(dict(self.locked_joints))
-        object.__setattr__(self, "locked_joints", locked)
+                value = array(value, name, (...,), "numbers")
+                self._keep(**{name: frozen_array(value)})
         if self.motion_limits is not None:
             limits = instance(self.motion_limits, MotionLimits, "motion_limits")
             limits.check(self.joint_names)
@@ -172,12 +174,13 @@ class Robot(Record):
         """A stick figure and the limits, for notebooks."""
         low, high = self.limits.position_lower, self.limits.position_upper
         arm = sticks(self.model, self.expand(np.clip(np.zeros(self.n), low, high)))
-        columns = [low, high, self.limits.velocity, self.limits.effort_upper]
-        columns = columns[: 3 if self.kinematic else 4]
-        rows = zip(self.joint_names, *(x.tolist() for x in columns), strict=True)
-        head = ("joint", "lower", "upper", "velocity", "effort")[: 1 + len(columns)]
+        columns = {"lower": low, "upper": high, "velocity": self.limits.velocity}
+        if not self.kinematic:
+            columns["effort"] = self.limits.effort_upper
+        values = (column.tolist() for column in columns.values())
+        rows = list(zip(self.joint_names, *values, strict=True))
         picture = skeletons("at zero", {"robot": arm})
-        return card(f"Robot {self.name}", picture, table(head, list(rows)))
+        return card(f"Robot {self.name}", picture, table(("joint", *columns), rows))
 
     @property
     def n(self) -> int:
@@ -228,13 +231,11 @@ class Robot(Record):
 
     @cached_property
     def _frame_ids(self) -> dict[str, int]:
-        """Indices of the frames by name."""
+        """Indices of the frames by name, without that of the world."""
         found: dict[str, int] = {}
-        for index, frame in enumerate(self.model.frames):
-            if index > 0:  # the first one is the world's
-                found.setdefault(frame.name, index)
-        bodies = (n for n in found if self.model.existBodyName(n))
-        found.update({name: int(self.model.getBodyId(name)) for name in list(bodies)})
+        for index, frame in enumerate(self.model.frames[1:], 1):
+            if frame.type == pin.FrameType.BODY or frame.name not in found:
+                found[frame.name] = index
         return found
 
     def expand(self, q: ArrayLike) -> Array:
@@ -333,23 +334,20 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If the inertia becomes singular.
         """
-        losses = {"damping": damping, "armature": armature, "friction": friction}
-        check_kinematic(self.kinematic, effort=effort, **losses)
-        table = self._table().overridden(
-            self._linkage().reasons(),
-            damping=damping,
-            armature=armature,
-            friction=friction,
-            effort=effort,
-            velocity=velocity,
-            position_lower=position_lower,
-            position_upper=position_upper,
-        )
+        values = {
+            "damping": damping,
+            "armature": armature,
+            "friction": friction,
+            "effort": effort,
+            "velocity": velocity,
+            "position_lower": position_lower,
+            "position_upper": position_upper,
+        }
+        check_kinematic(self.kinematic, values)
+        table = self._table().overridden(self._linkage().reasons(), values)
         changed = check_gravity(self.gravity if gravity is None else gravity)
         robot = self._rebuilt(table=table, gravity=changed)
-        if not self.kinematic:
-            ties = robot.expansion_matrix, robot.expansion_offset
-            check_inertia(robot.model, table, *ties, self.description)
+        robot._check_inertia()
         # Geometry does not depend on any of this; it need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
@@ -370,9 +368,7 @@ class Robot(Record):
         """
         instance(positions, Mapping, "positions", "positions by joint name")
         joints = self.description.joints
-        mimics = {joint.name for joint in joints if joint.mimic}
-        kept = {k: v for k, v in self.locked_joints.items() if k not in mimics}
-        linkage = Linkage.resolve(joints, {**positions, **kept})
+        linkage = Linkage.resolve(joints, {**positions, **self.locked_joints})
         linkage.warn_of_limits(joints)
         limits = self.motion_limits
         if limits is not None:
@@ -398,8 +394,23 @@ class Robot(Record):
         return self.description.attached
 
     def _table(self) -> JointTable:
-        given = self.limits, self.damping, self.armature, self.friction
-        return JointTable.of_limits(self.joint_names, *given)
+        limits, rows = self.limits, np.zeros(self.n, dtype=ROW)
+        for name in ("position_lower", "position_upper", "velocity"):
+            rows[name] = getattr(limits, name)
+        rows["effort"] = np.column_stack([limits.effort_lower, limits.effort_upper])
+        for name in LOSSES:
+            rows[name] = getattr(self, name)
+        return JointTable(self.joint_names, rows)
+
+    def _check_inertia(self) -> None:
+        """Check that no joint moves without inertia, unless the robot has no torques.
+
+        Raises:
+            RobotLoadError: If one does.
+        """
+        if not self.kinematic:
+            ties = self.expansion_matrix, self.expansion_offset
+            check_inertia(self.model, self._table(), *ties, self.description)
 
     def _linkage(self) -> Linkage:
         return Linkage.resolve(self.description.joints, self.locked_joints)
@@ -461,7 +472,7 @@ def assembled(
     return Robot(
         model=configured_model(plain, joints, gravity, *ties),
         joint_names=joint_names,
-        limits=joints.limits(),
+        limits=JointLimits(*joints.ends, joints["velocity"], *joints["effort"].T),
         damping=joints["damping"],
         armature=joints["armature"],
         friction=joints["friction"],
@@ -478,8 +489,7 @@ def datasheet_hint(robot: Robot, joint: str) -> str:
     """Says that a data sheet has accelerations of a joint; empty if none has."""
     joints = [joint.name for joint in robot.description.joints]
     names = robot.name, robot.description.name, robot.description.path.stem
-    sheet = find_datasheet(names, joints)
-    published = {} if sheet is None else sheet.by_joint(joints)
+    published = published_values(names, joints, needed=False)
     known = joint in published.get("acceleration", {})
     return "; limits='datasheet' has them" if known else ""
 
@@ -531,11 +541,8 @@ class RobotSource:
         Raises:
             OptionsError: If limits are none of these, or there is no sheet.
         """
-        if limits not in (None, DATASHEET, URDF):
-            raise OptionsError(
-                f"limits is {brief(limits)}, expected {DATASHEET!r}, {URDF!r} or None",
-                "limits",
-            )
+        expected = f"{DATASHEET!r}, {URDF!r} or None"
+        choice(limits, (None, DATASHEET, URDF), "limits", expected, OptionsError)
         joints = self.description.joints
         described = {
             quantity: {j.name: getattr(j, quantity, math.inf) for j in joints}
@@ -601,22 +608,20 @@ def read_source(
         return source
     folders = check_folders(package_dirs)
     parts = _pinocchio_parts(source, geometry)
-    if parts is not None:
-        description, semantics, effort = describe_model(*parts, package_dirs=folders)
-        files = RobotFiles(description.path, srdf=None)
-        if srdf is not None:
-            semantics = read_semantics(srdf, description)
-        return RobotSource(files, description, semantics, {"effort": effort})
-    if geometry is not None:
+    if geometry is not None and parts is None:
         raise RobotLoadError(
             f"geometry is given beside {brief(source)}; it belongs to a pinocchio.Model"
         )
-    own, effort = None, {}
-    if _is_yourdfpy(source):
+    own: SemanticDescription | None = None
+    effort: Mapping[str, Any] = {}
+    if parts is not None:
+        description, own, effort = describe_model(*parts, package_dirs=folders)
+        files = RobotFiles(description.path, None)
+    elif _is_yourdfpy(source):
         files = RobotFiles(Path(f"<yourdfpy.URDF {source.robot.name}>"), None)  # type: ignore[attr-defined]
         description = read_parsed(source, files.urdf, folders)
     else:
-        text = _text(source)
+        text = given_text(source)
         if text is not None:
             files = RobotFiles(Path(f"<text of {len(text)} bytes>"), None)
         else:
@@ -661,15 +666,6 @@ def _pinocchio_parts(
 _PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
 
 
-def _text(source: object) -> bytes | None:
-    """A text that is given instead of the name of a file; None if it is none."""
-    if isinstance(source, str):
-        # A declaration would name another encoding than that of the text given.
-        source = source.lstrip("\ufeff").encode("utf-8", "replace")
-    text = source.lstrip() if isinstance(source, bytes) else b""
-    return text if text.startswith(b"<") else None
-
-
 def _is_yourdfpy(source: object) -> bool:
     """Whether it is a ``yourdfpy.URDF``, without importing that."""
     known = sys.modules.get("yourdfpy")
@@ -685,9 +681,7 @@ def _find(source: object) -> tuple[RobotFiles, tuple[Path, ...]]:
             return _of_module(_imported(name), name)
         return find_robot(source), ()
     name = str(getattr(source, "__name__", ""))
-    if not name.startswith("robot_descriptions") and not any(
-        isinstance(getattr(source, key, None), str | os.PathLike) for key in _PATHS
-    ):
+    if not name.startswith("robot_descriptions") and not _paths(source, _PATHS):
         raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
     return _of_module(source, name)
 
@@ -724,21 +718,21 @@ def _module_names() -> list[str]:
 
 
 def _of_module(module: Any, name: str) -> tuple[RobotFiles, tuple[Path, ...]]:
-    paths = [getattr(module, key, None) for key in _PATHS]
-    urdf = next((path for path in paths if isinstance(path, str | os.PathLike)), None)
-    if urdf is None:
+    paths = _paths(module, _PATHS)
+    if not paths:
         raise RobotLoadError(
             f"the module {brief(name)} has none of the files {', '.join(_PATHS)}"
         )
-    path = Path(urdf).absolute()
-    folders = {
-        Path(getattr(module, key)).absolute()
-        for key in ("PACKAGE_PATH", "REPOSITORY_PATH")
-        if isinstance(getattr(module, key, None), str | os.PathLike)
-    }
+    folders = _paths(module, ("PACKAGE_PATH", "REPOSITORY_PATH"))
     around = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
-    found = RobotFiles(path, find_srdf(path), name.rpartition(".")[2] or None)
-    return found, tuple(sorted(around))
+    named = name.rpartition(".")[2] or None
+    return RobotFiles(paths[0], find_srdf(paths[0]), named), tuple(sorted(around))
+
+
+def _paths(module: object, names: Sequence[str]) -> list[Path]:
+    """Those of some attributes of a module that are paths."""
+    found = [getattr(module, name, None) for name in names]
+    return [Path(p).absolute() for p in found if isinstance(p, str | os.PathLike)]
 
 
 #: A name, a path, a text, a ``pinocchio.Model`` (alone or with geometry), a
@@ -831,8 +825,16 @@ def load_robot(
         JointNotFound: If a joint is unknown.
         MissingDependency: If it is a xacro file and the extra is not installed.
     """
-    losses = {"damping": damping, "armature": armature, "friction": friction}
-    check_kinematic(kinematic, effort=effort, **losses)
+    values = {
+        "damping": damping,
+        "armature": armature,
+        "friction": friction,
+        "effort": effort,
+        "velocity": velocity,
+        "position_lower": position_lower,
+        "position_upper": position_upper,
+    }
+    check_kinematic(kinematic, values)
     given = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = given.linkage(group, locked_joints)
     linkage.warn_of_limits(given.description.joints)
@@ -847,17 +849,7 @@ def load_robot(
             for key in OVERRIDES
             if key in known
         }
-        table = table.overridden(reasons, **own)
-        table = table.overridden(
-            reasons,
-            damping=damping,
-            armature=armature,
-            friction=friction,
-            effort=effort,
-            velocity=velocity,
-            position_lower=position_lower,
-            position_upper=position_upper,
-        )
+        table = table.overridden(reasons, own).overridden(reasons, values)
         table = table.without_dynamics() if kinematic else table
         table.check_complete(given.files.urdf)
         return table
@@ -873,18 +865,15 @@ def load_robot(
         kinematic=kinematic,
     )
     if kinematic:
-        kinds = kinds_of(MotionLimits)
-        known = {
-            k: v for k, v in known.items() if k in kinds and not kinds[k].of_torques
-        }
-    further = limits_by_joint(known, robot.joint_names)
-    robot = replace(robot, motion_limits=further)
+        for name, kind in kinds_of(MotionLimits).items():
+            if kind.of_torques:
+                known.pop(name, None)
+    robot = replace(robot, motion_limits=limits_by_joint(known, robot.joint_names))
+    robot._check_inertia()
     if not kinematic:
-        table, ties = robot._table(), (robot.expansion_matrix, robot.expansion_offset)
-        check_inertia(robot.model, table, *ties, given.description)
         warn_of_inertia(robot.model, given.description)
     if given.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
-        warn_of_passive(given.semantics.groups.passive, motors)
+        warn_of_passive(given.semantics.passive, motors)
     _ = robot.collision_model  # a mesh that cannot be read is an error now
     return robot

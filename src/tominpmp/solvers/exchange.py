@@ -17,8 +17,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.solvers.loop import Loop
 from tominpmp.status import STOPPED, Status
-from tominpmp.transcription.base import Program
-from tominpmp.transcription.exchange import revised
+from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
 
@@ -38,25 +37,30 @@ ITERATIONS, EXTENSIONS = 25, 12
 # with its square.
 LEAST_RADIUS, SMALLEST = 0.1, 0.01
 
-Revise = Callable[[Program, Array], tuple[Program, Array] | None]
+Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | None]
 
 
 def with_missing_rows(
-    program: Program, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
-) -> tuple[Program, Array] | None:
-    """A program with the rows that an iterate shows to be missing, and the iterate.
+    program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
+) -> tuple[NonlinearProgram, Array] | None:
+    """A program with missing rows and updated assumptions, and the iterate.
 
     Args:
         program: The program.
         z: Its iterate.
-        effort_tolerance: Relative excess of torques that is let pass.
+        effort_tolerance: Tolerated relative excess of torques; below zero, a margin
+            that torques must keep.
 
     Returns:
-        Both; None if nothing is missing.
+        The program and the iterate within its bounds; None if nothing has to change.
     """
-    assert isinstance(program, NonlinearProgram)  # noqa: S101
-    changed = revised(program, z, effort_tolerance)
-    return None if changed is None else (changed[0].at(changed[1]), changed[1])
+    turned = program.transcription.turned(z)
+    if turned is not None:
+        program, z = replace(program, transcription=turned[0]), turned[1]
+    more = exchanged(program, z, effort_tolerance)
+    if more is None and turned is None:
+        return None
+    return (more or program).at(z), z
 
 
 @dataclass(frozen=True)
@@ -134,11 +138,10 @@ class RowExchange:
             return looked, Status.ITERATION_LIMIT if settled else status
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
-        radius = max(joined.region.radius, LEAST_RADIUS)
+        radius = max(joined.radius, LEAST_RADIUS)
         if self.level == 0.0:
             radius = min(max(math.sqrt(joined.violation), SMALLEST), LEAST_RADIUS)
-        region = replace(joined.region, radius=radius)
-        loop.state, loop.best = replace(joined, region=region, gains=()), None
+        loop.state, loop.best = replace(joined, radius=radius, gains=()), None
         looked = replace(looked, joined_at=loop.state.duration)
         if self.extensions < EXTENSIONS:
             looked = replace(looked, extensions=self.extensions + 1)

@@ -32,7 +32,7 @@ from tominpmp.solvers.stop import Iterations, exhausted, first_of
 from tominpmp.status import Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.base import Linearization, Program, StepBounds
+from tominpmp.transcription.base import Linearization, StepBounds
 from tominpmp.transcription.program import NonlinearProgram
 
 # Weight of the elastic variables, in shares of T; far above the multipliers, so that
@@ -78,7 +78,9 @@ class FixedStep:
     control_step: float
     time_step: float
 
-    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+    def start(
+        self, program: NonlinearProgram, objective: Objective, z: Array
+    ) -> Iterate:
         """The iterate to begin with: the paper's u^0 and T^0."""
         return Iterate.of(program, z, ELASTIC_WEIGHT * float(program.cost @ z))
 
@@ -86,7 +88,6 @@ class FixedStep:
         """Solve one linear program, and take its step."""
         check()
         nlp, state = loop.program, loop.state
-        assert isinstance(nlp, NonlinearProgram)  # noqa: S101
         torques, z = nlp.transcription, state.z
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         steps = torques.fixed_steps(z, self.control_step, self.time_step)
@@ -94,13 +95,13 @@ class FixedStep:
         program = _build_program(state, linearization, steps)
         solution = loop.counted(self.lp.solve(program))
         if not solution.optimal:
-            loop.reached(replace(state, region=replace(state.region, radius=0.0)), None)
+            loop.reached(replace(state, radius=0.0), None)
             return
         z = z + solution.x[: z.size]
         values = nlp.evaluate(z)
         multipliers = np.zeros(nlp.rows.size)
         multipliers[linearization.rows] = solution.row_duals
-        merit = float(nlp.cost @ z) + state.merit.penalty(values)
+        merit = float(nlp.cost @ z) + state.penalty(values)
         state = replace(state, z=z, values=values, multipliers=multipliers)
         loop.reached(state, Outcome(Trial(z, values, merit), 0.0, 0.0, 0.0, True))
 
@@ -115,8 +116,7 @@ def _build_program(
         linearization: Jacobian of the rows of the program.
         steps: Box for the step.
     """
-    merit, chosen = state.merit, linearization.rows
-    rows = merit.rows
+    rows, chosen = state.rows, linearization.rows
     here, group = state.values[chosen], rows.group[chosen]
     low, high = rows.lower[chosen] - here, rows.upper[chosen] - here
     # Elastic variables, one upwards and one downwards: for each equation, and for each
@@ -125,18 +125,16 @@ def _build_program(
     column = np.where(equation, chosen, rows.size + group)
     used, column = np.unique(column, return_inverse=True)
     shape = (chosen.size, used.size)
-    index = np.arange(chosen.size)
-    ones = np.ones(chosen.size)
-    over = sp.csr_matrix((-ones, (index, column)), shape=shape)
-    under = sp.csr_matrix((ones, (index, column)), shape=shape)
+    places = np.arange(chosen.size), column
+    under = sp.csr_matrix((np.ones(chosen.size), places), shape=shape)
     weights = np.zeros(used.size)
-    weights[column] = merit.weights[rows.kind[chosen]]
+    weights[column] = state.weights[rows.kind[chosen]]
     count = used.size
     size = steps.lower.size
     keys = np.concatenate([np.arange(size), size + used, size + 2 * rows.size + used])
     return LinearProgram(
         np.concatenate([state.cost, weights, weights]),
-        sp.hstack([linearization.matrix, over, under], format="csc"),
+        sp.hstack([linearization.matrix, -under, under], format="csc"),
         low,
         high,
         np.concatenate([steps.lower, np.zeros(2 * count)]),

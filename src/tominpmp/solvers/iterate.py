@@ -26,11 +26,33 @@ ACCEPT = 0.1
 AIM = 0.5
 GROWTH = 2.5
 SHRINK = 0.5
+# The radius grows up to this share of the first one; below the other share the
+# iteration has stalled.
+LARGEST_RADIUS, SMALLEST_RADIUS = 5.0, 1e-6
+
+
+def next_radius(radius: float, ratio: float, damping: float) -> float:
+    """Radius of the trust region for the next iteration.
+
+    Args:
+        radius: The present one, as a share of the first one.
+        ratio: Actual and predicted reduction, of the whole step.
+        damping: Share of the step that was taken after a line search.
+    """
+    if damping < 1.0:
+        factor = max(damping, 0.3)
+    else:
+        # The loss 1 - ratio is proportional to the radius.
+        factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
+    return min(radius * factor, LARGEST_RADIUS)
 
 
 @dataclass(frozen=True, eq=False)
-class Merit:
-    r"""Exact penalty merit: an objective and the weighted violations of its limits.
+class Iterate:
+    r"""Where an iteration stands.
+
+    What it is to lower is an exact penalty merit, an objective and the weighted
+    violations of its limits,
 
     .. math::
         \phi(z) = f(z) + \sum_g \mu_g \max_{i \in g} v_i(z)
@@ -40,92 +62,13 @@ class Merit:
     iteration has one elastic variable a group for it.
 
     Attributes:
-        rows: What the rows are.
-        weights: Weight mu of each kind of row [s], shape (kinds,).
-    """
-
-    rows: Rows
-    weights: Array
-
-    def penalty(self, values: Array) -> float:
-        """Weighted violations [s]."""
-        violation = self.rows.group_violation(values)
-        return float(self.weights[self.rows.group_kind] @ violation)
-
-    def raised(self, multipliers: Array, before: Array, promised: Array) -> Merit:
-        """Raise the weights above the multipliers of a program.
-
-        Those of a group with an elastic variable add up to its weight at most and say
-        nothing about it; its weight is doubled where the program would leave the
-        violation as it is.
-
-        Args:
-            multipliers: Of all rows, shape (m,).
-            before: Row values, shape (m,).
-            promised: Row values that the program promises, shape (m,).
-        """
-        violation = self.rows.group_violation(before)
-        after = self.rows.group_violation(promised)
-        elastic = violation > NEGLIGIBLE
-        groups = np.zeros(elastic.size)
-        np.add.at(groups, self.rows.group, np.abs(multipliers))
-        kind = self.rows.group_kind
-        needed = np.zeros_like(self.weights)
-        np.maximum.at(needed, kind[~elastic], WEIGHT_MARGIN * groups[~elastic])
-        stuck = np.zeros(self.weights.size, dtype=bool)
-        stuck[kind[elastic & (after > STUCK * violation)]] = True
-        weights = np.where(stuck, 2.0 * self.weights, self.weights)
-        return replace(self, weights=np.maximum(weights, needed))
-
-    def scaled(self, factor: float) -> Merit:
-        """Multiply all weights."""
-        return replace(self, weights=factor * self.weights)
-
-
-@dataclass(frozen=True)
-class TrustRegion:
-    """Trust region radius, as a share of the initial one.
-
-    Attributes:
-        radius: The share.
-        smallest: Below this the iteration has stalled.
-        largest: It grows no further.
-    """
-
-    radius: float = 1.0
-    smallest: float = 1e-6
-    largest: float = 5.0
-
-    def after(self, ratio: float, damping: float) -> TrustRegion:
-        """Radius for the next iteration.
-
-        From the ratio of actual and predicted reduction of the whole step, and the
-        share of the step that was taken after a line search.
-        """
-        if damping < 1.0:
-            factor = max(damping, 0.3)
-        else:
-            # The loss 1 - ratio is proportional to the radius.
-            factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
-        return replace(self, radius=min(self.radius * factor, self.largest))
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether the radius is too small to get anywhere."""
-        return self.radius < self.smallest
-
-
-@dataclass(frozen=True, eq=False)
-class Iterate:
-    """Where an iteration stands.
-
-    Attributes:
         z: Unknowns.
         values: Row values there.
         cost: Gradient of the duration, which is cost @ z.
-        merit: Weights of the violations.
-        region: Trust region.
+        rows: What the rows are.
+        weights: Weight mu of each kind of row [s], shape (kinds,).
         multipliers: Of all rows, from the last program.
+        radius: Radius of the trust region, as a share of the first one.
         raises: How often weights were raised for want of feasibility.
         gains: Merit gained in the last iterations [s], the newest last.
     """
@@ -133,9 +76,10 @@ class Iterate:
     z: Array
     values: Array
     cost: Array
-    merit: Merit
-    region: TrustRegion
+    rows: Rows
+    weights: Array
     multipliers: Array
+    radius: float = 1.0
     raises: int = 0
     gains: tuple[float, ...] = ()
 
@@ -148,10 +92,9 @@ class Iterate:
             z: Unknowns.
             weights: Weights of the violations, by kinds of rows or of all [s].
         """
-        rows = program.rows
-        merit = Merit(rows, np.broadcast_to(weights, len(rows.kinds)))
-        none = np.zeros(rows.size)
-        return cls(z, program.evaluate(z), program.cost, merit, TrustRegion(), none)
+        rows, values = program.rows, program.evaluate(z)
+        weights = np.broadcast_to(weights, len(rows.kinds))
+        return cls(z, values, program.cost, rows, weights, np.zeros(rows.size))
 
     @property
     def duration(self) -> float:
@@ -161,17 +104,45 @@ class Iterate:
     @property
     def violation(self) -> float:
         """Largest violation of all rows."""
-        return self.merit.rows.largest_violation(self.values)
+        return self.rows.largest_violation(self.values)
+
+    def penalty(self, values: Array) -> float:
+        """Weighted violations of row values [s]."""
+        violation = self.rows.group_violation(values)
+        return float(self.weights[self.rows.group_kind] @ violation)
+
+    def raised_weights(self, multipliers: Array, promised: Array) -> Array:
+        """Weights above the multipliers of a program, shape (kinds,).
+
+        Those of a group with an elastic variable add up to its weight at most and say
+        nothing about it; its weight is doubled where the program would leave the
+        violation as it is.
+
+        Args:
+            multipliers: Of all rows, shape (m,).
+            promised: Row values that the program promises, shape (m,).
+        """
+        violation = self.rows.group_violation(self.values)
+        after = self.rows.group_violation(promised)
+        elastic = violation > NEGLIGIBLE
+        groups = np.zeros(elastic.size)
+        np.add.at(groups, self.rows.group, np.abs(multipliers))
+        kind = self.rows.group_kind
+        needed = np.zeros_like(self.weights)
+        np.maximum.at(needed, kind[~elastic], WEIGHT_MARGIN * groups[~elastic])
+        stuck = np.zeros(self.weights.size, dtype=bool)
+        stuck[kind[elastic & (after > STUCK * violation)]] = True
+        weights = np.where(stuck, 2.0 * self.weights, self.weights)
+        return np.asarray(np.maximum(weights, needed))
 
     def on(self, program: Solved, z: Array) -> Iterate:
         """The iterate of nearly the same program, with other rows and unknowns."""
-        former = self.merit.rows
         return replace(
             self,
             z=z,
             values=program.evaluate(z),
-            merit=replace(self.merit, rows=program.rows),
-            multipliers=program.rows.carried(former, self.multipliers),
+            rows=program.rows,
+            multipliers=program.rows.carried(self.rows, self.multipliers),
         )
 
 

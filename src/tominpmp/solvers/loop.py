@@ -32,12 +32,12 @@ from tominpmp.solvers.iterate import Iterate, Outcome, SlpResult
 from tominpmp.solvers.objective import Objective
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
-from tominpmp.transcription.base import Program
+from tominpmp.transcription.program import NonlinearProgram
 
 # Sees every record; a status ends the loop.
 Callback = Callable[[IterationRecord], Status | None]
 # Is given motions on the way, should the rest be cut short.
-Keep = Callable[[Program, Iterate], None]
+Keep = Callable[[NonlinearProgram, Iterate], None]
 # How a loop ends; None if it goes on.
 Rule = Callable[["Loop"], Status | None]
 # Time for slowing a motion down once the loop was told to stop [s].
@@ -47,7 +47,9 @@ RESTORING = 0.2
 class Step(Protocol):
     """A way to make steps."""
 
-    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+    def start(
+        self, program: NonlinearProgram, objective: Objective, z: Array
+    ) -> Iterate:
         """The iterate to begin with, and the weights of its violations."""
 
     def __call__(self, loop: Loop) -> None:
@@ -65,7 +67,7 @@ class Look(Protocol):
 
 
 def solve(
-    program: Program,
+    program: NonlinearProgram,
     objective: Objective,
     z: Array,
     step: Step,
@@ -135,7 +137,7 @@ class Loop:
         dropped: Whether a rule has given the motion up: it gets no further rows.
     """
 
-    program: Program
+    program: NonlinearProgram
     objective: Objective
     state: Iterate
     callback: Callback | None = None
@@ -167,7 +169,7 @@ class Loop:
             objective=np.inf if outcome is None else outcome.trial.merit,
             predicted=0.0 if outcome is None else outcome.predicted,
             actual=0.0 if outcome is None else outcome.actual,
-            radius=state.region.radius,
+            radius=state.radius,
             accepted=outcome is not None and outcome.accepted,
             programs=len(self._solved),
             pivots=sum(solution.iterations for solution in self._solved),

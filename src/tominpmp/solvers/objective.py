@@ -13,7 +13,8 @@ from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.model import Model
-from tominpmp.transcription.base import Linearization, Program, StepBounds
+from tominpmp.transcription.base import Linearization, StepBounds
+from tominpmp.transcription.program import NonlinearProgram
 
 # Violations below this are removed by slowing down at the end.
 RESTORABLE = 1e-2
@@ -48,7 +49,7 @@ class Objective(ABC):
     any_will_do: ClassVar[bool] = False
 
     @abstractmethod
-    def value(self, program: Program, z: Array, values: Array) -> float:
+    def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """The objective of a motion.
 
         Args:
@@ -60,7 +61,7 @@ class Objective(ABC):
     @abstractmethod
     def model(
         self,
-        program: Program,
+        program: NonlinearProgram,
         state: Iterate,
         steps: StepBounds,
         linearization: Linearization,
@@ -74,12 +75,12 @@ class Objective(ABC):
             linearization: Jacobian of the rows that may matter.
         """
 
-    def within(self, program: Program, steps: StepBounds) -> StepBounds:
+    def within(self, program: NonlinearProgram, steps: StepBounds) -> StepBounds:
         """The part of a box of steps that the objective allows."""
         return steps
 
     def better(
-        self, program: Program, state: Iterate, best: Iterate | None
+        self, program: NonlinearProgram, state: Iterate, best: Iterate | None
     ) -> Iterate | None:
         """An iterate if it keeps its limits and has less than the best one, else that.
 
@@ -95,7 +96,7 @@ class Objective(ABC):
             return state
         return best
 
-    def restorable(self, program: Program, state: Iterate) -> bool:
+    def restorable(self, program: NonlinearProgram, state: Iterate) -> bool:
         """Whether slowing down can remove the violations that are left.
 
         It removes none of equations.
@@ -103,12 +104,10 @@ class Objective(ABC):
         rows = program.rows
         violation = rows.violation(state.values)
         equations = violation[rows.lower == rows.upper]
-        return bool(
-            np.max(violation, initial=0.0) <= RESTORABLE
-            and np.max(equations, initial=0.0) <= self.feasibility
-        )
+        light = np.max(violation, initial=0.0) <= RESTORABLE
+        return bool(light and np.max(equations, initial=0.0) <= self.feasibility)
 
-    def restored(self, program: Program, state: Iterate) -> Iterate:
+    def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """Slow a motion down until it keeps its limits, where that is enough.
 
         The iteration stops when the objective has settled, which may be before the last
@@ -138,13 +137,15 @@ class Objective(ABC):
                 factor = beyond if beyond < high else 0.5 * (low + high)
         return best
 
-    def _curable(self, program: Program, state: Iterate) -> bool:
+    def _curable(self, program: NonlinearProgram, state: Iterate) -> bool:
         """Whether a slower motion violates all violated rows less."""
         rows = program.rows
         hard = rows.violation(state.values)[~rows.curable[rows.kind]]
         return bool(np.all(hard <= self.feasibility))
 
-    def cured(self, program: Program, state: Iterate, light: float) -> Iterate | None:
+    def cured(
+        self, program: NonlinearProgram, state: Iterate, light: float
+    ) -> Iterate | None:
         """A motion with light violations, so slow that it has none.
 
         Args:
@@ -189,13 +190,13 @@ class MinimumTime(Objective):
         kind = AnyMotion if options.objective == "feasible" else MinimumTime
         return kind(options.tolerance, options.feasibility, jump_weight, squared)
 
-    def value(self, program: Program, z: Array, values: Array) -> float:
+    def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """The duration [s]."""
         return float(program.cost @ z)
 
     def model(
         self,
-        program: Program,
+        program: NonlinearProgram,
         state: Iterate,
         steps: StepBounds,
         linearization: Linearization,
@@ -237,7 +238,7 @@ class AnyMotion(MinimumTime):
     any_will_do = True
 
     def better(
-        self, program: Program, state: Iterate, best: Iterate | None
+        self, program: NonlinearProgram, state: Iterate, best: Iterate | None
     ) -> Iterate | None:
         """The motion as slow as it has to be to keep its limits, if that is a cure."""
         if self._curable(program, state):

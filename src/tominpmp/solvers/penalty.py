@@ -13,7 +13,6 @@ equation.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from scipy.optimize import minimize
@@ -26,7 +25,6 @@ from tominpmp.solvers.objective import Objective
 from tominpmp.solvers.stop import Iterations, Raises, first_of, settled
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.base import Program
 from tominpmp.transcription.program import NonlinearProgram
 
 # The first weight K, in shares of T, and its growth from round to round. From a smaller
@@ -53,9 +51,8 @@ def penalty_rounds(options: Options, z: Array) -> tuple[PenaltyRound, Rule]:
         z: Where the first one begins.
     """
     most = ITERATION_FACTOR * options.max_iterations
-    return PenaltyRound(z, most), first_of(
-        settled, Raises(ROUNDS - 1), Iterations(most)
-    )
+    stop = first_of(settled, Raises(ROUNDS - 1), Iterations(most))
+    return PenaltyRound(z, most), stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +69,9 @@ class PenaltyRound:
     first: Array
     most: int
 
-    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+    def start(
+        self, program: NonlinearProgram, objective: Objective, z: Array
+    ) -> Iterate:
         """The iterate to begin with."""
         return Iterate.of(program, z, 0.0)
 
@@ -87,7 +86,7 @@ class PenaltyRound:
 
     def minimise(self, loop: Loop) -> None:
         """Go to the least of duration and penalty, as far as a round does."""
-        nlp, rows = cast(NonlinearProgram, loop.program), loop.program.rows
+        nlp, rows = loop.program, loop.program.rows
         torques = nlp.transcription
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         scale, lower, upper = _scaled(torques, self.first)
@@ -120,7 +119,7 @@ class PenaltyRound:
             trial = Trial(z, values, latest.merit)
             state = replace(state, z=z, values=values)
             loop.reached(state, Outcome(trial, 0.0, gained, 1.0, True))
-            nlp = cast(NonlinearProgram, loop.program)
+            nlp = loop.program
             if loop.shown is not None or len(loop.history) >= self.most:
                 raise StopIteration
 
@@ -156,6 +155,6 @@ def _scaled(torques: AdjointTranscription, z: Array) -> tuple[Array, Array, Arra
     rest = np.ones(columns)
     return (
         np.concatenate([units, z[count:]]),
-        np.concatenate([least / units, DURATIONS[0] * rest]),
-        np.concatenate([most / units, DURATIONS[1] * rest]),
+        np.append(least.ravel() / units, DURATIONS[0] * rest),
+        np.append(most.ravel() / units, DURATIONS[1] * rest),
     )

@@ -24,7 +24,6 @@ The least of two sums of squares is looked for, each in shares of what it was:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -34,7 +33,7 @@ from tominpmp.constraints import Partials
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import Objective
-from tominpmp.transcription.base import Linearization, Program, StepBounds, Variation
+from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -78,7 +77,7 @@ class QuietTorques(Objective):
         speeds = Variation(speeds.matrix / norm, speeds.offset / norm)
         return cls(SETTLED, feasibility, times, _norm(torques), speeds)
 
-    def value(self, program: Program, z: Array, values: Array) -> float:
+    def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """Half the sum of the squares."""
         torques, _ = _differences(program, self.times, z, values)
         residuals = self._residuals(z, torques)
@@ -86,7 +85,7 @@ class QuietTorques(Objective):
 
     def model(
         self,
-        program: Program,
+        program: NonlinearProgram,
         state: Iterate,
         steps: StepBounds,
         linearization: Linearization,
@@ -105,22 +104,22 @@ class QuietTorques(Objective):
     def _residuals(self, z: Array, torques: Array) -> Array:
         return np.concatenate([torques / self.torque_norm, self.speeds.at(z)])
 
-    def within(self, program: Program, steps: StepBounds) -> StepBounds:
+    def within(self, program: NonlinearProgram, steps: StepBounds) -> StepBounds:
         """The time stays as it is."""
         timed = program.cost != 0.0
         return StepBounds(*(np.where(timed, 0.0, bound) for bound in steps))
 
-    def restorable(self, program: Program, state: Iterate) -> bool:
+    def restorable(self, program: NonlinearProgram, state: Iterate) -> bool:
         """Whether there are no violations: the time is given."""
         return state.violation <= self.feasibility
 
-    def restored(self, program: Program, state: Iterate) -> Iterate:
+    def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """The motion as it is."""
         return state
 
 
 def _differences(
-    program: Program,
+    nlp: NonlinearProgram,
     times: Array,
     z: Array,
     values: Array,
@@ -129,14 +128,13 @@ def _differences(
     """Weighted differences of neighbouring torques, and their Jacobian.
 
     Args:
-        program: The program.
+        nlp: The nonlinear program.
         times: Instants of the sequence of torques as shares of T, shape (k,).
         z: Unknowns.
         values: Row values there.
         linearization: Jacobian of the rows, those of all torques among them in order;
             None where the Jacobian of the differences is not asked for.
     """
-    nlp = cast(NonlinearProgram, program)
     weights = np.sqrt(np.diff(times).mean() / np.diff(times))
     sequence, n = nlp.transcription.torque_sequence, nlp.system.n
     if sequence is None:  # torques are unknowns
@@ -151,9 +149,8 @@ def _differences(
     sequence = sp.hstack([sequence, sp.csr_matrix((count, later))])
     # Rows are in half ranges.
     steps = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
-    of_rows = sp.csr_matrix(
-        sp.kron(sp.diags(weights) @ steps @ sequence, sp.identity(n))
-    )
+    weighted = sp.diags(weights) @ steps @ sequence
+    of_rows = sp.csr_matrix(sp.kron(weighted, sp.identity(n)))
     differences = np.asarray(of_rows @ values[rows])
     if linearization is None:
         return differences, of_rows
@@ -179,10 +176,9 @@ def mean_speeds(nlp: NonlinearProgram, z: Array) -> Variation:
     scale = np.where(np.isfinite(limits), limits, highest)
     # What does not move at all gets no infinite weight.
     scale = np.maximum(scale, 1e-3 * max(float(scale.max()), 1e-3))
-    nodes = Instants.spread(count, (0.0,)).joined(Instants.end(count))
-    each = Partials(
-        np.repeat(np.arange(count + 1), n), by_q=np.tile(np.eye(n), (count + 1, 1))
-    )
+    nodes = Instants.nodes(count)
+    node = np.repeat(np.arange(count + 1), n)
+    each = Partials(node, by_q=np.tile(np.eye(n), (count + 1, 1)))
     steps = sp.diags([-1.0, 1.0], [0, 1], shape=(count, count + 1))
     weights = 1.0 / np.sqrt(motion.h * np.sum(motion.h))
     speeds = sp.csr_matrix(sp.kron(sp.diags(weights) @ steps, sp.diags(1.0 / scale)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tominpmp.solvers.iterate import SMALLEST_RADIUS
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.status import Status
 
@@ -29,7 +30,7 @@ def settled(loop: Loop) -> Status | None:
 
 def exhausted(loop: Loop) -> Status | None:
     """Steps have become too small to get anywhere, or no program can be solved."""
-    if not loop.state.region.exhausted:
+    if loop.state.radius >= SMALLEST_RADIUS:
         return None
     return Status.NUMERICAL_FAILURE if loop.outcome is None else Status.STALLED
 
@@ -61,7 +62,6 @@ class Iterations:
 
     def __call__(self, loop: Loop) -> Status | None:
         """ITERATION_LIMIT once there were as many."""
-        over = loop.outcome is not None and len(loop.history) >= max(
-            self.most, loop.granted
-        )
+        most = max(self.most, loop.granted)
+        over = loop.outcome is not None and len(loop.history) >= most
         return Status.ITERATION_LIMIT if over else None

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.linear_programs.compressed import Compressed, single, sorted_in
+from tominpmp.linear_programs.compressed import Compressed, sorted_in
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
 from tominpmp.solvers.model import Model
@@ -93,7 +93,7 @@ def build_subproblem(
         steps: Box for the step.
         accuracy: A duality gap that is none [s].
     """
-    merit, values, rows = state.merit, state.values, state.merit.rows
+    values, rows = state.values, state.rows
     moving = steps.upper - steps.lower > 0.0
     free = np.flatnonzero(moving)
     chosen, body, low, high = _rows_within_reach(
@@ -101,55 +101,46 @@ def build_subproblem(
     )
     violation = rows.group_violation(values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
-    matrix = body.rows()
-    columns, count = [matrix], chosen.size
-    cost, lower, upper = (
-        [model.gradient[free]],
-        [steps.lower[free]],
-        [steps.upper[free]],
-    )
-    keys, row_keys, row_low, row_high = [free], [chosen], [low], [high]
+    every_row, count = body, chosen.size
+    # Costs, bounds and keys of columns, and bounds and keys of rows, part by part.
+    columns = [(model.gradient[free], steps.lower[free], steps.upper[free], free)]
+    bounds = [(low, high, chosen)]
     further: list[Compressed] = []
     if model.variation is not None:
         variation = model.variation
         differences = variation.at(state.z)
         k = differences.size
         own = Compressed.of(variation.matrix).chosen(moving)
-        columns, count = [body.followed_by(own).rows()], count + k
+        every_row, count = body.followed_by(own), count + k
         either = np.repeat([-1.0, 1.0], k)
         places = chosen.size + np.tile(np.arange(k), 2)
-        further.append(single(either, places, count))
-        cost += [np.full(2 * k, model.weight)]
-        lower += [np.zeros(2 * k)]
-        upper += [np.full(2 * k, np.inf)]
-        keys += [_KEY_BLOCK + np.arange(2 * k)]
-        row_low.append(-differences)
-        row_high.append(-differences)
-        row_keys.append(_KEY_BLOCK + np.arange(k))
-    if slack_groups.size:
-        further.append(
-            _elastic_columns(rows, values, chosen, violation, slack_groups, count)
-        )
-        cost += [merit.weights[rows.group_kind[slack_groups]]]
-        lower += [np.zeros(slack_groups.size)]
-        upper += [np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)]
-        keys += [2 * _KEY_BLOCK + slack_groups]
-    whole = columns[0].tocsc()
-    if further:
-        whole = Compressed.of(whole).followed_by(*further).columns()
+        further.append(Compressed.of_table(either[:, None], places[:, None], count))
+        weights, most = np.full(2 * k, model.weight), np.full(2 * k, np.inf)
+        keys = _KEY_BLOCK + np.arange(2 * k)
+        columns.append((weights, np.zeros(2 * k), most, keys))
+        bounds.append((-differences, -differences, keys[:k]))
+    elastic = _elastic_columns(rows, values, chosen, violation, slack_groups, count)
+    weights = state.weights[rows.group_kind[slack_groups]]
+    most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
+    keys = 2 * _KEY_BLOCK + slack_groups
+    columns.append((weights, np.zeros(keys.size), most, keys))
+    cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
+    row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
+    of_unknowns = Compressed.of(every_row.rows().tocsc())
+    matrix = of_unknowns.followed_by(*further, elastic).columns()
     program = LinearProgram(
-        np.concatenate(cost),
-        whole,
-        np.concatenate(row_low),
-        np.concatenate(row_high),
-        np.concatenate(lower),
-        np.concatenate(upper),
-        np.concatenate(row_keys),
-        np.concatenate(keys),
-        _curvature(model, free, whole.shape[1]),
+        cost,
+        matrix,
+        row_lower,
+        row_upper,
+        lower,
+        upper,
+        row_keys,
+        column_keys,
+        _curvature(model, free, matrix.shape[1]),
         accuracy,
     )
-    return Subproblem(program, free, chosen, state.z.size, rows.size, matrix)
+    return Subproblem(program, free, chosen, state.z.size, rows.size, body.rows())
 
 
 def _curvature(model: Model, free: IntArray, size: int) -> sp.csc_matrix | None:

@@ -18,7 +18,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -29,13 +28,7 @@ from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import Objective
-from tominpmp.transcription.base import (
-    Linearization,
-    Motion,
-    Program,
-    StepBounds,
-    Variation,
-)
+from tominpmp.transcription.base import Linearization, Motion, StepBounds, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -195,20 +188,21 @@ class SquaredTorques(Energy):
         jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
         longer = 0.5 * torques * share / size
         jacobian = sp.csr_matrix(jacobian + sp.diags(longer) @ by_length)
-        stays = list(self._held(motion, differentiated=True))
-        values = [size * torques, *(held for held, _ in stays)]
-        matrices = [jacobian, *(by for _, by in stays if by is not None)]
+        values, matrices = [size * torques], [jacobian]
+        for held, by in self._held(motion):
+            values.append(held)
+            matrices.append(by)
         return np.concatenate(values), sp.vstack(matrices, format="csr")
 
-    def _held(
-        self, motion: Motion, *, differentiated: bool = False
-    ) -> Iterator[tuple[Array, sp.csr_matrix | None]]:
-        """Roots of what it takes to stay at the end of each segment that has a stay."""
+    def _held(self, motion: Motion) -> Iterator[tuple[Array, sp.csr_matrix]]:
+        """Roots of what it takes to stay at the ends of segments, and their Jacobians.
+
+        Of segments that have a dwell.
+        """
         of = self.nlp.transcription
         asked = of.system.problem.segments
-        for part, (_, end), one in zip(
-            of.system.segments, of.segments, asked, strict=False
-        ):
+        segments = zip(of.system.segments, of.segments, asked, strict=False)
+        for part, (_, end), one in segments:
             if one.dwell == 0.0:
                 continue
             at = Instants.end(end)
@@ -217,9 +211,6 @@ class SquaredTorques(Energy):
             states = States(states.t, states.q, still, still)
             root = np.sqrt(one.dwell)
             held = root * part.motors.torque(states)[0]
-            if not differentiated:
-                yield held, None
-                continue
             joints = np.arange(held.size)
             partials = part.motors.differentiate(states, 0 * joints, joints)
             scale = root * part.motors.half[:, None]
@@ -317,7 +308,7 @@ class TimeAndEnergy(Objective):
         weighed = options.energy, options.energy_weight
         return cls(SETTLED, options.feasibility, *weighed)
 
-    def value(self, program: Program, z: Array, values: Array) -> float:
+    def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """T + k times the energy [s]; infinite for no motion."""
         energy = self._energy(program)
         if not energy.nlp.transcription.motion(z).finite:
@@ -326,7 +317,7 @@ class TimeAndEnergy(Objective):
 
     def model(
         self,
-        program: Program,
+        program: NonlinearProgram,
         state: Iterate,
         steps: StepBounds,
         linearization: Linearization,
@@ -343,5 +334,5 @@ class TimeAndEnergy(Objective):
             k * model.weight,
         )
 
-    def _energy(self, program: Program) -> Energy:
-        return MEASURES[self.measure](cast(NonlinearProgram, program))
+    def _energy(self, program: NonlinearProgram) -> Energy:
+        return MEASURES[self.measure](program)

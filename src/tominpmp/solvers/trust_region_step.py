@@ -32,7 +32,7 @@ from tominpmp.solvers.iterate import (
     Iterate,
     Outcome,
     Trial,
-    TrustRegion,
+    next_radius,
 )
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.model import Model
@@ -40,7 +40,7 @@ from tominpmp.solvers.objective import RESTORABLE, Objective
 from tominpmp.solvers.stop import Iterations, Raises, exhausted, first_of, settled
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
-from tominpmp.transcription.base import Program
+from tominpmp.transcription.program import NonlinearProgram
 
 # Weights of the merit before any multiplier is known, in shares of the objective: what
 # the duration can gain at most from a violation of 100 % of a torque (T/2), or of a
@@ -136,44 +136,44 @@ class TrustRegionStep:
     radius: float
     accuracy: float | None = None
 
-    def start(self, program: Program, objective: Objective, z: Array) -> Iterate:
+    def start(
+        self, program: NonlinearProgram, objective: Objective, z: Array
+    ) -> Iterate:
         """The iterate to begin with, and the weights of its violations."""
         state = Iterate.of(program, z, 0.0)
         shares = np.array([first_weight(kind) for kind in program.rows.kinds])
         weights = objective.value(program, z, state.values) * shares
-        return replace(state, merit=replace(state.merit, weights=weights))
+        return replace(state, weights=weights)
 
     def __call__(self, loop: Loop) -> None:
         """Linearise, solve, correct, search, accept or shrink."""
         state, objective = loop.state, loop.objective
         found = self._propose(loop)
         if found is None:
-            region = state.region.after(0.0, 0.1)
-            loop.reached(replace(state, region=region), None)
+            radius = next_radius(state.radius, 0.0, 0.1)
+            loop.reached(replace(state, radius=radius), None)
             return
         outcome = self._search(loop, found)
-        trial, merit = outcome.trial, state.merit
         multipliers = found.program.multipliers(found.solution)
+        weights = state.raised_weights(multipliers, found.promised)
         if outcome.accepted:
-            state = replace(state, z=trial.z, values=trial.values)
+            state = replace(state, z=outcome.trial.z, values=outcome.trial.values)
         gained = max(outcome.actual, 0.0)
         state = replace(
             state,
-            merit=merit.raised(multipliers, loop.state.values, found.promised),
-            region=self._region_after(loop, found, outcome),
+            weights=weights,
+            radius=self._radius_after(loop, found, outcome),
             multipliers=multipliers,
             gains=(*state.gains, gained)[-WINDOW:],
         )
-        little = objective.tolerance * max(
-            objective.value(loop.program, state.z, state.values), SHORTEST
-        )
-        settled = outcome.predicted < QUIET * little or (
-            len(state.gains) == WINDOW and sum(state.gains) < little
-        )
+        value = objective.value(loop.program, state.z, state.values)
+        little = objective.tolerance * max(value, SHORTEST)
+        slow = len(state.gains) == WINDOW and sum(state.gains) < little
+        settled = slow or outcome.predicted < QUIET * little
         if settled and not objective.restorable(loop.program, state):
             # Settled on a violated constraint: its weight may be below its multiplier.
-            merit = state.merit.scaled(WEIGHT_GROWTH)
-            state = replace(state, merit=merit, raises=state.raises + 1, gains=())
+            weights = WEIGHT_GROWTH * state.weights
+            state = replace(state, weights=weights, raises=state.raises + 1, gains=())
         loop.reached(state, replace(outcome, settled=settled))
 
     def _propose(self, loop: Loop) -> _Proposal | None:
@@ -187,7 +187,7 @@ class TrustRegionStep:
         """
         nlp, objective, state, lp = loop.program, loop.objective, loop.state, self.lp
         z, values = state.z, state.values
-        radius = self.radius * state.region.radius
+        radius = self.radius * state.radius
         steps = objective.within(nlp, nlp.step_bounds(z, radius))
         # The next step may be as much longer as trust regions grow.
         room = GROWTH * nlp.attention(steps)
@@ -231,7 +231,7 @@ class TrustRegionStep:
     def _search(self, loop: Loop, found: _Proposal) -> Outcome:
         """Try the step, corrections of it, then shorter ones."""
         nlp, state, rows = loop.program, loop.state, loop.program.rows
-        program, model, penalty = found.program, found.model, state.merit.penalty
+        program, model, penalty = found.program, found.model, state.penalty
         z, values, step = state.z, state.values, found.step
 
         def tried(
@@ -258,9 +258,8 @@ class TrustRegionStep:
             brought = (now - trial.merit) / max(predicted, 1e-12)
             if brought >= ENOUGH or not EXACT < left < CORRECTABLE:
                 break
-            error = trial.values[program.rows] - (
-                values[program.rows] + program.change(trial.z - z)
-            )
+            linear = values[program.rows] + program.change(trial.z - z)
+            error = trial.values[program.rows] - linear
             again = loop.counted(self.lp.resolve(*program.corrected(error)))
             if not again.optimal:
                 break
@@ -280,25 +279,23 @@ class TrustRegionStep:
         actual = now - best.merit
         return Outcome(best, predicted, actual, ratio, actual > 0.0)
 
-    def _region_after(
-        self, loop: Loop, found: _Proposal, outcome: Outcome
-    ) -> TrustRegion:
-        """Trust region for the next step.
+    def _radius_after(self, loop: Loop, found: _Proposal, outcome: Outcome) -> float:
+        """Radius of the trust region for the next step, as a share of the first one.
 
         A linear program uses the whole of it for unknowns that the objective leaves
         free, with an error of the square of the radius. Once the objective has settled
         it is kept below the last violation, which a step of its size removes.
         """
         state, trial, objective = loop.state, outcome.trial, loop.objective
-        region = state.region.after(outcome.ratio, trial.damping)
+        radius = next_radius(state.radius, outcome.ratio, trial.damping)
         left = loop.program.rows.largest_violation(trial.values)
         little = objective.tolerance * found.value
         gradient = found.model.gradient
         change = max(abs(gradient @ (trial.z - state.z)), abs(gradient @ found.step))
         if change > little or not objective.feasibility < left <= RESTORABLE:
-            return region
+            return radius
         enough = math.sqrt(SETTLED_ERROR * left) / self.radius
-        return replace(region, radius=min(region.radius, max(enough, SETTLED_RADIUS)))
+        return min(radius, max(enough, SETTLED_RADIUS))
 
 
 def first_weight(kind: str) -> float:

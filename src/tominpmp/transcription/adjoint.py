@@ -18,8 +18,9 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
-from tominpmp.transcription.base import LENGTH_STEP, StepBounds
+from tominpmp.transcription.base import StepBounds
 from tominpmp.transcription.controls import (
+    SPEED_FACTOR,
     TorqueTranscription,
     driving_torque,
     torque_shares,
@@ -36,8 +37,6 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # Torques change by this share of their range per radian of the trust region: the
 # larger, the likelier the obstacle of the paper's example is passed on the faster side.
 CONTROL_FACTOR = 2.0
-# Scale of velocities, in units of the scale of positions over the duration.
-SPEED_FACTOR = 5.0
 # A step leaves at least this share of the duration (the paper: T + dT >= 0).
 SHORTEST = 0.1
 # Clearances above this share of the arm's reach are left out of a linear program.
@@ -94,14 +93,6 @@ class AdjointTranscription(TorqueTranscription):
         """Torques [N m or N] and lengths [s], shapes (N, n) and (N,)."""
         return self.torques(z), self.lengths(z)
 
-    @property
-    def torque_bounds(self) -> tuple[Array, Array]:
-        """Bounds of the torque shares, shape (N n,) each."""
-        if self.ways is None:
-            ones = np.ones(self._N * self._n)
-            return -ones, ones
-        return self.ways.lower.ravel(), self.ways.upper.ravel()
-
     def motion(self, z: Array) -> SteppedMotion:
         """The motion of an iterate, integrated forward.
 
@@ -131,15 +122,10 @@ class AdjointTranscription(TorqueTranscription):
         """The transcription centred at an iterate; it has no scales."""
         return self.near(z)
 
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within the torque limits: a share of the whole range."""
+    def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
+        """Steps of the torques within their limits: a share of the whole range."""
         reach = 2.0 * min(1.0, CONTROL_FACTOR * radius)
-        lower, upper = self.torque_steps(z, np.full(self._n, reach))
-        length = min(LENGTH_STEP, radius) * z[-self._m :]
-        return StepBounds(
-            np.concatenate([lower.ravel(), -length]),
-            np.concatenate([upper.ravel(), length]),
-        )
+        return self.torque_steps(z, np.full(self._n, reach))
 
     def fixed_steps(
         self, z: Array, control_step: float, time_step: float
@@ -155,10 +141,9 @@ class AdjointTranscription(TorqueTranscription):
         duration = float(self.cost @ z)
         factor = time_step / duration
         shorter = min(factor, 1.0 - SHORTEST)
-        return StepBounds(
-            np.concatenate([lower.ravel(), -shorter * z[-self._m :]]),
-            np.concatenate([upper.ravel(), factor * z[-self._m :]]),
-        )
+        eta = z[-self._m :]
+        less, more = -shorter * eta, factor * eta
+        return StepBounds(np.append(lower, less), np.append(upper, more))
 
     def with_ways(self, duration: float, ways: Ways) -> AdjointTranscription:
         """The transcription with other velocity scales, and directions of joints."""
@@ -219,12 +204,8 @@ class AdjointTranscription(TorqueTranscription):
             direct[inside] += stage[:, 4 * n : 5 * n]
             along[inside] += stage[:, 5 * n] / self.substeps
         # States at the ends of the steps, torques, and lengths.
-        swept = sweep_adjoint(
-            motion.sensitivities,
-            np.concatenate([step, step + 1]),
-            np.concatenate([first, last]),
-            np.tile(rows, 2),
-        )
+        ends, by_ends = np.concatenate([step, step + 1]), np.concatenate([first, last])
+        swept = sweep_adjoint(motion.sensitivities, ends, by_ends, np.tile(rows, 2))
         # Steps of an interval have its torque, and shares of its length.
         each = (len(swept[0]), N, self.substeps)
         by_control = swept[0].reshape(*each, n).sum(axis=2)

@@ -24,6 +24,9 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
 
+# Value of the rows of a motion that could not be integrated to its end, or of those of
+# an interval whose inner stage cannot be solved for.
+NOT_INTEGRATED = 1e3
 # Lengths of intervals change by this share at most in one step.
 LENGTH_STEP = 0.3
 
@@ -101,35 +104,6 @@ class Solved(Protocol):
         """The motion of an iterate."""
 
 
-class Program(Solved, Protocol):
-    """A nonlinear program, as the solvers see it."""
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-
-    def attention(self, steps: StepBounds) -> float:
-        """How far below their bounds gradual constraints matter to steps of a box."""
-
-    def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
-        """Jacobian of the rows that can become active within a box of steps."""
-
-    def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
-        """Root of the weighted curvature of the rows; None without curvature."""
-
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Box of steps: the trust region of a radius [rad] within the bounds of z."""
-
-    def near(self, z: Array) -> Program:
-        """The same program, quicker to evaluate near z; values differ by rounding."""
-
-    def variation(self, z: Array) -> Variation:
-        """Differences of the controls, as a linear function near z."""
-
-    def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
-        """The same path, slower by a factor, and its row values, from those of z."""
-
-
 class Motion(Protocol):
     """A motion of a transcription, from which states are evaluated."""
 
@@ -148,21 +122,44 @@ M = TypeVar("M", bound=Motion)
 class Hull(ABC, Generic[M]):
     """Rows that keep a derivative of the positions within bounds at all times.
 
+    Equations of a transcription are such rows, too.
+
     Attributes:
-        lower: Lower bounds, shape (m,).
-        upper: Upper bounds, shape (m,).
+        name: Name of the kind.
+        lower: Lower bounds, shape (1, m).
+        upper: Upper bounds, shape (1, m).
+        curable: Whether a slower motion violates them less.
+        gradual: Whether rows far below their bounds may be left out.
     """
 
+    name: str
     lower: Array
     upper: Array
+    curable: bool = False
+    gradual: bool = False
 
     @abstractmethod
-    def values(self, motion: M) -> Array:
+    def of_motion(self, motion: M) -> Array:
         """Row values, shape (m,)."""
 
     @abstractmethod
-    def jacobian(self, motion: M) -> sp.csr_matrix:
+    def by_unknowns(self, motion: M) -> sp.csr_matrix:
         """Their Jacobian, shape (m, size)."""
+
+    def groups(self, by_component: bool) -> IntArray:
+        """One group."""
+        return np.zeros(self.lower.size, dtype=np.int64)
+
+    def values(self, of: Transcription[M], motion: M, room: float = np.inf) -> Array:
+        """Row values, shape (m,)."""
+        return self.of_motion(motion)
+
+    def jacobian(
+        self, of: Transcription[M], motion: M, chosen: IntArray
+    ) -> sp.csr_matrix:
+        """Jacobian of some of the rows, shape (k, size)."""
+        whole = self.by_unknowns(motion)
+        return whole if chosen.size == whole.shape[0] else whole[chosen]
 
 
 class Transcription(ABC, Generic[M]):
@@ -205,9 +202,9 @@ class Transcription(ABC, Generic[M]):
     def delays(self) -> Array:
         """Sum of the dwells before each interval [s], shape (N,)."""
         out = np.zeros(self.intervals)
-        stays = (segment.dwell for segment in self.system.problem.segments)
-        for (_, end), dwell in zip(self.segments, stays, strict=False):
-            out[end:] += dwell
+        segments = self.system.problem.segments
+        for end, segment in zip(self.segment_ends, segments, strict=False):
+            out[end:] += segment.dwell
         return out
 
     @property
@@ -276,12 +273,13 @@ class Transcription(ABC, Generic[M]):
         return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
 
     def hull(
-        self, limit: JointLimit, within: tuple[int, int] | None = None
+        self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
     ) -> Hull[M] | None:
         """Rows that keep a joint limit at all times; None without them.
 
         Args:
             limit: The limit.
+            name: Name of the kind of rows.
             within: First interval of the segment on which it holds, and the one after
                 its last; None for all.
         """
@@ -307,8 +305,22 @@ class Transcription(ABC, Generic[M]):
         return np.inf
 
     @abstractmethod
+    def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
+        """Least and largest steps of all unknowns but the durations, in their order.
+
+        Args:
+            z: Iterate.
+            radius: Radius of the trust region [rad].
+
+        Returns:
+            An entry for each of these unknowns, in any shape.
+        """
+
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Box of steps: the trust region of a radius [rad] within the bounds of z."""
+        lower, upper = self.steps(z, radius)
+        length = min(LENGTH_STEP, radius) * z[-self.shares.shape[1] :]
+        return StepBounds(np.append(lower, -length), np.append(upper, length))
 
     @abstractmethod
     def variation(self, z: Array) -> Variation:

@@ -9,6 +9,7 @@ missing torque.
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -53,10 +54,23 @@ def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
 
 
 def _losses(of: Gridded, z: Array, h: Array) -> Array | None:
-    """Missing torque of saturated joints, times length, (N,); None if it is small."""
+    """Missing torque of saturated joints, times length, (N,); None if it is small.
+
+    It is the mean over an interval, in shares of the half range, of the joint that
+    misses most.
+    """
     if not isinstance(of, InverseTranscription):
         return None
-    losses = h * _missing_torque(*_torques_at_ends(of, z))
+    at = of.instants(2, "")  # where all intervals begin, and where they end
+    _, q, v, a, _ = of.states(of.motion(z), at, 2)
+    torques = np.empty_like(a)
+    for part, (first, last) in zip(of.system.segments, of.segments, strict=True):
+        mine = (at.interval >= first) & (at.interval < last)
+        torques[mine] = part.torque(q[mine], v[mine], a[mine])
+    begin, end = torques.reshape(2, h.size, -1)
+    at_limit = np.maximum(np.abs(begin), np.abs(end)) > AT_TORQUE_LIMIT
+    missing = np.where(at_limit, 0.5 * np.abs(end - begin), 0.0)
+    losses = h * np.max(missing, axis=1)
     return losses if losses.sum() > MUCH_MISSING * h.sum() else None
 
 
@@ -83,35 +97,4 @@ def _bends_of_controls(of: Gridded, z: Array) -> Array:
     # Jumps are between N intervals, or between as many control points and some more.
     jumps = np.max(jumps.reshape(N - 1 + more, -1), axis=1, initial=0.0)
     jumps = np.concatenate([[0.0], jumps, [0.0]])
-    width = jumps.size - N + 1
-    around = [jumps[k : k + N] for k in range(width)]
-    return np.asarray(np.max(around, axis=0))
-
-
-def _torques_at_ends(of: InverseTranscription, z: Array) -> tuple[Array, Array]:
-    """Torques where each interval begins and where it ends, shares, shape (N, n) each.
-
-    Args:
-        of: The parameterisation.
-        z: An iterate of it.
-    """
-    found = of.states(of.motion(z), of.instants(2, ""), 2)
-    q, v, a = (x.reshape(2, of.intervals, -1) for x in (found.q, found.v, found.a))
-    torques = np.empty_like(a)
-    for part, (first, last) in zip(of.system.segments, of.segments, strict=True):
-        for end in (0, 1):
-            here = end, slice(first, last)
-            torques[here] = part.torque(q[here], v[here], a[here])
-    return torques[0], torques[1]
-
-
-def _missing_torque(begin: Array, end: Array) -> Array:
-    """Mean missing share of saturated torques on each interval, largest joint, (N,).
-
-    Args:
-        begin: Torques where each interval begins, shares, shape (N, n).
-        end: Torques where it ends, shape (N, n).
-    """
-    at_limit = np.maximum(np.abs(begin), np.abs(end)) > AT_TORQUE_LIMIT
-    missing = np.where(at_limit, 0.5 * np.abs(end - begin), 0.0)
-    return np.asarray(np.max(missing, axis=1))
+    return np.asarray(np.max(sliding_window_view(jumps, 2 + more), axis=1))

@@ -30,55 +30,6 @@ SAME_PLACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class ContinuousRows:
-    """Rows that hold at all times, or equations of a transcription.
-
-    Attributes:
-        name: Name of the kind.
-        hull: The rows.
-        curable: Whether a slower motion violates them less.
-    """
-
-    name: str
-    hull: Hull[Any]
-    curable: bool = False
-    gradual: bool = False
-
-    @property
-    def lower(self) -> Array:
-        """Lower bounds, shape (1, m)."""
-        return self.hull.lower[None]
-
-    @property
-    def upper(self) -> Array:
-        """Upper bounds, shape (1, m)."""
-        return self.hull.upper[None]
-
-    def groups(self, by_component: bool) -> IntArray:
-        """One group."""
-        return np.zeros(self.hull.lower.size, dtype=np.int64)
-
-    def values(
-        self, of: Transcription[Any], motion: Motion, room: float = np.inf
-    ) -> Array:
-        """Row values."""
-        return self.hull.values(motion)
-
-    def values_as(
-        self, of: Transcription[Any], motion: Motion, former: Motion, known: Array
-    ) -> Array:
-        """Row values; the values of a former motion are not used."""
-        return self.values(of, motion)
-
-    def jacobian(
-        self, of: Transcription[Any], motion: Motion, chosen: IntArray
-    ) -> sp.csr_matrix:
-        """Jacobian of some of the rows."""
-        whole = self.hull.jacobian(motion)
-        return whole if chosen.size == whole.shape[0] else whole[chosen]
-
-
-@dataclass(frozen=True, eq=False)
 class SampledRows:
     """A constraint at instants.
 
@@ -167,26 +118,16 @@ class SampledRows:
         _, states = self.states(of, motion)
         return self.constraint.evaluate(states, min(of.cutoff, room)).ravel()
 
-    def values_as(
-        self, of: Transcription[Any], motion: Motion, former: Motion, known: Array
-    ) -> Array:
-        """Row values, taken from a former motion where both have equal positions.
+    def keeps(self, of: Transcription[Any], motion: Motion, former: Motion) -> bool:
+        """Whether row values that are costly to evaluate are those of a former motion.
 
-        The constraints that are costly to evaluate depend on positions alone, unless
-        obstacles move.
-
-        Args:
-            of: The transcription.
-            motion: A motion of it.
-            former: The former motion.
-            known: Row values of the former motion, shape (r p,).
+        They depend on positions alone, unless obstacles move.
         """
         constraint = self.constraint
         if not constraint.gradual or constraint.moving or constraint.order:
-            return self.values(of, motion)
+            return False
         here, there = self.states(of, motion)[1].q, self.states(of, former)[1].q
-        same = bool(np.max(np.abs(here - there), initial=0.0) <= SAME_PLACE)
-        return known if same else self.values(of, motion)
+        return bool(np.max(np.abs(here - there), initial=0.0) <= SAME_PLACE)
 
     def jacobian(
         self, of: Transcription[Any], motion: Motion, chosen: IntArray
@@ -233,9 +174,8 @@ class SampledRows:
         if partials is None or partials.row is None:
             return None
         roots = np.sqrt(multipliers[chosen])[partials.row]
-        return of.pull_back(
-            motion, at, self._pinned(of, motion, at, partials.times(roots[:, None]))
-        )
+        bent = self._pinned(of, motion, at, partials.times(roots[:, None]))
+        return of.pull_back(motion, at, bent)
 
     def _pinned(
         self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
@@ -282,12 +222,11 @@ class SampledRows:
         """The block with the assumptions of its constraint, from a motion."""
         if self.constraint.informed:
             return self
-        return replace(
-            self, constraint=assumed(self.constraint, of, motion, self.fixed)
-        )
+        informed = assumed(self.constraint, of, motion, self.fixed)
+        return replace(self, constraint=informed)
 
 
-Block = ContinuousRows | SampledRows
+Block = Hull[Any] | SampledRows
 
 
 def assumed(
@@ -351,10 +290,9 @@ def block_of(
         )
     suffix = "" if within is None else f" on segment {segment + 1}"
     if isinstance(constraint, JointLimit):
-        hull = of.hull(constraint, within)
+        hull = of.hull(constraint, constraint.name + suffix, within)
         if hull is not None:
-            name = constraint.name + suffix
-            return ContinuousRows(name, hull, curable=constraint.curable)
+            return hull
     if isinstance(constraint, PathConstraint) and constraint.window is not None:
         return SampledRows(constraint, Instants.none())
     at = of.instants(constraint.order, constraint.field)

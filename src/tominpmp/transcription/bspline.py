@@ -31,13 +31,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import JointLimit, Partials, States
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import (
-    LENGTH_STEP,
-    Hull,
-    StepBounds,
-    Transcription,
-    Variation,
-)
+from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation
 from tominpmp.transcription.curve import (
     KnotVector,
     SplineMotion,
@@ -56,10 +50,8 @@ SHARES = (0.5, 1.0)
 TORQUE_SHARES = (0.0, 0.5)
 # Instants at which torques are inspected between these: torques of fast wrists rise and
 # fall by half of their range within a quarter of an interval.
-INSPECTED = (
-    (0.0625, 0.125, 0.1875, 0.25, 0.3125, 0.375, 0.4375),
-    (0.5625, 0.625, 0.6875, 0.75, 0.8125, 0.875, 0.9375),
-)
+SIXTEENTHS = tuple((np.arange(16) / 16).tolist())
+INSPECTED = SIXTEENTHS[1:8], SIXTEENTHS[9:]
 # A torque rate is taken over this share of an interval, at both of its ends; a hair
 # inside, so that both instants are of the same interval.
 RATE_SHARES = (0.0, 0.05, 0.95, 1.0 - 1e-9)
@@ -172,10 +164,6 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """Number of unknowns."""
         return self.point_unknowns + self._m
 
-    def points(self, z: Array) -> Array:
-        """Control points, shape (M, n)."""
-        return self._from_base(z) + self._base
-
     def _from_base(self, z: Array) -> Array:
         """Control points relative to the start, shape (M, n)."""
         hung, moved = self.hung, self.hung.column >= 0
@@ -195,9 +183,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """
         hung = self.hung
         if hung.moving:
-            by_durations = by_durations + np.einsum(
-                "kw,kwm->km", by_points, hung.slopes[points]
-            )
+            moved = np.einsum("kw,kwm->km", by_points, hung.slopes[points])
+            by_durations = by_durations + moved
         durations = np.arange(self.point_unknowns, self.size)
         columns = np.broadcast_to(durations, by_durations.shape)
         matrix = Compressed.of_table(
@@ -260,30 +247,25 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     def fitted(self, times: Array, q: Array, duration: float) -> Array:
         """Iterate that is nearest to positions at shares of T, in least squares."""
-        hung, moved = self.hung, np.flatnonzero(self.hung.column >= 0)
-        eta = np.array([duration])
+        hung, eta = self.hung, np.array([duration])
         knots = self._knots_for(eta)
         design = knots.design(times * knots.knots[-1])
         design = sp.kron(design, sp.identity(self._n), format="csr")
-        pick = np.ones(moved.size), (moved, hung.column[moved])
-        shape = hung.column.size, self.point_unknowns
-        by_free = design @ sp.csr_matrix(pick, shape=shape)
+        ones, column = np.ones((hung.column.size, 1)), hung.column[:, None]
+        moved = Compressed.of_table(ones, column, self.point_unknowns).rows()
+        by_free = design @ moved
         rest = (q - self._base).ravel() - design @ (hung.offset + hung.slopes @ eta)
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
         return self.within_limits(np.concatenate([points, eta]))
 
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within position limits and positive durations."""
+    def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
+        """Steps of the control points within position limits."""
         limits = self.system.problem.robot.limits
         points = z[: self.point_unknowns].reshape(-1, self._n) + self._base
         box = np.broadcast_to(radius * self.system.step_scale, points.shape)
         lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
         upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
-        length = min(LENGTH_STEP, radius) * z[self.point_unknowns :]
-        return StepBounds(
-            np.concatenate([lower.ravel(), -length]),
-            np.concatenate([upper.ravel(), length]),
-        )
+        return lower, upper
 
     # -- states ------------------------------------------------------------------------
 
@@ -342,10 +324,10 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return self.by_unknowns(by_coordinates, places(points, width * n), by_durations)
 
     def hull(
-        self, limit: JointLimit, within: tuple[int, int] | None = None
+        self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
     ) -> Hull[SplineMotion] | None:
         """Derivatives are in the convex hull of their control points."""
-        return DerivativeHull(self, limit, within)
+        return DerivativeHull(self, limit, name, within)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up."""
@@ -415,9 +397,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def sequence_times(self, z: Array) -> Array:
         """Instants of the torque sequence as shares of T: nodes and middles."""
         h = self.motion(z).h
-        return np.asarray(
-            self.torque_sequence @ self._torque_instants.times(h) / h.sum()
-        )
+        times = self.torque_sequence @ self._torque_instants.times(h)
+        return np.asarray(times / h.sum())
 
     def time_scale(self, z: Array, factor: float) -> Array:
         """The same control points, traversed slower."""
@@ -453,9 +434,11 @@ class DerivativeHull(Hull[SplineMotion]):
         self,
         of: BSplineTranscription,
         limit: JointLimit,
+        name: str,
         within: tuple[int, int] | None = None,
     ) -> None:
         self._of, self._limit = of, limit
+        self.name, self.curable = name, limit.curable
         first, end = within or (0, of.intervals)
         intervals = KnotVector(of.shares.sum(axis=1), of.degree, of.breaks).first
         degree = of.degree - limit.order
@@ -467,23 +450,24 @@ class DerivativeHull(Hull[SplineMotion]):
             moving = of.hung.slopes.reshape(mine.size, -1)
             mine &= np.any(moving, axis=1)
         self._points = np.flatnonzero(mine)
-        self.lower = np.tile(limit.lower / limit.scale, self._points.size)
-        self.upper = np.tile(limit.upper / limit.scale, self._points.size)
+        times = 1, self._points.size
+        self.lower = np.tile(limit.lower / limit.scale, times)
+        self.upper = np.tile(limit.upper / limit.scale, times)
 
-    def values(self, motion: SplineMotion) -> Array:
+    def of_motion(self, motion: SplineMotion) -> Array:
         """Control points of the derivative."""
         limit = self._limit
         points = motion.derivative(limit.order)[self._points]
         return np.asarray(points[:, limit.joints] / limit.scale).ravel()
 
-    def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
+    def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
         """By the unknowns."""
         limit, points, of = self._limit, self._points, self._of
         bands = motion.knots.bands(limit.order)[points]
         by_points, places = of_each_joint(bands, points, limit.joints, of.system.n)
         by_points /= np.tile(limit.scale, points.size)[:, None]
         by_points /= motion.unit**limit.order
-        by_durations = motion.by_durations(self.values, limit.order)
+        by_durations = motion.by_durations(self.of_motion, limit.order)
         return of.by_unknowns(by_points, places, by_durations)
 
 
@@ -510,30 +494,27 @@ def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:
     segments = of.system.problem.segments
     if not segments:
         return motion
-    whole = replace(motion, segment_ends=motion.t[list(of.segment_ends)])
-    for k, segment in enumerate(segments):
-        if segment.dwell > 0.0:
-            whole = _with_stay(whole, k, segment.dwell)
+    count, ends = motion.t.size, np.array(of.segment_ends)
+    dwells = np.array([segment.dwell for segment in segments])
+    stays = dwells > 0.0
+    at = ends[stays]
+    # After a dwell its node comes once more.
+    node = np.insert(np.arange(count), at + 1, at)
+    dwelt = np.cumsum(np.insert(np.zeros(count), at + 1, dwells[stays]))
+    t, still = motion.t[node] + dwelt, np.isin(node, at)[:, None]
+    a = motion.a
+    if a is not None and len(a) == count:
+        a = np.where(still, 0.0, a[node])
+    elif a is not None:
+        a = np.insert(a, at, 0.0, axis=0)
+    whole = replace(
+        motion,
+        t=t,
+        q=motion.q[node],
+        v=np.where(still, 0.0, motion.v[node]),
+        u=motion.u[node],
+        a=a,
+        segment_ends=t[ends + np.cumsum(stays)],
+    )
     inverses = tuple(part.motor_dynamics.inverse for part in of.system.segments)
     return whole.with_torques(inverses[0], inverses)
-
-
-def _with_stay(motion: Trajectory, segment: int, dwell: float) -> Trajectory:
-    """A motion with a dwell at the end of a segment [s], at rest."""
-    assert motion.segment_ends is not None  # noqa: S101
-    ends = np.array(motion.segment_ends)
-    node = int(np.searchsorted(motion.t, ends[segment]))
-    t = np.concatenate([motion.t[: node + 1], motion.t[node:] + dwell])
-    v = np.array(motion.v)
-    v[node] = 0.0
-    q, v, u = (np.insert(x, node + 1, x[node], axis=0) for x in (motion.q, v, motion.u))
-    a = None if motion.a is None else np.array(motion.a)
-    if a is not None and len(a) == motion.t.size:
-        a[node] = 0.0
-        a = np.insert(a, node + 1, 0.0, axis=0)
-    elif a is not None:
-        a = np.insert(a, node, 0.0, axis=0)
-    ends[segment:] += dwell
-    # Sums may round: each end is set to its node.
-    ends = t[np.argmin(np.abs(t[:, None] - ends), axis=0)]
-    return replace(motion, t=t, q=q, v=v, u=u, a=a, segment_ends=ends)

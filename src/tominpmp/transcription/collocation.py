@@ -21,8 +21,9 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials
 from tominpmp.constraints.friction import Ways
 from tominpmp.linear_programs.compressed import Compressed
-from tominpmp.transcription.base import LENGTH_STEP, Hull, StepBounds
+from tominpmp.transcription.base import NOT_INTEGRATED, Hull, StepBounds
 from tominpmp.transcription.controls import (
+    SPEED_FACTOR,
     TorqueTranscription,
     driving_torque,
     first_ways,
@@ -32,10 +33,6 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Scale of velocities, in units of the scale of positions over the duration.
-SPEED_FACTOR = 5.0
-# Value of the defects of an interval whose inner stage cannot be solved for.
-NOT_INTEGRATED = 1e3
 # Clearances above this, per rad of trust region and in shares of the reach, are no rows
 # of the linear program.
 ATTENTION = 2.0
@@ -128,19 +125,15 @@ class CollocationTranscription(TorqueTranscription):
         x = z[: self._torques.start].reshape(self._N + 1, 2 * self._n)
         return x, self.torques(z), self.lengths(z)
 
-    def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within the limits, fixed ends and positive lengths."""
+    def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
+        """Steps of states and torques within their limits, for fixed ends."""
         scale, (x, _, h) = self.system.step_scale, self.split(z)
         box = radius * np.concatenate([scale, SPEED_FACTOR / h.sum() * scale])
         box = np.where(np.isnan(self._given), box, 0.0)
         lower = np.maximum(-box, np.minimum(self._low - x, 0.0))
         upper = np.minimum(box, np.maximum(self._high - x, 0.0))
         less, more = self.torque_steps(z, np.full(self._n, 2.0))
-        length = min(LENGTH_STEP, radius) * z[-self._m :]
-        return StepBounds(
-            np.concatenate([lower.ravel(), less.ravel(), -length]),
-            np.concatenate([upper.ravel(), more.ravel(), length]),
-        )
+        return np.append(lower, less), np.append(upper, more)
 
     # -- dry friction ------------------------------------------------------------------
 
@@ -213,14 +206,10 @@ class CollocationTranscription(TorqueTranscription):
         N, n = self._N, self._n
         states = (N + 1) * 2 * n
         k = np.arange(N)[:, None]
-        return np.concatenate(
-            [
-                k * 2 * n + np.arange(4 * n),
-                states + k * n + np.arange(n),
-                np.broadcast_to(states + N * n + np.arange(self._m), (N, self._m)),
-            ],
-            axis=1,
-        )
+        ends = k * 2 * n + np.arange(4 * n)
+        torques = states + k * n + np.arange(n)
+        lengths = np.broadcast_to(states + N * n + np.arange(self._m), (N, self._m))
+        return np.concatenate([ends, torques, lengths], axis=1)
 
     def interval_rows(
         self, entries: Array, interval: IntArray, by_eta: Array | float = 0.0
@@ -259,21 +248,22 @@ class Defects(Hull[SteppedMotion]):
     of a group for each interval on the paper's example.
     """
 
+    name = "dynamics"
+
     def __init__(self, of: CollocationTranscription) -> None:
         self._of = of
-        self.lower = self.upper = np.zeros(of.intervals * of.scale.size)
+        self.lower = self.upper = np.zeros((1, of.intervals * of.scale.size))
 
-    def values(self, motion: SteppedMotion) -> Array:
+    def of_motion(self, motion: SteppedMotion) -> Array:
         """Defects; a large value on intervals whose inner stage was not solved."""
         solved = motion.stage.solved[:, None]
         return np.where(solved, motion.defects / self._of.scale, NOT_INTEGRATED).ravel()
 
-    def jacobian(self, motion: SteppedMotion) -> sp.csr_matrix:
+    def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
         """By the unknowns."""
         by, scale = motion.derivatives, self._of.scale
-        entries = np.concatenate(
-            [by.by_start, by.by_end, by.by_control, by.by_length[..., None]], axis=2
-        )
+        parts = by.by_start, by.by_end, by.by_control, by.by_length[..., None]
+        entries = np.concatenate(parts, axis=2)
         N, size, width = entries.shape
         entries = (entries / scale[:, None]).reshape(N * size, width)
         return self._of.interval_rows(entries, np.repeat(np.arange(N), size))

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints import Partials, States
-from tominpmp.constraints.friction import EFFORT_TOLERANCE, NEAR, Ways, interval_signs
+from tominpmp.constraints.friction import EFFORT_TOLERANCE, Ways, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.motion.trajectory import Trajectory, reversals
 from tominpmp.problem.controls import control_bounds
@@ -22,6 +22,9 @@ from tominpmp.transcription.base import Transcription, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import SteppedMotion
 from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# Scale of velocities, in units of the scale of positions over the duration.
+SPEED_FACTOR = 5.0
 
 
 class TorqueTranscription(Transcription[SteppedMotion]):
@@ -74,6 +77,14 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         """Lengths of the intervals [s], shape (N,)."""
         return np.asarray(self.shares @ z[-self._m :])
 
+    @property
+    def torque_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the torque shares, shape (N, n) each."""
+        if self.ways is None:
+            ones = np.ones((self._N, self._n))
+            return -ones, ones
+        return self.ways.lower, self.ways.upper
+
     def torque_steps(self, z: Array, largest: Array) -> tuple[Array, Array]:
         """Smallest and largest steps of torque shares, shape (N, n) each.
 
@@ -83,15 +94,10 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             z: Iterate.
             largest: Largest step of each joint, in shares, shape (n,).
         """
-        shares, driven = self.shares_at(z), driven_joints(self.system)
-        lower, upper = np.zeros_like(shares), np.zeros_like(shares)
-        here = shares[:, driven]
-        low, high = np.full_like(here, -1.0), np.ones_like(here)
-        if self.ways is not None:
-            low, high = self.ways.lower[:, driven], self.ways.upper[:, driven]
-        lower[:, driven] = np.clip(low - here, -largest[driven], 0.0)
-        upper[:, driven] = np.clip(high - here, 0.0, largest[driven])
-        return lower, upper
+        shares, (low, high) = self.shares_at(z), self.torque_bounds
+        driven, most = driven_joints(self.system), np.zeros(self._n)
+        most[driven] = largest[driven]
+        return np.clip(low - shares, -most, 0.0), np.clip(high - shares, 0.0, most)
 
     def turned(self, z: Array) -> tuple[TorqueTranscription, Array] | None:
         """With the directions of joints in an iterate, and the iterate within limits.
@@ -101,13 +107,14 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         motion = self.motion(z)
         if self.system.friction is None or not motion.finite:
             return None
-        known, v = self.assumed(z), motion.x[:, self._n :]
-        found = turned_ways(self.system, known, v, self.shares_at(z))
-        if found is None:
+        known, v, shares = self.assumed(z), motion.x[:, self._n :], self.shares_at(z)
+        # Friction was left out while no directions were known.
+        ways = turned_ways(known, v, shares) if known else first_ways(self.system, v)
+        if ways is None:
             return None
         out = z.copy()
-        out[self._torques] = found[1].ravel()
-        return self.with_ways(float(self.cost @ z), found[0]), out
+        out[self._torques] = np.clip(shares, ways.lower, ways.upper).ravel()
+        return self.with_ways(float(self.cost @ z), ways), out
 
     def assumed(self, z: Array) -> Ways | None:
         """Assumed directions of joints in an iterate; None if not known."""
@@ -138,11 +145,9 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         """
         n, which = self._n, partials.at
         by_x, by_u = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
-        for part, target in (
-            (partials.by_q, by_x[:, :n]),
-            (partials.by_v, by_x[:, n:]),
-            (partials.by_u, by_u),
-        ):
+        given = partials.by_q, partials.by_v, partials.by_u
+        targets = by_x[:, :n], by_x[:, n:], by_u
+        for part, target in zip(given, targets, strict=True):
             if part is not None:
                 target += part
         if partials.by_a is not None:
@@ -222,38 +227,27 @@ def first_ways(system: ProblemFunctions, v: Array) -> Ways:
     return replace(ways, both=change & (system.friction > 0.0))
 
 
-def turned_ways(
-    system: ProblemFunctions, ways: Ways | None, v: Array, shares: Array
-) -> tuple[Ways, Array] | None:
+def turned_ways(ways: Ways, v: Array, shares: Array) -> Ways | None:
     """Directions of joints on intervals of a motion, if they affect its torques.
 
     Args:
-        system: The problem.
-        ways: Assumed directions on N intervals; None if friction was left out.
+        ways: Assumed directions on N intervals.
         v: Velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
         shares: Torques without friction as shares of their limits, shape (N, n).
 
     Returns:
-        The directions, and the torques clipped to their limits; None if the assumed
-        directions are consistent with the motion.
+        The directions; None if the assumed ones are consistent with the motion.
     """
-    if ways is None:
-        ways = first_ways(system, v)
-        return ways, np.clip(shares, ways.lower, ways.upper)
     sign, change = interval_signs(v)
-    here = ways.friction * np.where(change, 1.0, sign)
-    beyond = np.abs(shares + here) > 1.0 + EFFORT_TOLERANCE
-    beyond |= change & (np.abs(shares - here) > 1.0 + EFFORT_TOLERANCE)
-    at_limit = np.abs(shares + ways.load) > 1.0 - NEAR
-    apart = ((sign != ways.sign) | change) & ~ways.both & (ways.friction > 0.0)
-    wrong = apart & (beyond | at_limit)
+    # A joint that reverses within an interval moves in both directions there.
+    wrong = ways.wrong(np.where(change, 1.0, sign), shares, EFFORT_TOLERANCE)
+    wrong |= ways.wrong(np.where(change, -1.0, sign), shares, EFFORT_TOLERANCE)
     if not wrong.any():
         return None
     new = ways.turned(sign, wrong)
-    # Where a joint reverses within an interval its torque has to suit both directions.
+    # Its torque has to suit both of them.
     both = new.both | (change & (ways.friction > 0.0))
-    new = Ways(new.friction, np.where(both, 0.0, new.sign), both, new.turns)
-    return new, np.clip(shares, new.lower, new.upper)
+    return replace(new, sign=np.where(both, 0.0, new.sign), both=both)
 
 
 def motor_torques(

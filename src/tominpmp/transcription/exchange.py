@@ -69,29 +69,6 @@ LOOKS = 8
 BESIDE = 0.02
 
 
-def revised(
-    program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
-) -> tuple[NonlinearProgram, Array] | None:
-    """The program with missing rows and updated assumptions, and the iterate.
-
-    Args:
-        program: The program.
-        z: Its iterate.
-        effort_tolerance: Tolerated relative excess of torques; below zero, a margin
-            that torques must keep.
-
-    Returns:
-        The program and the iterate within its bounds; None if nothing has to change.
-    """
-    turned = program.transcription.turned(z)
-    if turned is not None:
-        program, z = replace(program, transcription=turned[0]), turned[1]
-    more = exchanged(program, z, effort_tolerance)
-    if more is None and turned is None:
-        return None
-    return more or program, z
-
-
 def exchanged(
     program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
 ) -> NonlinearProgram | None:
@@ -213,9 +190,7 @@ def _closer_looks(
     """
     usable, h, most = constraint.usable, motion.h, most_instants(constraint.count)
     assert usable is not None  # noqa: S101
-    rises = np.zeros(constraint.count)
-    if constraint.moving:
-        rises = constraint.rises(float(h.sum() + of.delays[-1]))
+    rises = constraint.rises(float(h.sum() + of.delays[-1]))
     moving, rise = np.flatnonzero(rises > 0.0), float(np.max(rises, initial=0.0))
     at = _samples(h, most).within(*within)
     width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
@@ -423,8 +398,8 @@ def turning(
         within: First interval that is inspected, and the one after the last.
     """
     first, end = within
-    shares = np.linspace(0.0, 1.0, LOOKS + 1)
-    at = Instants.spread(of.intervals, shares.tolist()).within(first, end)
+    shares = tuple(np.linspace(0.0, 1.0, LOOKS + 1).tolist())
+    at = Instants.spread(of.intervals, shares).within(first, end)
     v = of.states(motion, at, 1).v[:, joints].reshape(end - first, LOOKS + 1, -1)
     before, after = v[:, :-1], v[:, 1:]
     interval, look, joint = np.nonzero(before * after < 0.0)

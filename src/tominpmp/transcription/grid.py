@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.motion.samples import multiples
@@ -74,10 +75,8 @@ def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Arra
     if sudden:
         before = np.sort(np.concatenate([before, before[1] * np.array(END_NODES)]))
     after = _sine_shares(intervals, sudden)
-    out = np.zeros((before.size - 1 + after.size, 2))
-    out[: before.size - 1, 0] = delay * np.diff(before)
-    out[before.size - 1 :, 1] = (1.0 - delay) * after
-    return out
+    parts = delay * np.diff(before), (1.0 - delay) * after
+    return np.asarray(block_diag(*(part[:, None] for part in parts)))
 
 
 def _sine_shares(intervals: int, sudden: bool = True) -> Array:
@@ -123,10 +122,8 @@ def segmented_shares(
     Returns:
         Lengths of the intervals for the unit of time, shape (sum of counts, k).
     """
-    count, ends = durations.size, np.cumsum(counts)
-    out = np.zeros((int(ends[-1]), count))
-    for k, share in enumerate(durations / durations.sum()):
-        intervals = int(counts[k])
+    count, parts = durations.size, list[Array]()
+    for k, intervals in enumerate(counts.tolist()):
         outer = (k == 0, k == count - 1)
         if kind == "uniform" or count == 1:
             shares = interval_shares(kind, intervals, sudden=sudden)[:, 0]
@@ -137,8 +134,8 @@ def segmented_shares(
             shares = shares[::-1] if k == 0 else shares
         else:
             shares = _cosine_shares(intervals, *outer)
-        out[ends[k] - intervals : ends[k], k] = share * shares
-    return out
+        parts.append(durations[k] / durations.sum() * shares)
+    return np.asarray(block_diag(*(part[:, None] for part in parts)))
 
 
 def _cosine_shares(intervals: int, first: bool, last: bool) -> Array:

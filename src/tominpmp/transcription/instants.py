@@ -39,10 +39,17 @@ class Instants:
         """Pairs of the interval and the share of it."""
         return list(zip(self.interval.tolist(), self.share.tolist(), strict=True))
 
-    @classmethod
-    def spread(cls, intervals: int, shares: Sequence[float]) -> Instants:
-        """The same shares of all intervals, interval by interval."""
-        return _spread(intervals, tuple(shares))
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def spread(intervals: int, shares: tuple[float, ...]) -> Instants:
+        """The same shares of all intervals, interval by interval.
+
+        Instants that are equal are one object, which caches of values are keyed by.
+        """
+        every = np.repeat(np.arange(intervals), len(shares))
+        where = np.tile(shares, intervals)
+        every.flags.writeable = where.flags.writeable = False
+        return Instants(every, where)
 
     @classmethod
     def end(cls, intervals: int) -> Instants:
@@ -102,12 +109,3 @@ class Instants:
     def middles(self) -> Instants:
         """The middles of their intervals."""
         return Instants(self.interval, np.full(self.size, 0.5))
-
-
-@lru_cache(maxsize=64)
-def _spread(intervals: int, shares: tuple[float, ...]) -> Instants:
-    """Instants that are equal are one object, which caches of values are keyed by."""
-    every = np.repeat(np.arange(intervals), len(shares))
-    where = np.tile(shares, intervals)
-    every.flags.writeable = where.flags.writeable = False
-    return Instants(every, where)

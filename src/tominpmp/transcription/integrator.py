@@ -52,10 +52,9 @@ class Stage(NamedTuple):
 
 
 class DefectJacobians(NamedTuple):
-    """Defects of intervals, and partial derivatives of defects and inner stages.
+    """Partial derivatives of the defects of intervals, and of their inner stages.
 
     Attributes:
-        value: x_{k+1} minus the end of the step from x_k, shape (m, 2n).
         by_start: With respect to x_k, shape (m, 2n, 2n).
         by_end: With respect to x_{k+1}, shape (m, 2n, 2n).
         by_control: With respect to u_k, shape (m, 2n, n).
@@ -64,7 +63,6 @@ class DefectJacobians(NamedTuple):
             above, shape (m, 2n, 5n + 1).
     """
 
-    value: Array
     by_start: Array
     by_end: Array
     by_control: Array
@@ -149,7 +147,7 @@ def evaluate_defects(
 def differentiate_defects(
     dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
 ) -> DefectJacobians:
-    """Defects and their derivatives, the inner stage eliminated.
+    """Derivatives of defects, the inner stage eliminated.
 
     Args:
         dynamics: Equations of motion.
@@ -161,29 +159,21 @@ def differentiate_defects(
     """
     m, size = start.shape
     n = u.shape[1]
-    by = dynamics.forward_jacobians(
-        np.concatenate([inner, end]), np.concatenate([u, u])
-    )
+    stages, torques = np.concatenate([inner, end]), np.concatenate([u, u])
+    by = dynamics.forward_jacobians(stages, torques)
     f1, f2 = by.f[:m], by.f[m:]
     F1, F2, B1, B2 = by.f_x[:m], by.f_x[m:], by.f_u[:m], by.f_u[m:]
     step = h[:, None, None]
     eye = np.broadcast_to(np.eye(size), (m, size, size))
     (a11, a12), (a21, a22) = WEIGHTS
     # The inner stage by (start, end, control, length).
-    right = np.concatenate(
-        [
-            eye,
-            step * a12 * F2,
-            step * (a11 * B1 + a12 * B2),
-            (a11 * f1 + a12 * f2)[..., None],
-        ],
-        axis=2,
-    )
+    by_control = step * (a11 * B1 + a12 * B2)
+    by_length = (a11 * f1 + a12 * f2)[..., None]
+    right = np.concatenate([eye, step * a12 * F2, by_control, by_length], axis=2)
     stage = solve_systems(eye - step * a11 * F1, right)
     inner_by = step * a21 * F1 @ stage
     slope = a21 * f1 + a22 * f2
     return DefectJacobians(
-        end - start - h[:, None] * slope,
         -eye - inner_by[..., :size],
         eye - step * a22 * F2 - inner_by[..., size : 2 * size],
         -step * (a21 * B1 + a22 * B2) - inner_by[..., 2 * size : 2 * size + n],
@@ -301,9 +291,8 @@ class SteppedMotion:
     def sensitivities(self) -> Sensitivities:
         """Derivatives of the ends of the steps, where these have no defects."""
         by, size = self.derivatives, self.ends.shape[1]
-        right = np.concatenate(
-            [by.by_start, by.by_control, by.by_length[..., None]], axis=2
-        )
+        others = by.by_start, by.by_control, by.by_length[..., None]
+        right = np.concatenate(others, axis=2)
         # The end of a step makes its defect zero.
         parts = -solve_systems(by.by_end, right)
         by_length = parts[..., -1] / self.substeps

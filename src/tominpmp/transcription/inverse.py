@@ -103,12 +103,12 @@ class InverseTranscription(BSplineTranscription):
         return sp.csr_matrix(sp.diags([0.5, 0.5], [0, N], shape=(N, 2 * N)))
 
     def hull(
-        self, limit: JointLimit, within: tuple[int, int] | None = None
+        self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
     ) -> Hull[SplineMotion] | None:
         """Positions are held by the points, velocities by the nodes between them."""
         if limit.order == 1:
-            return Speeds(self, limit)
-        return super().hull(limit) if limit.order == 0 else None
+            return Speeds(self, limit, name)
+        return super().hull(limit, name) if limit.order == 0 else None
 
 
 class Speeds(Hull[SplineMotion]):
@@ -117,25 +117,26 @@ class Speeds(Hull[SplineMotion]):
     |v_k| <= v_max times h_{k-1} + h_k is linear in points and lengths.
     """
 
-    def __init__(self, of: InverseTranscription, limit: JointLimit) -> None:
+    def __init__(self, of: InverseTranscription, limit: JointLimit, name: str) -> None:
         self._of, self._limit, N = of, limit, of.intervals
+        self.name, self.curable = name, limit.curable
         free_end = of.system.final_velocity is None
         self._nodes = np.arange(1, N + 1 if free_end else N)
         # Twice the time between neighbouring control points, by the durations.
         knots = of.knots_by_durations
         self._apart = (knots[3:-1] - knots[1:-3])[self._nodes]
         self._unit = 2.0 * of.duration / N
-        size = 2 * self._nodes.size * limit.count
-        self.lower, self.upper = np.full(size, -np.inf), np.zeros(size)
+        shape = 1, 2 * self._nodes.size * limit.count
+        self.lower, self.upper = np.full(shape, -np.inf), np.zeros(shape)
 
-    def values(self, motion: SplineMotion) -> Array:
+    def of_motion(self, motion: SplineMotion) -> Array:
         """Excess of the speeds over their limits, in both directions."""
         limit, apart = self._limit, (self._apart @ motion.eta)[:, None]
         steps = np.diff(motion.points, axis=0)[self._nodes]
         ratio = 2.0 * steps[:, limit.joints] / limit.upper
         return (np.stack([ratio - apart, -ratio - apart]) / self._unit).ravel()
 
-    def jacobian(self, motion: SplineMotion) -> sp.csr_matrix:
+    def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
         """By the unknowns."""
         limit, n, count = self._limit, self._of.system.n, self._nodes.size
         slope = np.tile(2.0 / (limit.upper * self._unit), count)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.motion.trajectory import Trajectory
@@ -57,11 +58,10 @@ class Layout:
             return None
         shares = transcription.shares
         eta = np.array(z[z.size - shares.shape[1] :])
-        layout = cls(LIFTED, shares, eta, transcription.segment_ends)
-        if isinstance(transcription, CollocationTranscription):
-            return layout
-        degree, breaks = transcription.degree, transcription.breaks
-        return replace(layout, degree=degree, breaks=breaks)
+        degree, breaks = LIFTED, tuple[int, ...]()
+        if isinstance(transcription, BSplineTranscription):
+            degree, breaks = transcription.degree, transcription.breaks
+        return cls(degree, shares, eta, transcription.segment_ends, breaks)
 
     @classmethod
     def of_motion(
@@ -81,12 +81,10 @@ class Layout:
         for begin, arrival, _ in spans_of(motion, segments):
             moving = (motion.t >= begin) & (motion.t <= arrival)
             lengths.append(np.diff(motion.t[moving]))
-        counts = [part.size for part in lengths]
-        segment, T = np.repeat(np.arange(len(counts)), counts), motion.duration
-        shares = np.zeros((segment.size, len(counts)))
-        shares[np.arange(segment.size), segment] = np.concatenate(lengths) / T
-        ends = tuple(np.cumsum(counts).tolist())
-        return cls(motion.degree, shares, np.full(len(counts), T), ends)
+        shares = block_diag(*(part[:, None] for part in lengths)) / motion.duration
+        ends = tuple(np.cumsum([part.size for part in lengths]).tolist())
+        eta = np.full(len(lengths), motion.duration)
+        return cls(motion.degree, shares, eta, ends)
 
     @classmethod
     def of_torques(cls, motion: Trajectory) -> Layout:
@@ -176,10 +174,8 @@ class Layout:
 
             z = of.interpolated(eta, position)
             return of, of.within_limits(z) if within else z
-        nodes, middle = (
-            motion(np.minimum(t, motion.duration)),
-            motion(0.5 * (t[1:] + t[:-1])),
-        )
+        nodes = motion(np.minimum(t, motion.duration))
+        middle = motion(0.5 * (t[1:] + t[:-1]))
         u = net_torque(system, middle.u, middle.v)
         return of, of.pack(np.hstack([nodes.q, nodes.v]), u, eta)
 

@@ -58,8 +58,22 @@ class LazyClearanceRows:
 
     @cached_property
     def room(self) -> Array:
-        """Padding beyond the margin, by collision pair [m]."""
-        return self._share * _padding(self._problem)
+        """Padding beyond the margin, by collision pair [m].
+
+        It makes the motion keep the margin between the rows.
+        """
+        problem, checker = self._problem, self._problem.checker
+        ends = [problem.q_start]
+        if problem.goal.configuration is not None:
+            ends.append(problem.goal.configuration)
+        # Distances beyond this do not change the padding.
+        cutoff = problem.margins + PADDING / PADDING_SHARE
+        room = checker.distances(np.stack(ends), cutoff) - problem.margins
+        # The arrival time is not known, nor is the place of moving obstacles then.
+        room[1:, checker.moving_pairs] = np.inf
+        room = np.min(room, axis=0)
+        most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
+        return np.asarray(self._share * np.clip(PADDING_SHARE * room, 0.0, most))
 
     @cached_property
     def clearance(self) -> ClearanceConstraint | None:
@@ -70,21 +84,6 @@ class LazyClearanceRows:
         margin = self._problem.margins + self.room
         padding = self.room / self._reach
         return ClearanceConstraint(checker, margin, self._reach, padding=padding)
-
-
-def _padding(problem: Problem) -> Array:
-    """Padding beyond the margin, by collision pair [m]."""
-    checker, ends = problem.checker, [problem.q_start]
-    if problem.goal.configuration is not None:
-        ends.append(problem.goal.configuration)
-    # Distances beyond this do not change the padding.
-    cutoff = problem.margins + PADDING / PADDING_SHARE
-    room = checker.distances(np.stack(ends), cutoff) - problem.margins
-    # The arrival time is not known, nor is the place of moving obstacles then.
-    room[1:, checker.moving_pairs] = np.inf
-    room = np.min(room, axis=0)
-    most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
-    return np.asarray(np.clip(PADDING_SHARE * room, 0.0, most))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +117,12 @@ class ProblemFunctions:
         whole = cls._of(problem)
         if not problem.segments:
             return whole
-        parts: list[ProblemFunctions] = []
+        # One set of rows for the same pairs, on all segments at once.
+        rows, parts = {id(problem.checker): whole.watched}, list[ProblemFunctions]()
         for phase in problem.phases:
             part = cls._of(phase)
-            for known in (whole, *parts):
-                # One set of rows for the same pairs, on all segments at once.
-                if phase.checker is known.problem.checker:
-                    part = replace(part, watched=known.watched)
-                    break
-            parts.append(part)
+            watched = rows.setdefault(id(phase.checker), part.watched)
+            parts.append(replace(part, watched=watched))
         return replace(whole, parts=tuple(parts))
 
     @classmethod
@@ -143,14 +139,6 @@ class ProblemFunctions:
     def clearance(self) -> ClearanceConstraint | None:
         """Distances to obstacles and between links; None without either."""
         return None if self.watched is None else self.watched.clearance
-
-    @property
-    def padding(self) -> Array:
-        """Padding of the clearance rows beyond the margin, as shares of the reach.
-
-        The padding makes the motion keep the margin between the rows; by pair.
-        """
-        return np.zeros(0) if self.watched is None else self.watched.room / self.reach
 
     @property
     def in_free_space(self) -> bool:
@@ -237,23 +225,22 @@ class ProblemFunctions:
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
         """All constraints along a motion."""
-        motors: list[Constraint] = []
-        others: list[Constraint] = []
+        limits: list[Constraint] = []
         for item in joint_limits(self.problem):
             joints, kind, most = item.joints, item.kind, item.upper
             if kind.of == "u":
-                motors.append(TorqueLimit(self.motors, kind))
+                limits.append(TorqueLimit(self.motors, kind))
             elif kind.of == "du":
-                motors.append(TorqueRate(self.motors, kind, joints, most[joints]))
+                limits.append(TorqueRate(self.motors, kind, joints, most[joints]))
             elif kind.of == "uv":
-                motors.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
+                limits.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
             elif joints.size:
                 scale = most if kind.order else self.step_scale
                 rows = item.lower[joints], most[joints], scale[joints]
-                others.append(JointLimit(kind, joints, *rows))
-        # Positions last.
-        others.sort(key=lambda item: item.order == 0)
-        found = [*motors, *others, self.clearance, *self.problem.ready_constraints]
+                limits.append(JointLimit(kind, joints, *rows))
+        # Those of the motors first, positions last.
+        limits.sort(key=lambda item: (isinstance(item, JointLimit), item.order == 0))
+        found = [*limits, self.clearance, *self.problem.ready_constraints]
         return tuple(item for item in found if item is not None)
 
     @property

@@ -19,18 +19,17 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints import Arrival, GoalReached, JointLimit
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import (
+    NOT_INTEGRATED,
     Linearization,
     StepBounds,
     Transcription,
     Variation,
 )
-from tominpmp.transcription.blocks import Block, ContinuousRows, SampledRows, blocks_of
+from tominpmp.transcription.blocks import Block, SampledRows, blocks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
 
-# Value of the rows of a motion that could not be integrated to its end.
-NOT_INTEGRATED = 1e3
 # An instant whose value is this close to the maximum of a constraint attains it.
 ATTAINED = 1e-4
 
@@ -71,7 +70,7 @@ class NonlinearProgram:
         system = transcription.system
         blocks: list[Block] = []
         if transcription.equations is not None:
-            blocks.append(ContinuousRows("dynamics", transcription.equations))
+            blocks.append(transcription.equations)
         blocks += [block for block in blocks_of(transcription) if block.lower.size]
         blocks += _at_ends_of_segments(transcription)
         scale = transcription.goal_scale
@@ -126,18 +125,11 @@ class NonlinearProgram:
     def rows(self) -> Rows:
         """Bounds, kinds and groups of the rows."""
         by_component = self.transcription.by_component
-        return Rows.stack(
-            [
-                (
-                    block.name,
-                    block.lower.ravel(),
-                    block.upper.ravel(),
-                    block.groups(by_component),
-                )
-                for block in self.blocks
-            ],
-            {block.name for block in self.blocks if block.curable},
-        )
+        parts = []
+        for block in self.blocks:
+            bounds = block.lower.ravel(), block.upper.ravel()
+            parts.append((block.name, *bounds, block.groups(by_component)))
+        return Rows.stack(parts, {block.name for block in self.blocks if block.curable})
 
     def timed(self, z: Array) -> Array:
         """An iterate with exactly the least duration, where it has that up to a trace.
@@ -150,7 +142,7 @@ class NonlinearProgram:
         return np.append(z[:-1], T)
 
     def evaluate(self, z: Array, room: float = np.inf) -> Array:
-        """Row values; rows with a margin above ``room`` are not exact, see Program."""
+        """Row values; rows with a margin above ``room`` are not exact, see Solved."""
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return np.full(self.rows.size, NOT_INTEGRATED)
@@ -201,12 +193,11 @@ class NonlinearProgram:
         ]
         if not bending:
             return None
-        motion = self.transcription.motion(self.timed(z))
+        of = self.transcription
+        motion = of.motion(self.timed(z))
         if not motion.finite:
             return None
-        found = [
-            block.bend(self.transcription, motion, mine) for block, mine in bending
-        ]
+        found = [block.bend(of, motion, mine) for block, mine in bending]
         roots = [root for root in found if root is not None]
         return sp.vstack(roots, format="csr") if roots else None
 
@@ -242,7 +233,7 @@ class NonlinearProgram:
         rows = self.rows
         chosen = np.zeros(rows.size, dtype=bool)
         for excess in (values - rows.upper, rows.lower - values):
-            largest = np.full(int(rows.group.max()) + 1, -np.inf)
+            largest = np.full(rows.group_count, -np.inf)
             np.maximum.at(largest, rows.group, excess)
             attained = excess >= largest[rows.group] - ATTAINED
             chosen |= attained & np.isfinite(excess)
@@ -298,11 +289,11 @@ class NonlinearProgram:
         former, motion = of.motion(self.timed(z)), of.motion(self.timed(slow))
         if not (former.finite and motion.finite):
             return slow, self.evaluate(slow)
-        known = np.split(values, self.first[1:])
-        parts = [
-            block.values_as(of, motion, former, mine)
-            for block, mine in zip(self.blocks, known, strict=True)
-        ]
+        parts = np.split(values, self.first[1:])
+        for index, block in enumerate(self.blocks):
+            kept = isinstance(block, SampledRows) and block.keeps(of, motion, former)
+            if not kept:
+                parts[index] = block.values(of, motion)
         return slow, np.concatenate(parts)
 
     def trajectory(self, z: Array) -> Trajectory:

@@ -37,6 +37,11 @@ class Rows:
         """Number of rows."""
         return self.lower.size
 
+    @cached_property
+    def group_count(self) -> int:
+        """Number of groups."""
+        return int(self.group.max()) + 1 if self.size else 0
+
     def violation(self, values: Array) -> Array:
         """Violation of each row, >= 0, shape (m,)."""
         excess, below = values - self.upper, self.lower - values
@@ -49,27 +54,14 @@ class Rows:
 
     def group_violation(self, values: Array) -> Array:
         """Largest violation in each group, shape (number of groups,)."""
-        violation, starts = self.violation(values), self._starts
-        if starts is not None:
-            return np.asarray(np.maximum.reduceat(violation, starts))
-        count = int(self.group.max()) + 1 if self.size else 0
-        out = np.zeros(count)
-        np.maximum.at(out, self.group, violation)
+        out = np.zeros(self.group_count)
+        np.maximum.at(out, self.group, self.violation(values))
         return out
-
-    @cached_property
-    def _starts(self) -> IntArray | None:
-        """First row of each group; None if the rows of a group are not contiguous."""
-        rise = np.diff(self.group, prepend=-1)
-        if not self.size or np.any((rise != 0) & (rise != 1)):
-            return None
-        return np.flatnonzero(rise)
 
     @cached_property
     def group_kind(self) -> IntArray:
         """Kind of each group, shape (number of groups,)."""
-        count = int(self.group.max()) + 1 if self.size else 0
-        out = np.zeros(count, dtype=np.int64)
+        out = np.zeros(self.group_count, dtype=np.int64)
         out[self.group] = self.kind
         return out
 
@@ -104,20 +96,15 @@ class Rows:
         Returns:
             The rows of all blocks, in order.
         """
-        kinds = tuple(part[0] for part in parts)
-        lower, upper, kind, group = [], [], [], []
-        first = 0
-        for index, (_, low, high, groups) in enumerate(parts):
-            lower.append(low)
-            upper.append(high)
-            kind.append(np.full(low.size, index, dtype=np.int64))
-            group.append(groups.astype(np.int64) + first)
-            first += int(groups.max()) + 1 if groups.size else 0
+        kinds, lower, upper, groups = zip(*parts, strict=True)
+        sizes = [group.size for group in groups]
+        counts = [int(group.max(initial=-1)) + 1 for group in groups]
+        first = np.cumsum([0, *counts[:-1]])
         return Rows(
             np.concatenate(lower),
             np.concatenate(upper),
-            np.concatenate(kind),
-            np.concatenate(group),
+            np.repeat(np.arange(len(kinds)), sizes),
+            np.concatenate(groups) + np.repeat(first, sizes),
             kinds,
             np.array([kind in curable for kind in kinds], dtype=bool),
         )

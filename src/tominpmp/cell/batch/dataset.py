@@ -36,6 +36,8 @@ from tominpmp.status import Status
 # Largest number of files in one folder below the folder of the results.
 FILES = 1000
 ARRAYS = ("t", "q", "v", "u")
+# Those that not every motion has.
+MORE_ARRAYS = ("a", "segment_ends")
 VERSION = 1
 # What a file says of an outcome under the names of its fields.
 KEPT = (
@@ -155,12 +157,9 @@ def write_outcome(
     }
     motion = None if solution is None else solution.trajectory
     if motion is not None:
-        arrays |= {name: getattr(motion, name) for name in ARRAYS}
+        nodes = {name: getattr(motion, name) for name in (*ARRAYS, *MORE_ARRAYS)}
+        arrays |= {name: part for name, part in nodes.items() if part is not None}
         arrays["joint_names"] = np.array(motion.joint_names)
-        if motion.a is not None:
-            arrays["a"] = motion.a
-        if motion.segment_ends is not None:
-            arrays["segment_ends"] = motion.segment_ends
         arrays["torques_follow"] = np.array(motion.inverse_dynamics is not None)
 
     try:
@@ -266,9 +265,8 @@ class Entry(Record):
         """The motion without its dynamics."""
         found = self.arrays
         names = tuple(str(name) for name in found["joint_names"].tolist())
-        t, q, v, u = (found[name] for name in ARRAYS)
-        a, ends = found.get("a"), found.get("segment_ends")
-        return Trajectory(names, t, q, v, u, a=a, segment_ends=ends)
+        given = {k: found[k] for k in (*ARRAYS, *MORE_ARRAYS) if k in found}
+        return Trajectory(names, **given)
 
     def trajectory(self, problem: Problem | None = None) -> Trajectory | None:
         """The motion; None without one.

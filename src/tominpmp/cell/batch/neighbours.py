@@ -102,8 +102,6 @@ def _nearest(
     table: Array, own: int, before: IntArray, members: list[int]
 ) -> list[tuple[int, float]]:
     """The problems before one that are nearest to it, three at most; how far."""
-    if not before.size:
-        return []
     away = np.linalg.norm(table[before] - table[own], axis=1)
     order = np.argsort(away, kind="stable")[:3]
     found = [(members[before[k]], float(away[k])) for k in order.tolist()]
@@ -112,11 +110,10 @@ def _nearest(
 
 def _spread(table: Array) -> IntArray:
     """An order in which each row is as far as can be from those before it."""
-    count = len(table)
     away = np.linalg.norm(table - table.mean(axis=0), axis=1)
     order = [int(np.argmin(away))]
     away = np.linalg.norm(table - table[order[0]], axis=1)
-    for _ in range(count - 1):
+    for _ in table[1:]:
         away[order] = -1.0
         order.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(table - table[order[-1]], axis=1))
@@ -128,15 +125,12 @@ def _place(problem: Problem | None) -> tuple[Any, Array]:
     if problem is None or problem.segments:
         # Motions of segments do not begin with others.
         return ("alone", id(problem)), np.zeros(1)
-    goal = problem.goal
-    target = goal.configuration
-    parts = [problem.q_start]
-    if target is None and goal.ball is not None:
-        target = LENGTH * goal.ball.centre
-    if target is not None:
-        parts.append(np.asarray(target))
+    robot, goal, parts = problem.robot, problem.goal, [problem.q_start]
+    if goal.configuration is not None:
+        parts.append(goal.configuration)
+    elif goal.ball is not None:
+        parts.append(LENGTH * goal.ball.centre)
     parts += [LENGTH * item.position for item in problem.scene]
-    robot, kind = problem.robot, (type(goal).__name__, goal.frame_name)
     obstacles = tuple(item.name for item in problem.scene)
-    key = robot.joint_names, robot.name, *kind, obstacles
+    key = robot.joint_names, robot.name, type(goal).__name__, goal.frame_name, obstacles
     return key, np.concatenate(parts)

@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 from weakref import WeakSet
@@ -32,7 +32,7 @@ from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError, brief
+from tominpmp.exceptions import ScenarioError, TominpmpError, brief
 from tominpmp.files.scenario import Scenario, load_scenario, scenario_text
 from tominpmp.initial_guess.parallel import end_with
 from tominpmp.motion.trajectory import Trajectory
@@ -188,7 +188,6 @@ def _outcomes(
 ) -> Iterator[Outcome]:
     """Outcomes as they finish, of tasks of which some begin with motions."""
     sent: dict[int, BatchTask] = {}
-    bad: list[Outcome] = []
 
     def work() -> Iterator[tuple[int, bytes]]:
         for task in tasks:
@@ -196,20 +195,16 @@ def _outcomes(
                 packed = _packed((task, settings, starts.get(task.index)))
             except Exception as error:  # whatever the caller's object does
                 reason = f"the problem cannot be sent: {brief(str(error), 300)}"
-                bad.append(task.failed(BROKEN, reason))
-                continue
+                packed = _packed(task.failed(BROKEN, reason))
             sent[task.index] = task
             yield task.index, packed
 
     for index, result in executor.results(work()):
-        while bad:
-            yield bad.pop(0)
         task = sent.pop(index)
         if result is None:
             yield task.failed(LOST, "the process that planned it was killed, twice")
         else:
             yield pickle.loads(result)
-    yield from bad
 
 
 def _in_rounds(
@@ -224,15 +219,14 @@ def _in_rounds(
     rounds = rounds_of(problems)
     motions: dict[int, Trajectory] = {}
     for numbers in rounds.rounds:
-        chosen, fresh = [every[k] for k in numbers.tolist()], dict[int, Trajectory]()
+        chosen = [every[k] for k in numbers.tolist()]
         near = {task.index: rounds.start(task.index, motions) for task in chosen}
         starts = {k: (j, motions[j]) for k, j in near.items() if j is not None}
         for outcome in _outcomes(executor, settings, chosen, starts):
             solution = outcome.solution
             if outcome.success and solution is not None and solution.trajectory:
-                fresh[outcome.index] = solution.trajectory
+                motions[outcome.index] = solution.trajectory
             yield outcome
-        motions |= fresh
 
 
 def _in_order(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
@@ -324,8 +318,6 @@ class Settings:
 MOST_ROBOTS = 16
 # Those that were written to a file and read back.
 _checked_robots: WeakSet[Robot] = WeakSet()
-# Processes that this one ends with.
-_watched_parents: set[int] = set()
 
 
 @lru_cache(MOST_ROBOTS)
@@ -362,14 +354,22 @@ def _packed(item: Any) -> bytes:
 def _run_packed(packed: bytes) -> bytes:
     """In a process of a batch: plan what was sent, and send the outcome.
 
-    What is sent is a task, the settings and a motion to begin with.
+    What is sent is a task, the settings and a motion to begin with; or an outcome where
+    these cannot be sent.
     """
-    task, settings, start = pickle.loads(packed)
-    if os.getpid() != settings.parent and settings.parent not in _watched_parents:
-        _watched_parents.add(settings.parent)
-        if hasattr(os, "getppid") and os.getppid() == settings.parent:
-            end_with(settings.parent)
+    sent = pickle.loads(packed)
+    if isinstance(sent, Outcome):
+        return packed
+    task, settings, start = sent
+    _end_with(settings.parent)
     return _packed(_planned(task, settings, start))
+
+
+@cache
+def _end_with(handing_out: int) -> None:
+    """Let this process end with the one that hands out the work, if it is its child."""
+    if hasattr(os, "getppid") and os.getppid() == handing_out:
+        end_with(handing_out)
 
 
 def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcome:
@@ -413,11 +413,8 @@ def _problem(given: Any, options: Options | None) -> tuple[Problem, Options]:
         return given.problem, given.options if options is None else options
     if isinstance(given, Problem):
         return given, Options.of(options)
-    raise ProblemError(
-        f"the problem is {brief(given)}, expected a Problem, a Scenario or the path of "
-        "a scenario file",
-        "problems",
-    )
+    expected = "a Problem, a Scenario or the path of a scenario file"
+    raise wrong(given, "the problem", expected)
 
 
 def _written(problem: Problem, options: Options, folder: Path) -> tuple[str, str]:

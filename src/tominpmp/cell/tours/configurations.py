@@ -44,20 +44,17 @@ class GoalRows:
     def __init__(self, robot: Robot, goals: Sequence[Goal]) -> None:
         self.goals, self.kinematics = tuple(goals), RobotKinematics(robot)
         nothing = FrameTarget(np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6)), False)
-        targets, frames, zero = [], list[str](), np.zeros(robot.n)
-        self.rows = 6
+        targets, frames = list[FrameTarget](), list[str]()
         for goal in goals:
             target = frame_target(goal)
             targets.append(target or nothing)
             # Other kinds of goals are evaluated one by one.
             frames.append(str(goal.frame_name) if target else "")
-            if target is None:
-                size = goal.place(self.kinematics, zero).value.size
-                self.rows = max(self.rows, size)
+        zero = np.zeros(robot.n)
+        self.rows = max(6, *(g.place(self.kinematics, zero).value.size for g in goals))
         self._frames = np.array(frames)
         self._motions = {name: FrameMotions(robot, name) for name in {*frames} - {""}}
-        each = zip(*targets, strict=True)
-        self._targets = tuple(np.stack(part) for part in each)
+        self._targets = tuple(np.stack(part) for part in zip(*targets, strict=True))
 
     def __call__(self, q: Array, which: IntArray) -> tuple[Array, Array]:
         """Evaluate residuals.
@@ -161,12 +158,6 @@ class Configurations:
             if one.frame_name is not None:
                 row[:] = ~np.any(kinematics.jacobian(home, one.frame_name), axis=0)
 
-    @property
-    def limits(self) -> tuple[Array, Array]:
-        """Position limits, shape (n,) each."""
-        limits = self.problem.robot.limits
-        return limits.position_lower, limits.position_upper
-
     def projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
         """Nearest configurations that meet goals, by damped least squares.
 
@@ -183,12 +174,13 @@ class Configurations:
     def _solved(self, q: Array, aim: IntArray) -> tuple[Array, BoolArray]:
         """Nearest configurations that meet alternatives, given by their index."""
         out, left = np.array(q), np.zeros(len(q))
+        limits = self.problem.robot.limits
         for begin in range(0, len(q), CHUNK):
             part = slice(begin, begin + CHUNK)
             out[part], left[part] = least_squares(
                 partial(self._residual, aim[part]),
                 q[part],
-                self.limits,
+                (limits.position_lower, limits.position_upper),
                 self._scales[aim[part]] / self.weights,
                 LONGEST_STEP * self._scales[aim[part]],
                 reached=REACHED,
@@ -214,13 +206,13 @@ class Configurations:
             best[nearer] = k
         return first + best
 
-    def free(self, q: Array, g: int | None) -> BoolArray:
+    def free(self, q: Array, g: int) -> BoolArray:
         """At which configurations a station can be, shape (m,).
 
         They keep clear, when it is left, too, with what is carried from there; and
         constraints hold.
         """
-        loaded = None if g is None else self.leaving.get(g)
+        loaded = self.leaving.get(g)
         asked = [self.problem] if loaded is None else [self.problem, loaded]
         return np.array([all(_keeps(p, row) for p in asked) for row in q], dtype=bool)
 
@@ -270,11 +262,11 @@ class Configurations:
 
     def _random(self, rng: np.random.Generator, g: int, count: int) -> Array:
         """Configurations for a station within half a turn of the start, (count, n)."""
-        (low, high), home = self.limits, self.problem.q_start
+        limits, home = self.problem.robot.limits, self.problem.q_start
         around = AROUND * self._scales[self._first[g]]
-        low, high = np.maximum(low, home - around), np.minimum(high, home + around)
-        shape = count, home.size
-        return rng.uniform(np.minimum(low, high), np.maximum(low, high), shape)
+        low = np.maximum(limits.position_lower, home - around)
+        high = np.minimum(limits.position_upper, home + around)
+        return rng.uniform(low, high, (count, home.size))
 
     def _from_neighbours(self, found: list[Array], which: list[int]) -> None:
         """Add what the configurations of stations nearby lead to."""
@@ -397,17 +389,17 @@ def refined(
         Configurations of all places.
     """
     goals, nodes = configurations.goals, [node for node, _ in places]
-    stations = [table.station(node) for node in nodes]
-    open_ones = [
-        k
-        for k, g in enumerate(stations)
+    # Stations whose configurations are not given, by their places.
+    open_ones = {
+        k: g
+        for k, g in enumerate(map(table.station, nodes))
         if g is not None and goals[g].configuration is None
-    ]
+    }
     way, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
     for _ in range(ROUNDS if open_ones else 0):
         starts = [_around(way, k, radius, rng) for k in open_ones]
-        place = np.repeat(open_ones, [len(rows) for rows in starts])
-        which = np.array([stations[k] for k in place.tolist()], dtype=np.int64)
+        place = np.repeat([*open_ones], [len(rows) for rows in starts])
+        which: IntArray = np.array([open_ones[k] for k in place.tolist()])
         q, good = configurations.projected(np.concatenate(starts), which)
         q, place = q[good], place[good]
         choices = [
@@ -419,9 +411,9 @@ def refined(
             now, chosen = tried.best_configurations(range(len(nodes)))
             # Whether they are clear is asked of those that would be taken.
             bad = [
-                (k, c)
-                for k, c in enumerate(chosen)
-                if c and not configurations.free(choices[k][c : c + 1], stations[k])[0]
+                (k, chosen[k])
+                for k, g in open_ones.items()
+                if chosen[k] and not configurations.free(choices[k][[chosen[k]]], g)[0]
             ]
             for k, c in bad:
                 choices[k] = np.delete(choices[k], c, axis=0)

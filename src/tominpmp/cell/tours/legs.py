@@ -73,10 +73,9 @@ class JointTimes:
 
         Those of short ways where accelerations are limited: their square roots count.
         """
-        slow = np.where(np.isfinite(self.velocity), 1.0 / self.velocity, 0.0)
+        slow = 1.0 / self.velocity
         slow = np.maximum(slow, 1e-3 * max(float(slow.max()), 1e-3))
-        finite = np.isfinite(self.acceleration)
-        if not np.all(finite):
+        if not np.all(np.isfinite(self.acceleration)):
             return np.asarray(slow)
         return np.asarray(np.sqrt(slow**2 + 1.0 / self.acceleration))
 
@@ -114,38 +113,36 @@ class JointTimes:
 
     def of_joints(self, way: Array, resting: int = 2) -> Array:
         """Least times by joint for distances to go, shape (..., n) both."""
-        v, a, j = self.velocity, self.acceleration, self.jerk
+        v, a, jerky = self.velocity, self.acceleration, np.isfinite(self.jerk)
         # Without limits a joint takes no time, whatever the way.
         with np.errstate(divide="ignore", invalid="ignore"):
             cruise = way / v
             if resting == 0:
                 return np.asarray(cruise)
-            if resting == 1 or not np.any(np.isfinite(j)):
-                ramps = float(resting)
-                short = way * a < 0.5 * ramps * v * v
-                peak = np.sqrt(2.0 * ramps * way / a)
-                return np.where(short, peak, cruise + 0.5 * ramps * v / a)
-            return self._with_jerk(way, cruise)
+            ramps = float(resting)
+            short = way * a < 0.5 * ramps * v * v
+            peak = np.sqrt(2.0 * ramps * way / a)
+            speeding = np.where(np.isfinite(a), 0.5 * ramps * v / a, 0.0)
+            times = np.where(short, peak, cruise + speeding)
+            if resting == 2 and np.any(jerky):
+                limits = (limit[jerky] for limit in (v, a, self.jerk))
+                times[..., jerky] = _with_jerk(way[..., jerky], *limits)
+            return times
 
-    def _with_jerk(self, way: Array, cruise: Array) -> Array:
-        """From rest to rest, where accelerations begin and end with zero."""
-        v, a, j = self.velocity, self.acceleration, self.jerk
-        jerky = np.isfinite(j)
-        jerk = np.where(jerky, j, 1.0)
-        ramp = np.where(v * jerk >= a * a, v / a + a / jerk, 2.0 * np.sqrt(v / jerk))
-        ramp = np.where(jerky, ramp, v / a)
-        # The peak speed of a motion that does not reach the speed limit.
-        knee = np.where(jerky, a * a / jerk, 0.0)
-        full = 0.5 * (np.sqrt(knee * knee + 4.0 * a * way) - knee)
-        part = (0.5 * way * np.sqrt(jerk)) ** (2.0 / 3.0)
-        peaked = np.where(
-            np.isfinite(a) & (full >= knee),
-            2.0 * (full / a + np.where(jerky, a / jerk, 0.0)),
-            4.0 * np.sqrt(part / jerk),
-        )
-        peaked = np.where(jerky | np.isfinite(a), peaked, cruise)
-        long = np.isfinite(v) & (v * ramp <= way)
-        return np.where(way > 0.0, np.where(long, cruise + ramp, peaked), 0.0)
+
+def _with_jerk(way: Array, v: Array, a: Array, jerk: Array) -> Array:
+    """Least times from rest to rest, where accelerations begin and end with zero."""
+    ramp = np.where(v * jerk >= a * a, v / a + a / jerk, 2.0 * np.sqrt(v / jerk))
+    # From this speed on the full acceleration is reached; without a limit of it never.
+    knee = a * a / jerk
+    # Peak speed of a motion that reaches it, but not the speed limit.
+    full = 0.5 * (np.sqrt(knee * knee + 4.0 * a * way) - knee)
+    part = (0.5 * way * np.sqrt(jerk)) ** (2.0 / 3.0)
+    peaked = np.where(
+        full >= knee, 2.0 * (full / a + a / jerk), 4.0 * np.sqrt(part / jerk)
+    )
+    long = np.isfinite(v) & (v * ramp <= way)
+    return np.where(way > 0.0, np.where(long, way / v + ramp, peaked), 0.0)
 
 
 # A leg: node and configuration it begins at, node and configuration it ends at.
@@ -248,10 +245,9 @@ class LegTable:
         out = np.empty((len(q), len(q)))
         rests = np.array(self.rests, dtype=int)
         resting = rests[:, None] + rests
-        for count in range(3):
+        for count in np.unique(resting).tolist():
             which = resting == count
-            if np.any(which):
-                out[which] = self.factor * self.times.matrix(q, q, count)[which]
+            out[which] = self.factor * self.times.matrix(q, q, count)[which]
         for (i, j), known in self.known.items():
             out[i, j] = known.get((chosen[i], chosen[j]), out[i, j])
         np.fill_diagonal(out, 0.0)
@@ -299,8 +295,7 @@ def direct_motion(problem: Problem) -> Trajectory | None:
     if not np.any(moves) or np.any(sudden) or not 0.0 < T < np.inf:
         return None
     # The longer joints speed up, at most half of the time, the slower they need to.
-    cruise = np.where(np.isfinite(times.velocity), far / times.velocity, 0.0)
-    ramp = np.minimum(T - cruise, 0.5 * T)
+    ramp = np.minimum(T - far / times.velocity, 0.5 * T)
     alike = float(np.min(ramp))
     if np.all(far <= alike * (T - alike) * times.acceleration * (1.0 + 1e-9)):
         # Then the way is a straight line.
@@ -316,10 +311,8 @@ def direct_motion(problem: Problem) -> Trajectory | None:
     v[1:-1] = np.cumsum(a * dt, axis=0)[:-1]
     q[1:] += np.cumsum((v[:-1] + 0.5 * a * dt) * dt, axis=0)
     q[-1] = goal
-    dynamics = RobotDynamics(problem.robot).inverse
-    joints = problem.robot.joint_names
-    motion = Trajectory(joints, t, q, v, np.zeros_like(q), a=a)
-    return motion.with_torques(dynamics)
+    motion = Trajectory(problem.robot.joint_names, t, q, v, np.zeros_like(q), a=a)
+    return motion.with_torques(RobotDynamics(problem.robot).inverse)
 
 
 # Message of direct motions.
@@ -369,18 +362,25 @@ class Legs:
 
     # -- problems of legs --------------------------------------------------------------
 
-    def _carried(
-        self, begin: int | None, end: int | None
-    ) -> tuple[Payload | None, list[tuple[str, str]]]:
-        """The load between two stations, and the pairs that may touch.
+    def _load(self, station: int | None) -> Payload | None:
+        """What is carried from a station, by its index; None for the start."""
+        return None if station is None else self.stations[station].payload
+
+    def _setting(self, begin: int | None, end: int | None) -> Problem:
+        """The problem with the load between two stations, and what may touch there.
 
         Args:
             begin: Index of the station where the leg begins; None for the start.
             end: Where it ends; None for the end of the tour.
         """
         ends = [self.stations[index] for index in (begin, end) if index is not None]
-        payload = None if begin is None else self.stations[begin].payload
-        return payload, [pair for station in ends for pair in station.may_touch]
+        touch = [pair for station in ends for pair in station.may_touch]
+        payload, key = self._load(begin), (begin, end if touch else None)
+        if payload is None and not touch:
+            return self.problem
+        if key not in self._settings:
+            self._settings[key] = carrying(self.problem, payload, touch)
+        return self._settings[key]
 
     def _problem(self, leg: Leg) -> Problem:
         """The problem of a leg.
@@ -389,15 +389,9 @@ class Legs:
             ProblemError: If there cannot be such a leg.
         """
         begin, end = self.table.station(leg[0]), self.table.station(leg[2])
-        payload, touch = self._carried(begin, end)
         q_start, q_end = self.table.rows(leg)
-        setting = self.problem
-        if payload is not None or touch:
-            key = begin, end if touch else None
-            if key not in self._settings:
-                self._settings[key] = carrying(setting, payload, touch)
-            setting = self._settings[key]
-        return setting.with_ends(q_start, JointGoal(q_end, wrap=False))
+        goal = JointGoal(q_end, wrap=False)
+        return self._setting(begin, end).with_ends(q_start, goal)
 
     def stays(self, leg: Leg) -> bool:
         """Whether a leg leads nowhere."""
@@ -470,12 +464,15 @@ class Legs:
         for place, k in enumerate(way[1:-1]):
             if k is not None:
                 goals[place] = self.stations[k].goal
-        carried = [self._carried(begin, end) for begin, end in pairwise(way)]
 
         def made() -> Problem:
             segments = [
-                Segment(goal, payload=payload, may_touch=touch)
-                for goal, (payload, touch) in zip(goals, carried, strict=True)
+                Segment(
+                    goal,
+                    payload=self._load(begin),
+                    may_touch=self._setting(begin, end).may_touch,
+                )
+                for goal, (begin, end) in zip(goals, pairwise(way), strict=True)
             ]
             begin, end = q[0], goals[-1]
             return replace(self.problem, q_start=begin, goal=end, segments=segments)

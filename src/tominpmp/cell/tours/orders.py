@@ -12,7 +12,7 @@ configurations along an order are found by dynamic programming, and the two take
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise, permutations
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
@@ -73,25 +73,26 @@ def exact_order(
         ends: Whether there is an end, else the tour ends at any station.
     """
     n = len(sizes)
-    last, full = [block(1, n + 1).shape[1]] if ends else [], (1 << n + 1 + ends) - 1
+    # Without an end there is one that is reached from anywhere in no time.
+    last, full = block(1, n + 1).shape[1] if ends else 1, (1 << n + 2) - 1
     # Configurations of all nodes stand one after the other.
-    edges = np.cumsum([0, len(block(0, 1)), *sizes, *last]).tolist()
+    edges = np.cumsum([0, len(block(0, 1)), *sizes, last]).tolist()
     part = [slice(a, b) for a, b in pairwise(edges)]
     node = np.repeat(np.arange(len(part)), np.diff(edges))
     # Sets of nodes are bits: of those that come before each.
-    need = [0, *(1 | sum(2 << i for i in needed) for needed in rules.needs)]
-    need += [full >> 1] if ends else []
+    before_end = full >> 1
+    need = [0, *(1 | sum(2 << i for i in needed) for needed in rules.needs), before_end]
     between = np.full((edges[-1], edges[-1]), np.inf)
     for i, j in permutations(range(len(part)), 2):
         inner = max(i, j) <= n
         allowed = rules.follows(i - 1, j - 1) if inner else rules.may_end(i - 1)
         if j and i <= n and (i == 0 or allowed):
-            between[part[i], part[j]] = block(i, j)
+            between[part[i], part[j]] = block(i, j) if inner or ends else 0.0
     # By set: best time by last configuration, and the one before that.
     never = np.full(edges[-1], np.inf)
     cost, came = {1: never.copy()}, dict[tuple[int, int], Array]()
     cost[1][part[0]] = 0.0
-    for done in range(1, full, 2):
+    for done in range(1, before_end + 1, 2):
         check()
         row = cost.pop(done, never)
         alive = np.flatnonzero(np.isfinite(row))
@@ -105,9 +106,6 @@ def exact_order(
             after = cost.setdefault(done | 1 << j, never.copy())
             after[part[j]] = np.min(through, axis=0)
     total = cost.get(full, never)
-    for i in range(0 if ends else n):
-        if not rules.may_end(i):
-            total[part[i + 1]] = np.inf
     way, done = [int(np.argmin(total))], full
     if not np.isfinite(total[way[0]]):
         return np.inf, (), ()
@@ -116,7 +114,7 @@ def exact_order(
         way.append(int(came[done, j][way[-1] - edges[j]]))
         done ^= 1 << j
     nodes = node[way[::-1]]
-    chosen = np.array(way[::-1]) - np.array(edges)[nodes]
+    chosen = (np.array(way[::-1]) - np.array(edges)[nodes])[: n + 1 + ends]
     order = nodes[1 : n + 1] - 1
     return float(total[way[0]]), tuple(order.tolist()), tuple(chosen.tolist())
 
@@ -144,18 +142,13 @@ def search_order(
         length, chosen = table.best_configurations(table.way(order))
         if length > before - LEAST_GAIN or not left:
             break
-        each = _OneEach(table.fixed(_by_node(table, order, chosen)), rules, table.ends)
+        by_node = np.zeros(len(table.nodes), dtype=int)
+        by_node[table.way(order)] = chosen
+        each = _OneEach(table.fixed(by_node.tolist()), rules, table.ends)
         order = each.improved(order, WARM, FEW_STEPS, rng)
     if not rules.allow(order):
         return np.inf, (), ()
     return length, tuple(order), tuple(chosen)
-
-
-def _by_node(table: LegTable, order: Sequence[int], chosen: Sequence[int]) -> list[int]:
-    """Configurations by node, of those along an order."""
-    at = np.zeros(len(table.nodes), dtype=int)
-    at[table.way(order)] = chosen
-    return at.tolist()
 
 
 def _least_times(table: LegTable) -> Array:
@@ -163,10 +156,9 @@ def _least_times(table: LegTable) -> Array:
     n = len(table.nodes)
     least = np.zeros((n, n))
     few = [rows[:8] for rows in table.nodes]
-    for i in range(n):
-        for j in range(i + 1, n):
-            found = table.factor * np.min(table.times.matrix(few[i], few[j]))
-            least[i, j] = least[j, i] = found
+    for i, j in combinations(range(n), 2):
+        found = table.factor * np.min(table.times.matrix(few[i], few[j]))
+        least[i, j] = least[j, i] = found
     return least
 
 
@@ -191,13 +183,9 @@ class _OneEach:
         self.cost, self.n = cost, n
         inner = cost[1 : n + 1, 1 : n + 1]
         self.near = np.argsort(inner + inner.T, axis=1, kind="stable") + 1
-        # By node those that have to come before it, and after it.
+        # By node those that have to come before it.
         needs = [{i + 1 for i in needed} for needed in rules.all_needs]
-        self.earlier: list[set[int]] = [set(), *needs]
-        self.later: list[set[int]] = [set() for _ in range(n + 1)]
-        for node, before in enumerate(self.earlier):
-            for other in before:
-                self.later[other].add(node)
+        self.earlier: list[set[int]] = [set(), *needs, set()]
 
     def length(self, way: Sequence[int]) -> float:
         """Time of a way over nodes, from the start to the end."""
@@ -263,6 +251,6 @@ class _OneEach:
             for k, other in enumerate(way):
                 if other in self.earlier[node]:
                     first = k
-                elif other in self.later[node]:
+                elif node in self.earlier[other]:
                     last = min(last, k)
             way.insert(first + int(np.argmin(more[first:last])) + 1, node)

@@ -12,6 +12,7 @@ import itertools
 import logging
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -20,15 +21,9 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
+from tominpmp.bounds import LowerBound
 from tominpmp.cell.tours.configurations import Configurations, refined
-from tominpmp.cell.tours.legs import (
-    DIRECT,
-    JointTimes,
-    Leg,
-    Legs,
-    LegTable,
-    carrying,
-)
+from tominpmp.cell.tours.legs import DIRECT, JointTimes, Leg, Legs, LegTable, carrying
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.orders import best_order
 from tominpmp.cell.tours.station import (
@@ -53,7 +48,7 @@ from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
 from tominpmp.problem.segments import known_names
-from tominpmp.problem.state_checks import onto_limits
+from tominpmp.problem.state_checks import joint_vector, onto_limits
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 from tominpmp.solution import Solution
@@ -142,16 +137,16 @@ class TourSearch:
             if way is None or not self._refine(way):
                 break
             way = self._order(way)
-        best: tuple[float, Way] | None = None
+        best: Way | None = None
         rounds = 10_000 if self.exact else ROUNDS[self.legs.options.effort]
-        status, number = Status.CONVERGED, 0
+        status, least, number = Status.CONVERGED, np.inf, 0
         try:
             while way is not None:
                 complete = self._plan_legs(way)
                 # Between places that are passed the times are as estimated.
                 length = sum(self.table.time(leg) for leg in _legs(way))
-                if np.isfinite(length) and (best is None or length < best[0]):
-                    best = length, way
+                if length < least:
+                    least, best = length, way
                 number += 1
                 logger.info("round %d: %.4f s", number, length)
                 most = max(rounds, MOST_ROUNDS) if best is None else rounds
@@ -162,7 +157,7 @@ class TourSearch:
             status = _status(stop)
             if best is None:
                 raise
-        return self._failed() if best is None else self._assembled(best[1], status)
+        return self._failed() if best is None else self._assembled(best, status)
 
     # -- order and configurations ------------------------------------------------------
 
@@ -171,8 +166,9 @@ class TourSearch:
         table = self.table
         begin = [node - 1 for node, _ in (before or [])[1 : table.stations + 1]]
         length, order, chosen = best_order(table, self.rules, self.rng, begin)
-        found = np.isfinite(length) and order
-        return list(zip(table.way(order), chosen, strict=True)) if found else None
+        if not np.isfinite(length):
+            return None
+        return list(zip(table.way(order), chosen, strict=True))
 
     def _refine(self, way: Way) -> bool:
         """Add better configurations for an order; whether there are any."""
@@ -208,6 +204,7 @@ class TourSearch:
         legs, table, nodes = self.legs, self.table, [node for node, _ in way]
         q = [table.nodes[node][c] for node, c in way]
         motions, visits = list[Solution](), list[Visit]()
+        kinematics = RobotKinematics(legs.problem.robot)
         # When the robot comes to rest [s], and which arm stays there how long [s], None
         # for all of them: several arms may work at once.
         halts: list[tuple[float, list[tuple[str | None, float]]]] = [(0.0, [])]
@@ -218,25 +215,22 @@ class TourSearch:
             if number is None:
                 return
             station, (begin, stays) = legs.stations[number], halts[-1]
-            robot, arm = legs.problem.robot, None
-            if robot.parts:
-                still = np.zeros(robot.n)
-                met = station.goal.nearest(RobotKinematics(robot), there, still)
-                arm = arm_of(robot, met)
+            met = station.goal.nearest(kinematics, there, np.zeros_like(there))
+            arm = arm_of(kinematics.robot, met)
             before = [item for item in stays if arm is None or item[0] in (arm, None)]
             arrival = begin + together(before)
             stay = whole_periods(station.dwell, legs.options.control_period)
             stays.append((arm, stay))
             visits.append(Visit(station.name, there, arrival, arrival + stay))
 
-        first = 0
-        for last in _stops(table, nodes):
+        for first, last in pairwise(_stops(table, nodes)):
             found = _run(legs, way, q, first, last)
             if found is None:
                 return self._failed()
-            if not found:
-                visit(last, q[last])  # it is there already
             for motion, reached in found:
+                if motion is None:
+                    visit(reached[0], q[reached[0]])  # it is there already
+                    continue
                 begin = halts[-1][0] + together(halts[-1][1])
                 motions.append(motion)
                 for k, part in zip(reached, motion.segments, strict=True):
@@ -244,7 +238,6 @@ class TourSearch:
                         halts.pop()
                     halts.append((begin + part.arrival, []))
                     visit(k, motion.trajectory(part.arrival).q)
-            first = last
         what = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
         count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
         return Tour(
@@ -287,13 +280,13 @@ MOST_TOGETHER = 8
 
 
 def _stops(table: LegTable, nodes: Sequence[int]) -> list[int]:
-    """Places at which motions end: stops, and some between if these are rare."""
+    """The start, and where motions end: stops, and some between if these are rare."""
     stops = [0]
     for place in range(1, len(nodes)):
         final = place == len(nodes) - 1
         if table.rests[nodes[place]] or final or place - stops[-1] >= MOST_TOGETHER:
             stops.append(place)
-    return stops[1:]
+    return stops
 
 
 def _run(
@@ -302,21 +295,29 @@ def _run(
     q: Sequence[Array],
     first: int,
     last: int,
-) -> list[tuple[Solution, list[int]]] | None:
-    """Motions from one stop to the next, and the places that each one reaches."""
-    if last == first + 1:
-        leg = (*way[first], *way[last])
+) -> list[tuple[Solution | None, list[int]]] | None:
+    """Motions from one stop to the next, and the places that each one reaches.
+
+    The motion to a place where the arm is already is None; all of it where there is no
+    way to one of the places.
+    """
+    places = list(range(first + 1, last + 1))
+    if len(places) > 1:
+        stretch = slice(first, last + 1)
+        passing = legs.passing([node for node, _ in way[stretch]], q[stretch])
+        if passing is not None:
+            return [(passing, places)]
+    found: list[tuple[Solution | None, list[int]]] = []
+    for place in places:
+        leg = (*way[place - 1], *way[place])
         if legs.stays(leg):
-            return []
-        found = legs.motion(leg)
-        return None if found is None else [(found, [last])]
-    stretch = slice(first, last + 1)
-    passing = legs.passing([node for node, _ in way[stretch]], q[stretch])
-    if passing is not None:
-        return [(passing, list(range(first + 1, last + 1)))]
-    each = [_run(legs, way, q, k, k + 1) for k in range(first, last)]
-    parts = [part for part in each if part is not None]
-    return None if len(parts) < len(each) else [item for part in parts for item in part]
+            found.append((None, [place]))
+            continue
+        motion = legs.motion(leg)
+        if motion is None:
+            return None
+        found.append((motion, [place]))
+    return found
 
 
 def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:
@@ -413,20 +414,19 @@ def plan_tour(
         may_touch=may_touch,
     )
     items = _checked_goals(problem, items, rules)
+    bound = LowerBound(0.0, "")
     with bounded(chosen.max_planning_time):
         try:
             search = TourSearch(problem, items, rules, end, count, chosen, exact)
             tour = search.run()
-            bound = tour_bound(problem, items, rules, end)
         except (Stop, KeyboardInterrupt) as stop:
             status = _status(stop)
-            return Tour(
-                problem,
-                items,
-                status,
-                f"{status.value} No tour was found by then.",
-                planning_time=time.perf_counter() - begun,
-            )
+            text = f"{status.value} No tour was found by then."
+            tour = Tour(problem, items, status, text)
+        else:
+            # A tour that was found as the time ended is kept without a bound.
+            with suppress(Stop, KeyboardInterrupt):
+                bound = tour_bound(problem, items, rules, end)
     message = tour.message
     if bound.useful(tour.cycle_time):
         message = f"{message} No tour beats {bound.T:.4g} s: {bound.reason}."
@@ -454,12 +454,10 @@ def _problem(
             "scene",
         )
     anywhere = q_end is None or isinstance(q_end, str)
-    name = "q_start" if anywhere else "q_end"
-    end: Any = q_start if anywhere else q_end
+    name, end = ("q_start", q_start) if anywhere else ("q_end", q_end)
     try:
-        goal = JointGoal(end).resolved(robot)
-        goal.validate(robot)
-        q, snapped = onto_limits(robot, "position", goal.q, name)
+        given = joint_vector(robot, end, name)
+        q, snapped = onto_limits(robot, "position", given, name)
         for message in snapped:
             warn_caller(message)
         problem = Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)

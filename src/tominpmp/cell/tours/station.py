@@ -13,13 +13,7 @@ from tominpmp.arrays import Array, Record, record
 from tominpmp.checks import of_type, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
 from tominpmp.goals import Goal
-from tominpmp.problem.segments import (
-    Dwell,
-    Flag,
-    Pairs,
-    PayloadOrNone,
-    checked_pairs,
-)
+from tominpmp.problem.segments import Dwell, Flag, Pairs, PayloadOrNone, checked_pairs
 from tominpmp.robot import Robot
 
 # More stations than this are taken for a mistake.
@@ -160,22 +154,22 @@ def _named(number: int, name: Any, item: Any) -> Station:
 
 
 def _check_names(stations: Sequence[Station]) -> None:
-    seen: set[str] = set()
+    numbers: dict[str, int] = {}
     for k, station in enumerate(stations, 1):
-        if station.name in seen:
-            first = [other.name for other in stations].index(station.name) + 1
+        first = numbers.setdefault(station.name, k)
+        if first != k:
             raise ProblemError(
                 f"stations: numbers {first} and {k} are both called "
                 f"{brief(station.name)}, expected names of their own",
                 "stations",
             )
-        seen.add(station.name)
     for k, station in enumerate(stations, 1):
         for field in ("after", "then"):
             for name in getattr(station, field):
-                if name not in seen or name == station.name:
-                    others = brief(", ".join(sorted(seen - {station.name})))
-                    there = f"one of the others: {others}" if len(seen) > 1 else "none"
+                if name not in numbers or name == station.name:
+                    others = sorted(numbers.keys() - {station.name})
+                    known = brief(", ".join(others))
+                    there = f"one of the others: {known}" if others else "none"
                     raise ProblemError(
                         f"{called(k, station.name)}: {field} names "
                         f"{brief(name)}, expected {there}",
@@ -225,7 +219,16 @@ class Rules:
         }
         pairs |= {(i, min(others)) for i, others in then.items() if len(others) == 1}
         rules = cls(len(stations), frozenset(pairs), then)
-        rules._check_cycles([station.name for station in stations])
+        try:
+            _ = rules.all_needs
+        except CycleError as error:
+            circle = error.args[1][1:]
+            first = circle.index(min(circle))
+            way = [*circle[first:], *circle[: first + 1]]
+            told = brief(" before ".join(stations[k].name for k in way), 300)
+            raise ProblemError(
+                f"precedence runs in a circle: {told}", "precedence"
+            ) from None
         return rules
 
     @cached_property
@@ -260,19 +263,6 @@ class Rules:
             and self.may_end(order[-1])
             and all(self.follows(i, j) for i, j in itertools.pairwise(order))
         )
-
-    def _check_cycles(self, names: Sequence[str]) -> None:
-        """Check that no station has to come before itself."""
-        try:
-            TopologicalSorter(dict(enumerate(self.needs))).prepare()
-        except CycleError as error:
-            circle = error.args[1][1:]
-            first = circle.index(min(circle))
-            way = [names[k] for k in (*circle[first:], *circle[: first + 1])]
-            told = brief(" before ".join(way), 300)
-            raise ProblemError(
-                f"precedence runs in a circle: {told}", "precedence"
-            ) from None
 
 
 def arm_of(robot: Robot, goal: Goal) -> str | None:

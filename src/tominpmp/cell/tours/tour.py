@@ -22,7 +22,7 @@ from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.files.export import export
-from tominpmp.motion.trajectory import InverseDynamics, Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
 from tominpmp.problem.segments import Segment, segments_of
 from tominpmp.sensitivities import Sensitivities, analyse
@@ -156,13 +156,10 @@ class Tour:
             ProblemError: If there is no tour, or a motion has no multipliers.
         """
         self._motion()  # there has to be one
-        parts = []
-        for motion in self.motions:
-            found = motion.sensitivities
-            kept = tuple(item for item in found if item.kind != "goal")
-            parts.append(replace(found, records=kept))
+        parts = [motion.sensitivities for motion in self.motions]
         whole = Sensitivities.of_cycle(parts, T=self.cycle_time)
-        return replace(whole, records=(*whole.records, *self._places()))
+        kept = [item for item in whole if item.kind != "goal"]
+        return replace(whole, records=(*kept, *self._places()))
 
     def _places(self) -> list[Sensitivity]:
         """What the places of stations at which the arm stops are worth."""
@@ -316,21 +313,14 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
     }
     dynamics = [p.inverse_dynamics for p in parts if p.inverse_dynamics is not None]
     known = len(dynamics) == len(parts)
-    several = len({id(_robot_of(function)) for function in dynamics}) > 1
     return Trajectory(
         parts[0].joint_names,
         whole([begin + run.t for begin, run in zip(begins, runs, strict=True)]),
         **arrays,
         inverse_dynamics=dynamics[0] if known else None,
         segment_ends=ends[last],
-        segment_dynamics=tuple(dynamics) if known and several else (),
+        segment_dynamics=tuple(dynamics) if known else (),
     )
-
-
-def _robot_of(dynamics: InverseDynamics) -> object:
-    """The robot whose torques a function gives; itself where that is not known."""
-    owner = getattr(dynamics, "__self__", None)
-    return getattr(owner, "robot", dynamics)
 
 
 def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
