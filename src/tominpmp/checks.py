@@ -15,7 +15,7 @@ knows what to say of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from types import EllipsisType
 from typing import Annotated, Any, TypeAlias, TypeGuard, TypeVar
@@ -33,7 +33,13 @@ from tominpmp.arrays import (
     real_array,
     real_number,
 )
-from tominpmp.exceptions import ProblemError, TominpmpError, brief, closest
+from tominpmp.exceptions import (
+    JointNotFound,
+    ProblemError,
+    TominpmpError,
+    brief,
+    closest,
+)
 
 T = TypeVar("T")
 #: An error of a message and the name of an argument.
@@ -251,8 +257,33 @@ def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
     good = listed and all(isinstance(name, str) and name for name in value)
     names = tuple(str(name) for name in value) if good else ()
     if not names or len(set(names)) < len(names):
-        raise wrong(value, called, "names of joints, each its own")
+        raise wrong(value, called, "names of joints, each its own, none twice")
     return names
+
+
+def known_joints(names: Iterable[str], joints: Sequence[str]) -> None:
+    """Check that names are those of joints.
+
+    Raises:
+        JointNotFound: If one is not.
+    """
+    for name in names:
+        if name not in joints:
+            raise JointNotFound(name, joints)
+
+
+def one_each(values: Array, name: str, joints: Sequence[str]) -> None:
+    """Check that there is a number for each joint.
+
+    Raises:
+        ProblemError: If there are more or fewer.
+    """
+    if values.size != len(joints):
+        raise ProblemError(
+            f"{name} has {values.size} numbers, expected {len(joints)}, one for each "
+            f"of: {', '.join(joints)}",
+            name,
+        )
 
 
 #: A point or another vector in space: three numbers, or what has x, y and z.

@@ -88,13 +88,9 @@ class Dynamics(Protocol):
         """Torque with its partial derivatives."""
 
 
-def _heeding(rows: Iterable[_Row], count: int) -> Iterable[_Row]:
+def _heeding(rows: Iterable[_Row]) -> Iterator[_Row]:
     """Rows, of which there may be so many that it is time to stop before their end."""
-    return rows if count < MANY else _watched(rows)
-
-
-def _watched(rows: Iterable[_Row]) -> Iterator[_Row]:
-    for number, row in enumerate(rows):
+    for number, row in enumerate(rows, 1):
         if number % MANY == 0:
             check()
         yield row
@@ -171,7 +167,7 @@ class RobotDynamics:
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
         robot, model, data = self.robot, self.robot.model, self._data
         rnea, rows = pin.rnea, self._states(q, v, a)
-        tau = np.array([rnea(model, data, *row) for row in _heeding(rows, len(q))])
+        tau = np.array([rnea(model, data, *row) for row in _heeding(rows)])
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
 
     def inertial(self, q: Array, a: Array) -> Array:
@@ -184,20 +180,13 @@ class RobotDynamics:
         Returns:
             Torques, shape (m, n) [N m or N].
         """
-        robot, model, data = self.robot, self.robot.model.copy(), self._data
-        model.gravity = pin.Motion.Zero()
-        rnea, rest = pin.rnea, np.zeros(model.nv)
-        rows = _heeding(
-            zip(robot.expand(q), robot.expand_tangent(a), strict=True), len(q)
-        )
-        tau = np.array([rnea(model, data, at, rest, row) for at, row in rows])
-        return robot.reduce_tangent(tau.reshape(-1, model.nv))
+        return np.asarray((self.mass(q) @ a[:, :, None])[:, :, 0])
 
     def mass(self, q: Array) -> Array:
         """Mass matrices at positions of shape (m, n), shape (m, n, n)."""
         robot, model, data = self.robot, self.robot.model, self._data
         out = np.empty((len(q), model.nv, model.nv))
-        for i, row in enumerate(_heeding(robot.expand(q), len(q))):
+        for i, row in enumerate(_heeding(robot.expand(q))):
             out[i] = pin.crba(model, data, row)
         return self._reduced(from_upper(out))
 
@@ -278,8 +267,7 @@ class RobotDynamics:
             bias = self._smooth(q, v, zero) - robot.damping * v
             rest = (force - bias)[..., None]
             return np.asarray(np.linalg.solve(self.mass(q), rest)[..., 0])
-        aba = pin.aba
-        rows = _heeding(zip(q, v, force, strict=True), len(q))
+        aba, rows = pin.aba, _heeding(zip(q, v, force, strict=True))
         found = [aba(model, data, *row) for row in rows]
         return np.array(found).reshape(q.shape)
 
@@ -300,36 +288,32 @@ class RobotDynamics:
         """
         n, m = self.n, x.shape[0]
         q, v = x[:, :n], x[:, n:]
+        acceleration, (by_q, by_v, by_u) = self._acceleration_slopes(q, v, u)
         f_x = np.zeros((m, 2 * n, 2 * n))
         f_u = np.zeros((m, 2 * n, n))
         f_x[:, :n, n:] = np.eye(n)
-        if self.robot.expansion_matrix is None:
-            acceleration = self._aba_jacobians(q, v, u, f_x, f_u)
-        else:
-            acceleration = self._acceleration(q, v, u)
-            parts = self.inverse_jacobians(q, v, acceleration)
-            inverse = np.linalg.inv(parts.tau_a)
-            f_x[:, n:, :n] = -inverse @ parts.tau_q
-            f_x[:, n:, n:] = -inverse @ parts.tau_v
-            f_u[:, n:] = inverse
+        f_x[:, n:, :n], f_x[:, n:, n:], f_u[:, n:] = by_q, by_v, by_u
         return ForwardJacobians(np.concatenate([v, acceleration], axis=1), f_x, f_u)
 
-    def _aba_jacobians(
-        self, q: Array, v: Array, u: Array, f_x: Array, f_u: Array
-    ) -> Array:
-        model, data, n = self.robot.model, self._data, self.n
-        force = u - self.robot.damping * v
-        acceleration = np.empty_like(q)
-        derivatives = pin.computeABADerivatives
+    def _acceleration_slopes(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
+        """Accelerations, and their derivatives by q, v and u, shape (3, m, n, n)."""
+        robot, model, data = self.robot, self.robot.model, self._data
+        if robot.expansion_matrix is not None:
+            acceleration = self._acceleration(q, v, u)
+            parts = self.inverse_jacobians(q, v, acceleration)
+            by_u = np.linalg.inv(parts.tau_a)
+            slopes = -by_u @ parts.tau_q, -by_u @ parts.tau_v, by_u
+            return acceleration, np.array(slopes)
+        acceleration, by = np.empty_like(q), np.empty((3, *q.shape, self.n))
+        derivatives, force = pin.computeABADerivatives, u - robot.damping * v
         for i, row in enumerate(zip(q, v, force, strict=True)):
             derivatives(model, data, *row)
             acceleration[i] = data.ddq
-            f_x[i, n:, :n], f_x[i, n:, n:] = data.ddq_dq, data.ddq_dv
-            f_u[i, n:] = data.Minv
-        f_u[:, n:] = from_upper(f_u[:, n:])
+            by[0, i], by[1, i], by[2, i] = data.ddq_dq, data.ddq_dv, data.Minv
+        by[2] = from_upper(by[2])
         # The friction is a torque -D v: its derivative passes through the inverse mass.
-        f_x[:, n:, n:] -= f_u[:, n:] * self.robot.damping
-        return acceleration
+        by[1] -= by[2] * robot.damping
+        return acceleration, by
 
 
 class DoubleIntegrator(RobotDynamics):
@@ -339,10 +323,6 @@ class DoubleIntegrator(RobotDynamics):
     """
 
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
-        return np.array(a)
-
-    def inertial(self, q: Array, a: Array) -> Array:
-        """The accelerations."""
         return np.array(a)
 
     def mass(self, q: Array) -> Array:
@@ -357,12 +337,9 @@ class DoubleIntegrator(RobotDynamics):
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
         return np.array(u)
 
-    def forward_jacobians(self, x: Array, u: Array) -> ForwardJacobians:
-        """State derivative (v, u), with its partial derivatives."""
-        n, m = self.n, len(x)
-        f_x, f_u = np.zeros((m, 2 * n, 2 * n)), np.zeros((m, 2 * n, n))
-        f_x[:, :n, n:] = f_u[:, n:] = np.eye(n)
-        return ForwardJacobians(np.concatenate([x[:, n:], u], axis=1), f_x, f_u)
+    def _acceleration_slopes(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
+        none = np.zeros((len(q), self.n, self.n))
+        return u, np.array([none, none, self.mass(q)])
 
 
 def no_torques(q: Array, v: Array, a: Array) -> Array:

@@ -93,24 +93,8 @@ class RobotKinematics:
             v: Velocities, shape (n,).
             frame: Name of the frame.
         """
-        robot, data = self.robot, self._data
-        v_model = robot.expand_tangent(v)
-        pin.computeForwardKinematicsDerivatives(
-            robot.model, data, robot.expand(q), v_model, np.zeros(robot.model.nv)
-        )
-        index = robot.frame_id(frame)
-        by_q, by_v = pin.getFrameVelocityDerivatives(robot.model, data, index, LOCAL)
-        # Pinocchio drops the second dimension of arms with a single joint.
-        by_q, by_v = np.reshape(by_q, (6, -1)), np.reshape(by_v, (6, -1))
-        rotation = pin.updateFramePlacement(robot.model, data, index).rotation
-        velocity = by_v[:3] @ v_model
-        # d(R v) = R (dv + w x v), as the axes of the frame turn with q.
-        turned = by_q[:3] - pin.skew(velocity) @ by_v[3:]
-        return FrameMotion(
-            np.asarray(rotation @ velocity),
-            robot.reduce_tangent(rotation @ turned),
-            robot.reduce_tangent(rotation @ by_v[:3]),
-        )
+        found = FrameMotions(self.robot, frame).velocity_slopes(q[None], v[None])
+        return FrameMotion(*(part[0] for part in found))
 
     @property
     def length(self) -> float:

@@ -15,15 +15,17 @@ from tominpmp.checks import (
     array,
     choice,
     instance,
+    known_joints,
     number,
     of_kind,
+    one_each,
     positive,
     vector,
     whole,
     wrong,
 )
 from tominpmp.checks import names as joints_named
-from tominpmp.exceptions import JointNotFound, ProblemError, told_of
+from tominpmp.exceptions import ProblemError, told_of
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
 
@@ -303,16 +305,10 @@ class MotionLimits(Record):
         if value is None:
             return {}
         if isinstance(value, Mapping):
-            for joint in value:
-                if joint not in joint_names:
-                    raise JointNotFound(joint, joint_names)
+            known_joints(value, joint_names)
             return dict(value)
-        if value.ndim == 1 and value.size != n:
-            raise ProblemError(
-                f"{name} has {value.size} numbers, expected {n}, one for each of: "
-                f"{', '.join(joint_names)}",
-                name,
-            )
+        if value.ndim == 1:
+            one_each(value, name, joint_names)
         return dict(zip(joint_names, np.broadcast_to(value, n).tolist(), strict=True))
 
     def by_joint(self, name: str, joint_names: Sequence[str]) -> Array:
@@ -348,10 +344,10 @@ class MotionLimits(Record):
             ProblemError: If there are too many or too few values.
             JointNotFound: If a joint is unknown.
         """
+        self.check(joint_names)
         if others is None:
             return self
         instance(others, MotionLimits, "others", "MotionLimits or None")
-        joint_names = joints_named(joint_names)
         kind = max(type(self), type(others), key=lambda one: len(one.__mro__))
         values: dict[str, Any] = {}
         for name in kinds_of(kind):

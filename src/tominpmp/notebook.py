@@ -154,14 +154,14 @@ def outcome_card(
     """
     rows: list[tuple[str, object]] = [("", x) for x in textwrap.wrap(message, 60)]
     rows += [fact for fact in facts if fact[1] != ""]
-    if motion is None:
-        return card(title, table((), rows))
-    t = np.linspace(0.0, motion.duration, 200)
-    state = motion(t)
-    effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
-    panels = [_share_curves("speed", t, state.v, limits.velocity)]
-    if not np.all(np.isnan(state.u)):
-        panels.append(_share_curves("torque", t, state.u, effort))
+    panels = []
+    if motion is not None:
+        t = np.linspace(0.0, motion.duration, 200)
+        state = motion(t)
+        panels.append(_share_curves("speed", t, state.v, limits.velocity))
+        if not np.all(np.isnan(state.u)):
+            effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
+            panels.append(_share_curves("torque", t, state.u, effort))
     return card(title, *panels, table((), rows))
 
 

@@ -217,19 +217,14 @@ class Solution:
             verification=self.verification,
             control_period=self.options.control_period,
         )
-        options = self.options
-        given = "less energy" if options.energy_weight else ""
-        given = given or ("quieter torques" if options.slack else "")
-        if not given:
-            bound, judged = self.lower_bound, self.verification
-            if bound is None or judged is None or not judged.ok:
-                return found
-            return with_bound(found, self.T, bound.T, bound.reason)
-        return replace(
-            found,
-            message="This is about the duration alone, some of which the motion gives "
-            f"away for {given}. {found.message}",
-        )
+        if self.options.energy_weight or self.options.slack:
+            given = "less energy" if self.options.energy_weight else "quieter torques"
+            told = "This is about the duration alone, some of which the motion gives "
+            return replace(found, message=f"{told}away for {given}. {found.message}")
+        bound, judged = self.lower_bound, self.verification
+        if bound is None or judged is None or not judged.ok:
+            return found
+        return with_bound(found, self.T, bound.T, bound.reason)
 
     @cached_property
     def sensitivities(self) -> Sensitivities:

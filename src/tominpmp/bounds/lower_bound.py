@@ -61,7 +61,7 @@ def lower_bound(
     longest = number(known, "known", "seconds > 0", above=0.0, infinite=True)
     if problem.segments:
         return _of_segments(problem)
-    return _of_goal(problem, problem.goal, np.asarray(problem.v_start), longest)
+    return _of_goal(problem, problem.goal, problem.v_start, longest)
 
 
 def _of_segments(problem: Problem) -> LowerBound:
@@ -70,7 +70,7 @@ def _of_segments(problem: Problem) -> LowerBound:
     Velocities at ends of segments that are not given may have any value.
     """
     total = stays = 0.0
-    start, known = np.asarray(problem.v_start), True
+    start, known = problem.v_start, True
     for phase, segment in zip(problem.phases, problem.segments, strict=True):
         stays += segment.dwell
         if known:
@@ -82,7 +82,7 @@ def _of_segments(problem: Problem) -> LowerBound:
     )
     if same:
         last = problem.phases[-1].goal
-        total = max(total, _of_goal(problem, last, np.asarray(problem.v_start)).T)
+        total = max(total, _of_goal(problem, last, problem.v_start).T)
     return LowerBound(
         total + stays, "what joints can do on each segment, and all stays"
     )

@@ -347,7 +347,7 @@ def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRow
     chosen = _chosen(part, item, found.excess.reshape(-1, len(SHARES), item.count))
     if isinstance(item, JointLimit):
         unit = item.scale if item.order == 0 else 1.0
-        yield found.rows(item.kind_name, item.of_joints, chosen.reshape(shape), unit)
+        yield found.rows(item.kind.name, item.of_joints, chosen.reshape(shape), unit)
         return
     if isinstance(item, TorqueLimit):
         if part.changes.shape == "torques":
@@ -359,7 +359,7 @@ def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRow
         passive[:, MIDDLE] = np.isin(item.of_joints, part.driven, invert=True)
         chosen[:, :, ~np.isin(item.of_joints, part.driven)] = False
         yield found.rows(PASSIVE, item.of_joints, passive.reshape(shape), equal=True)
-    yield found.rows(item.kind_name, item.of_joints, chosen.reshape(shape))
+    yield found.rows(item.kind.name, item.of_joints, chosen.reshape(shape))
 
 
 def _chosen(part: Motion, item: JointLimit | MotorLimit, excess: Array) -> BoolArray:
@@ -413,7 +413,7 @@ def _slopes(part: Motion, item: JointLimit | MotorLimit) -> LimitRows:
     first, end = part.span
     interval = np.arange(first, end - (part.changes.shape != "ramps"))
     found = SampledConstraint.of(part, item, part.changes.pairs(interval))
-    return found.rows(item.kind_name, item.of_joints)
+    return found.rows(item.kind.name, item.of_joints)
 
 
 # -- clearances and constraints of the problem -----------------------------------------

@@ -82,14 +82,9 @@ def nearest(
         values, slopes = zip(*(item.excess_at_rest(q) for item in items), strict=True)
         return np.concatenate(values), np.concatenate(slopes)
 
-    best, least = q, np.inf
-    for number in range(STARTS):
-        start = q if number == 0 else rng.uniform(low, high)
-        (found,), (left,) = least_squares(
-            each(beyond), start[None], (low, high), one, one, reached=KEPT, steps=STEPS
-        )
-        if left < least:
-            best, least = found, float(left)
-        if least <= KEPT:
-            break
-    return best, least
+    starts = np.vstack([q, rng.uniform(low, high, (STARTS - 1, q.size))])
+    found, left = least_squares(
+        each(beyond), starts, (low, high), one, one, reached=KEPT, steps=STEPS
+    )
+    best = int(np.argmin(left))
+    return found[best], float(left[best])

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, number_or_nan, record
-from tominpmp.checks import JOINTS, array, instance, vector, whole, wrong
+from tominpmp.checks import JOINTS, array, instance, known_joints, vector, whole, wrong
 from tominpmp.constraints.path import NONE, Linear, PathConstraint
-from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.exceptions import ProblemError
 from tominpmp.robot import Robot
 
 # Scale of an excess [rad or m].
@@ -37,7 +37,6 @@ class JointCoupling(PathConstraint):
     upper: float
     lower: float = -np.inf
 
-    order = 0
     unit = "rad or m"
     largest = 0.0
     scale = SCALE
@@ -46,9 +45,8 @@ class JointCoupling(PathConstraint):
         """Check and copy the values."""
         super().__post_init__()
         names = (self.joints,) if isinstance(self.joints, str) else self.joints
-        if not isinstance(names, list | tuple) or not names:
-            names = ()
-        if not names or not all(isinstance(name, str) for name in names):
+        listed = isinstance(names, list | tuple) and len(names) > 0
+        if not (listed and all(isinstance(name, str) for name in names)):
             raise wrong(self.joints, "joints", "names of joints")
         self._keep(joints=tuple(names))
         count = len(names)
@@ -77,10 +75,7 @@ class JointCoupling(PathConstraint):
 
     def validate(self, robot: Robot) -> None:
         """Check that the robot has the joints."""
-        known = instance(robot, Robot, "robot").joint_names
-        for joint in self.joints:
-            if joint not in known:
-                raise JointNotFound(joint, known)
+        known_joints(self.joints, instance(robot, Robot, "robot").joint_names)
 
     def _sums(self, q: Array) -> Array:
         """The weighted sums of states in rows, shape (m,)."""

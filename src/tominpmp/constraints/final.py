@@ -9,6 +9,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.goals import Goal
+from tominpmp.goals.place import GoalResidual
 from tominpmp.kinematics import RobotKinematics
 
 
@@ -41,25 +42,22 @@ class GoalReached(Constraint):
         lower = np.broadcast_to(lower / self.scale, shape)
         return lower, np.broadcast_to(upper / self.scale, shape)
 
+    def _residuals(self, states: States) -> GoalResidual:
+        """Residuals of states, with their derivatives, shapes (m, p) and (m, p, n)."""
+        each = zip(states.q, states.v, strict=True)
+        found = [self.goal.residual(self.kinematics, *state) for state in each]
+        return GoalResidual(*map(np.stack, zip(*found, strict=True)))
+
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
         """The residual."""
-        rows = [
-            self.goal.residual(self.kinematics, q, v).value / self.scale
-            for q, v in zip(states.q, states.v, strict=True)
-        ]
-        return np.stack(rows)
+        return self._residuals(states).value / self.scale
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Derivatives of the residual by the final configuration and velocity."""
-        by_q = np.zeros((at.size, states.q.shape[1]))
-        by_v = np.zeros_like(by_q)
-        for k in np.unique(at).tolist():
-            mine = np.flatnonzero(at == k)
-            q, v = states.q[k], states.v[k]
-            _, whole_q, whole_v = self.goal.residual(self.kinematics, q, v)
-            by_q[mine] = whole_q[which[mine]] / self.scale[which[mine], None]
-            by_v[mine] = whole_v[which[mine]] / self.scale[which[mine], None]
-        return Partials(at, by_q, by_v)
+        found, scale = self._residuals(states), self.scale[which, None]
+        return Partials(
+            at, found.by_q[at, which] / scale, found.by_v[at, which] / scale
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +73,6 @@ class Arrival(Constraint):
     latest: float
 
     name = "arrival"
-    order = 0
 
     @property
     def count(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,34 +14,37 @@ from tominpmp.constraints.base import (
     both_instants,
     slope_partials,
 )
+from tominpmp.motion_limits import ACCELERATION, LimitKind
+
+# Zero accelerations are no limit of a user's.
+STANDSTILL = replace(ACCELERATION, name="acceleration before a stay", of="")
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimit(Record, Constraint):
     """Bounds of a derivative of some joints' positions.
 
+    Slopes of accelerations, of order 3, are taken between pairs of instants.
+
     Attributes:
+        kind: The kind of limit, with the order of the derivative.
         joints: The joints with bounds, shape (k,).
         lower: Lower bounds, shape (k,).
         upper: Upper bounds, shape (k,).
         scale: Scale of the values, shape (k,).
-        joint_count: Number n of all joints.
-        name: Name of the kind of limit.
-        field: "q", "v", "a" or "j", for the derivative.
-        order: Order of the derivative. Slopes of accelerations, of order 3, are taken
-            between pairs of instants.
-        curable: Whether a slower motion along the same path violates it less.
     """
 
+    kind: LimitKind
     joints: IntArray
     lower: Array
     upper: Array
     scale: Array
-    joint_count: int
-    name: str = ""
-    field: str = ""
-    order: int = 0
-    curable: bool = False
+
+    def __post_init__(self) -> None:
+        """Take over what the kind of limit says."""
+        super().__post_init__()
+        kind, limited = self.kind, self.kind.of != ""
+        self._keep(field=kind.of, order=kind.order, curable=limited and kind.order > 0)
 
     @classmethod
     def standstill(cls, scale: Array) -> JointLimit:
@@ -50,14 +53,13 @@ class JointLimit(Record, Constraint):
         Args:
             scale: Scale of the accelerations, shape (n,).
         """
-        none, name = np.zeros(scale.size), "acceleration before a stay"
-        every = np.arange(scale.size)
-        return cls(every, none, none, scale, scale.size, name, order=2)
+        none = np.zeros(scale.size)
+        return cls(STANDSTILL, np.arange(scale.size), none, none, scale)
 
     @property
-    def kind_name(self) -> str:
+    def name(self) -> str:
         """Name of the kind of limit."""
-        return self.name
+        return self.kind.name
 
     @property
     def of_joints(self) -> IntArray:
@@ -89,7 +91,7 @@ class JointLimit(Record, Constraint):
         place, column = (
             (both_instants(at), np.tile(which, 2)) if slopes else (at, which)
         )
-        by = np.zeros((place.size, self.joint_count))
+        by = np.zeros((place.size, states.q.shape[1]))
         by[np.arange(place.size), self.joints[column]] = 1.0 / self.scale[column]
         by_q, by_v, by_a = (by if k == min(self.order, 2) else None for k in range(3))
         found = Partials(place, by_q, by_v, by_a)

@@ -25,7 +25,6 @@ class FrameAngle(FrameRows):
 
     bound = "tolerance"
     least_scale = 0.05
-    order = 0
     unit = "rad"
 
 

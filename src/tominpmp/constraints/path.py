@@ -18,15 +18,7 @@ from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray, Record, pair_or_nan, record
-from tominpmp.checks import (
-    JOINTS,
-    FrameName,
-    array,
-    instance,
-    number,
-    optional,
-    wrong,
-)
+from tominpmp.checks import JOINTS, FrameName, array, instance, number, optional, wrong
 from tominpmp.constraints.base import NO_TIMES, Constraint, Partials, States
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.kinematics import FrameMotions, RobotKinematics
@@ -178,7 +170,7 @@ class PathConstraint(Record, Constraint):
         """The quantity at one state, shapes (n,); derivatives not needed are empty."""
         if type(self).measure_rows is PathConstraint.measure_rows:
             raise NotImplementedError(f"{type(self).__name__} has no measure")
-        return float(self.measure_rows(*one_row(q, v, a))[0])
+        return float(self.measure_rows(*_one_row(q, v, a))[0])
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Values of :meth:`measure` at m states, shapes (m, n) to (m,)."""
@@ -194,7 +186,7 @@ class PathConstraint(Record, Constraint):
         """
         if type(self).vector_rows is PathConstraint.vector_rows:
             raise NotImplementedError(f"{type(self).__name__} is no length")
-        return _first(self.vector_rows(*one_row(q, v, a)))
+        return _first(self.vector_rows(*_one_row(q, v, a)))
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Results of :meth:`vector` at m states: (m, k), and (m, k, n) or empty."""
@@ -210,12 +202,12 @@ class PathConstraint(Record, Constraint):
         return self._is_length and type(self).term_rows is PathConstraint.term_rows
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Results of :meth:`values` at m states, shape (m, count)."""
+        """Values of :meth:`terms` at m states, shape (m, count)."""
         if self._is_length:
             limit = self.largest / self.scale
             sizes = self.measure_rows(q, v, a) / self.scale
             return rounded(sizes, limit)[:, None]
-        found = [self.values(*state) for state in _states(q, v, a)]
+        found = [self.terms(*state)[0] for state in _states(q, v, a)]
         return np.array(found).reshape(-1, self.count)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
@@ -251,10 +243,6 @@ class PathConstraint(Record, Constraint):
         )
         return by_q, by_v, by_a
 
-    def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Values of :meth:`terms` without derivatives, shape (count,)."""
-        return self.terms(q, v, a)[0]
-
     def terms(self, q: Array, v: Array, a: Array) -> Linear:
         """Smooth values at a state, and their derivatives.
 
@@ -263,7 +251,7 @@ class PathConstraint(Record, Constraint):
             and their derivatives by q, v and a, shape (count, n) each; empty where they
             do not depend on q, v or a.
         """
-        return _first(self.term_rows(*one_row(q, v, a)))
+        return _first(self.term_rows(*_one_row(q, v, a)))
 
     # -- rows of the constraint --------------------------------------------------------
 
@@ -497,7 +485,7 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
     return tuple(items)
 
 
-def one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+def _one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
     """A state as rows of states; derivatives not needed may be empty."""
     q, v, a = (array(x, k, (None,), JOINTS) for k, x in (("q", q), ("v", v), ("a", a)))
     return q[None], v[None], a[None]

@@ -17,7 +17,7 @@ from tominpmp.arrays import (
     is_single,
     record,
 )
-from tominpmp.checks import Point, number, positive, wrong
+from tominpmp.checks import Point, number, optional, positive, wrong
 from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
 from tominpmp.constraints.path import Linear, length_bend
 from tominpmp.robot.payload import InertiaOrNone
@@ -30,16 +30,15 @@ TIP = 3e-3
 _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
 
 
-def _checked_support(value: ArrayLike | None, name: str) -> float | Array | None:
-    if value is None:
-        return None
+def _checked_support(value: ArrayLike, name: str) -> float | Array:
     if is_single(value):
         return positive(value, name, "m")
     return frozen_array(_polygon(value))
 
 
 SupportOrNone: TypeAlias = Annotated[
-    Converted[ArrayLike | float | None, Array | float | None], _checked_support
+    Converted[ArrayLike | float | None, Array | float | None],
+    optional(_checked_support),
 ]
 Pull: TypeAlias = Annotated[
     float, partial(number, expected="a number >= 0 [N]", least=0.0)
@@ -89,9 +88,7 @@ class StableContact(HeldLoad):
     @property
     def count(self) -> int:
         """Number of values: one for slipping, and one for each edge."""
-        if self.support is None or isinstance(self.support, float):
-            return 1 if self.support is None else 2
-        return 1 + len(self.support)
+        return len(self._cones) + len(self._edges[1])
 
     @cached_property
     def _cones(self) -> list[tuple[Array, float]]:
@@ -108,10 +105,25 @@ class StableContact(HeldLoad):
         return cones
 
     @cached_property
-    def _edges(self) -> tuple[Array, Array] | None:
-        """Moments about the edges of the support, see :func:`_edges_of`."""
-        corners = self.support
-        return _edges_of(corners) if isinstance(corners, np.ndarray) else None
+    def _edges(self) -> tuple[Array, Array]:
+        """Moments about the edges of a support polygon that tip the load.
+
+        Returns:
+            Matrix from wrenches to the moments, shape (k, 6), and the distances of the
+            k edges from the middle of the support, shape (k,) [m].
+        """
+        if not isinstance(self.support, np.ndarray):
+            return np.zeros((0, 6)), np.zeros(0)
+        corners = self.support  # counter-clockwise
+        along = np.roll(corners, -1, axis=0) - corners
+        inward = np.column_stack([-along[:, 1], along[:, 0]])
+        inward /= np.linalg.norm(inward, axis=1)[:, None]
+        offset = np.sum(inward * corners, axis=1)
+        # The centre of pressure is (-m_y, m_x) / f_z; inside it is in.p >= offset.
+        rows = np.zeros((len(corners), 6))
+        rows[:, 2] = offset
+        rows[:, 3], rows[:, 4] = -inward[:, 1], inward[:, 0]
+        return rows, inward @ corners.mean(axis=0) - offset
 
     def _within(self, w: Array, rows: Array) -> Array:
         """Wrenches, with the pull of a cup, in the coordinates of a cone, (m, 3)."""
@@ -124,11 +136,10 @@ class StableContact(HeldLoad):
             Shapes (m, count) and (m, count, 6).
         """
         found = [_cone(self._within(w, rows), rows, tip) for rows, tip in self._cones]
-        if self._edges is not None:
-            rows, room = self._edges
-            scale = np.maximum(room, 1e-6)
-            slope = np.broadcast_to(rows / scale[:, None], (len(w), *rows.shape))
-            found.append(((w @ rows.T - self.adhesion * room) / scale, slope))
+        rows, room = self._edges
+        scale = np.maximum(room, 1e-6)
+        slope = np.broadcast_to(rows / scale[:, None], (len(w), *rows.shape))
+        found.append(((w @ rows.T - self.adhesion * room) / scale, slope))
         values, slopes = zip(*found, strict=True)
         return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
@@ -182,14 +193,11 @@ class StableContact(HeldLoad):
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Missing grip of the load, in shares of its weight, at least zero."""
         w = self.wrenches(q, v, a)
-        missing = np.zeros((len(w), 1))
-        if self._edges is not None:
-            missing = np.maximum(self._missing(w)[0][:, 1:], 0.0)
+        missing = [np.zeros(len(w)), *self._missing(w)[0].T[len(self._cones) :]]
         for rows, _ in self._cones:
             y = self._within(w, rows)
-            beyond = np.hypot(y[:, 0], y[:, 1]) - y[:, 2]
-            missing = np.column_stack([missing, beyond])
-        return np.asarray(np.max(missing, axis=1) / self.weight)
+            missing.append(np.hypot(y[:, 0], y[:, 1]) - y[:, 2])
+        return np.asarray(np.max(missing, axis=0) / self.weight)
 
 
 def _cone(y: Array, rows: Array, tip: float) -> tuple[Array, Array]:
@@ -209,28 +217,6 @@ def _cone(y: Array, rows: Array, tip: float) -> tuple[Array, Array]:
     size = np.sqrt(2.0 * np.sum(y**2, axis=1) + tip**2)[:, None]
     slope = 2.0 * (y / np.maximum(size, 1e-300)) @ rows - 2.0 * rows[2]
     return size - 2.0 * y[:, 2:], slope[:, None, :]
-
-
-def _edges_of(corners: Array) -> tuple[Array, Array]:
-    """Moments about the edges of a support that tip a load.
-
-    Args:
-        corners: Counter-clockwise, shape (k, 2) [m].
-
-    Returns:
-        Matrix from wrenches to the moments, shape (k, 6), and the distances of the
-        edges from the middle of the support, shape (k,) [m].
-    """
-    along = np.roll(corners, -1, axis=0) - corners
-    inward = np.column_stack([-along[:, 1], along[:, 0]])
-    inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
-    offset = np.sum(inward * corners, axis=1)
-    # The centre of pressure is (-m_y, m_x) / f_z; inside it is in.p >= offset.
-    rows = np.zeros((len(corners), 6))
-    rows[:, 2] = offset
-    rows[:, 3], rows[:, 4] = -inward[:, 1], inward[:, 0]
-    middle = corners.mean(axis=0) if len(corners) else np.zeros(2)
-    return rows, inward @ middle - offset
 
 
 def _polygon(given: object) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import partial
+from itertools import pairwise
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -31,7 +32,6 @@ class Tube(FrameRows):
     quantity = "distance from its path"
     bound = "radius"
     least_scale = 0.02
-    order = 0
     unit = "m"
 
     @abstractmethod
@@ -146,7 +146,7 @@ class ToolPolyline(Tube):
 
     def progress(self, point: Array) -> float:
         """Arc length of the nearest point [m]."""
-        pairs = list(zip(self.points[:-1], self.points[1:], strict=True))
+        pairs = list(pairwise(self.points))
         apart = [np.linalg.norm(_from_segment(point, *pair)[0]) for pair in pairs]
         k, lengths = int(np.argmin(apart)), self._lengths
         share = _share_of_segment(point, *pairs[k])
@@ -160,10 +160,7 @@ class ToolPolyline(Tube):
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the polyline."""
-        found = [
-            _from_segment(point, begin, end)
-            for begin, end in zip(self.points[:-1], self.points[1:], strict=True)
-        ]
+        found = [_from_segment(point, *ends) for ends in pairwise(self.points)]
         return min(found, key=lambda one: float(one[0] @ one[0]))
 
 
@@ -201,15 +198,18 @@ class ToolArc(Tube):
             expected = f"{across}, {brief(spoke.tolist())}"
             raise wrong(self.axis.tolist(), "axis", expected)
 
-    def _axes(self) -> tuple[Array, Array, Array]:
-        """Unit vectors from the center to the start, along the arc there, and axis."""
-        first = (self.start - self.center) / np.linalg.norm(self.start - self.center)
-        axis = self.axis / np.linalg.norm(self.axis)
-        return first, np.cross(axis, first), axis
+    def _axes(self) -> tuple[float, Array, Array, Array]:
+        """Size of the circle [m], and unit vectors.
+
+        From the center to the start, along the arc there, and the axis.
+        """
+        spoke, axis = self.start - self.center, self.axis / np.linalg.norm(self.axis)
+        size = float(np.linalg.norm(spoke))
+        return size, spoke / size, np.cross(axis, spoke / size), axis
 
     def progress(self, point: Array) -> float:
         """Angle from the start [rad]."""
-        first, second, _ = self._axes()
+        _, first, second, _ = self._axes()
         out = array(point, "point", (3,), POINT) - self.center
         turn = float(np.arctan2(out @ second, out @ first)) % (2.0 * np.pi)
         if turn > self.angle:  # beyond the ends: the nearer one
@@ -218,16 +218,14 @@ class ToolArc(Tube):
 
     def at(self, progress: float) -> Array:
         """Point at an angle from the start [rad]."""
-        first, second, _ = self._axes()
-        size = np.linalg.norm(self.start - self.center)
+        size, first, second, _ = self._axes()
         angle = number(progress, "progress")
         spoke = np.cos(angle) * first + np.sin(angle) * second
         return np.asarray(self.center + size * spoke)
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the arc."""
-        first, second, axis = self._axes()
-        size = float(np.linalg.norm(self.start - self.center))
+        size, first, second, axis = self._axes()
         out = array(point, "point", (3,), POINT) - self.center
         x, y = float(out @ first), float(out @ second)
         turn = float(np.arctan2(y, x)) % (2.0 * np.pi)

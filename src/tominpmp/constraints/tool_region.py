@@ -8,14 +8,14 @@ from tominpmp.arrays import Array, BoolArray, default, record
 from tominpmp.checks import Corner, Metres, Point
 from tominpmp.constraints.path import NONE, FrameRows, Linear
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.frames import PoseOrNone
+from tominpmp.goals.frames import BoxRegion, PoseOrNone
 
 # Scale of an excess [m].
 SCALE = 0.1
 
 
 @record
-class WithinRegion(FrameRows):
+class WithinRegion(FrameRows, BoxRegion):
     """The origin of a frame stays within a box, at all times.
 
     Attributes:
@@ -34,7 +34,6 @@ class WithinRegion(FrameRows):
     pose: PoseOrNone = default(None)
 
     quantity = "distance from its region"
-    order = 0
     unit = "m"
     largest = 0.0
     scale = SCALE
@@ -42,33 +41,17 @@ class WithinRegion(FrameRows):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        wrong = (self.lower > self.upper) | (self.lower == np.inf)
-        if np.any(wrong | (self.upper == -np.inf)):
-            raise ProblemError(
-                f"lower is {self.lower.tolist()} and upper {self.upper.tolist()}, "
-                "expected the lower corner below the upper one",
-                "lower",
-            )
-        if not np.any(np.isfinite([self.lower, self.upper])):
+        if not self.count:
             raise ProblemError("lower, upper: the box is infinite", "lower")
-
-    def _local(self, q: Array) -> Array:
-        """The origin of the frame along the axes of the box, shape (m, 3) [m]."""
-        points = self.motions.placements(q).origin
-        if self.pose is None:
-            return points
-        return np.asarray((points - self.pose.translation) @ self.pose.rotation)
 
     @property
     def count(self) -> int:
         """One value for each side of the box that is not open."""
-        return int(np.isfinite([self.lower, self.upper]).sum())
+        return int(self._sides.sum())
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Distances from the box, zero within [m]."""
-        point = self._local(q)
-        out = point - np.clip(point, self.lower, self.upper)
-        return np.asarray(np.linalg.norm(out, axis=1))
+        return self._apart(self.motions.placements(q).origin)
 
     @property
     def _sides(self) -> BoolArray:
@@ -76,15 +59,13 @@ class WithinRegion(FrameRows):
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Excess of the points over each side."""
-        point = self._local(q)
+        point = self._local(self.motions.placements(q).origin)
         sides = np.concatenate([self.lower - point, point - self.upper], axis=1)
         return np.asarray(sides[:, self._sides] / self.scale)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Excess over each side, with derivatives."""
-        jacobian = self.motions.jacobians(q)[:, :3]
-        if self.pose is not None:
-            jacobian = self.pose.rotation.T @ jacobian
+        jacobian = self._box.rotation.T @ self.motions.jacobians(q)[:, :3]
         by_q = np.concatenate([-jacobian, jacobian], axis=1)[:, self._sides]
         return self.value_rows(q, v, a), by_q / self.scale, NONE, NONE
 
@@ -106,7 +87,6 @@ class KeepAway(FrameRows):
     distance: Metres
 
     quantity = "intrusion"
-    order = 0
     unit = "m"
     largest = 0.0
 

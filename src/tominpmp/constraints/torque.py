@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from tominpmp.constraints.base import (
 )
 from tominpmp.constraints.friction import Ways, signs
 from tominpmp.dynamics import Dynamics
-from tominpmp.motion_limits import EFFORT_RATE, SIDES, LimitKind
+from tominpmp.motion_limits import SIDES, LimitKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +95,7 @@ class MotorLimit(Constraint):
     @property
     def name(self) -> str:
         """Name of the kind of limit, of torques."""
-        return self.kind_name.replace("effort", "torque")
-
-    @property
-    def kind_name(self) -> str:
-        """Name of the kind of limit."""
-        return self.kind.name
+        return self.kind.name.replace("effort", "torque")
 
     @property
     @abstractmethod
@@ -247,7 +242,6 @@ class TorqueRate(MotorLimit):
         limit: Their limits, shape (k,) [N m/s or N/s].
     """
 
-    kind: LimitKind = field(default=EFFORT_RATE, init=False)
     joints: IntArray
     limit: Array
 

@@ -898,7 +898,7 @@ def _document(
         ScenarioError: If they hold something that a file cannot.
     """
     start = {"q": problem.q_start}
-    if problem.v_start is not None and np.any(problem.v_start):
+    if np.any(problem.v_start):
         start["v"] = problem.v_start
     parts: dict[str, Any] = {
         "may_touch": problem.may_touch or None,

@@ -14,22 +14,18 @@ from tominpmp.goals.frames import (
     RegionGoal,
 )
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
-from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, Scales
-from tominpmp.goals.sets import AllGoals, AnyGoal, PassedGoal, passed
+from tominpmp.goals.place import Label, Place, Scales
+from tominpmp.goals.sets import AllGoals, AnyGoal, passed
 
 __all__ = [
     "AllGoals",
     "AnyGoal",
     "AxisGoal",
-    "Ball",
     "FrameGoal",
     "Goal",
-    "GoalResidual",
     "JointGoal",
     "JointRegionGoal",
     "Label",
-    "Miss",
-    "PassedGoal",
     "Place",
     "PoseGoal",
     "PositionGoal",

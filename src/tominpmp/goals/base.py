@@ -108,10 +108,7 @@ class Goal(ABC):
         n = robot_of(kinematics).n
         place = self.place(kinematics, np.zeros(n))
         speed = np.zeros(self.speed_count(n))
-        return (
-            np.concatenate([place.lower, speed]),
-            np.concatenate([place.upper, speed]),
-        )
+        return np.append(place.lower, speed), np.append(place.upper, speed)
 
     def excess(self, kinematics: RobotKinematics, q: Array, v: Array) -> Array:
         """Excess of the residual over its bounds, zero within, shape (k,).

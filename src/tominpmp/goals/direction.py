@@ -50,12 +50,12 @@ def deviations(axes: Array, direction: Array) -> tuple[Array, Array]:
 def across(direction: Array) -> Array:
     """Two unit vectors that complete a direction to a frame, shape (2, 3)."""
     least = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    first = cross(direction, least)
+    first = _cross(direction, least)
     first /= np.linalg.norm(first)
-    return np.stack([first, cross(direction, first)])
+    return np.stack([first, _cross(direction, first)])
 
 
-def cross(a: Array, b: Array) -> Array:
+def _cross(a: Array, b: Array) -> Array:
     """Cross product of two vectors; NumPy's takes twenty times as long for so few."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

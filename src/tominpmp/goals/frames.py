@@ -44,7 +44,7 @@ from tominpmp.goals.direction import across, deviations
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot import Robot
-from tominpmp.scene import is_rotation, rotation_matrix
+from tominpmp.scene import rotation_matrix
 
 Distance: TypeAlias = Annotated[float, partial(goal_tolerance, unit="m")]
 Angle: TypeAlias = Annotated[float, partial(goal_tolerance, unit="rad", most=np.pi)]
@@ -75,21 +75,10 @@ def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
         raise wrong(pose, name, POSE)
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
         raise ProblemError(f"{name} is not finite", field=name)
-    if turn.shape == (4,):
-        try:
-            turn = rotation_matrix(turn)
-        except SceneError as error:
-            raise ProblemError(
-                f"{name} has the quaternion {turn.tolist()}, expected one that is not "
-                "zero",
-                name,
-            ) from error
-    if not is_rotation(turn):
-        raise ProblemError(
-            f"the rotation of {name} is not a rotation matrix (orthonormal columns, "
-            "determinant 1)",
-            field=name,
-        )
+    try:
+        turn = rotation_matrix(turn)
+    except SceneError as error:
+        raise ProblemError(f"{name}: {error}", name) from error
     return pin.SE3(np.array(turn), np.array(position))
 
 
@@ -320,8 +309,43 @@ def _checked_angles(given: Any, name: str) -> float | Array:
 Angles: TypeAlias = Annotated[Converted[ArrayLike, float | Array], _checked_angles]
 
 
+class BoxRegion(Record):
+    """A box in which the origin of a frame is to be."""
+
+    lower: Corner
+    upper: Corner
+    pose: PoseOrNone
+
+    def __post_init__(self) -> None:
+        """Check the corners."""
+        super().__post_init__()
+        for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
+            if low > high or low == np.inf or high == -np.inf:
+                name = self._owner
+                raise ProblemError(
+                    f"{name}lower is {low:g} and {name}upper {high:g} along {axis}, "
+                    "expected the lower corner below the upper one",
+                    f"{name}lower",
+                )
+
+    @property
+    def _box(self) -> pin.SE3:
+        """Placement of the box in the world."""
+        return pin.SE3.Identity() if self.pose is None else self.pose
+
+    def _local(self, points: Array) -> Array:
+        """Points of the world along the axes of the box, shape (m, 3) [m]."""
+        return np.asarray((points - self._box.translation) @ self._box.rotation)
+
+    def _apart(self, points: Array) -> Array:
+        """Distances of points from the box, zero within, shape (m, 3) to (m,) [m]."""
+        local = self._local(points)
+        out = local - np.clip(local, self.lower, self.upper)
+        return np.asarray(np.linalg.norm(out, axis=1))
+
+
 @record
-class RegionGoal(FrameGoal):
+class RegionGoal(FrameGoal, BoxRegion):
     """Bring the origin of a frame into a box, in any orientation or in some.
 
     MoveIt's position constraint with a box, and its orientation constraint with
@@ -349,24 +373,12 @@ class RegionGoal(FrameGoal):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
-            if low > high or low == np.inf or high == -np.inf:
-                raise ProblemError(
-                    f"goal.lower is {low:g} and goal.upper {high:g} along {axis}, "
-                    "expected the lower corner below the upper one",
-                    "goal.lower",
-                )
         if not (np.any(np.isfinite([self.lower, self.upper])) or self._turns.size):
             raise ProblemError(
                 "goal: the box is infinite and any orientation will do: nothing is "
                 "asked for",
                 "goal",
             )
-
-    @property
-    def _box(self) -> pin.SE3:
-        """Placement of the box in the world."""
-        return pin.SE3.Identity() if self.pose is None else self.pose
 
     @property
     def _turns(self) -> Array:
@@ -381,11 +393,7 @@ class RegionGoal(FrameGoal):
 
     def distances(self, points: Array) -> Array:
         """Distances of points from the box, shape (m, 3) to (m,) [m]."""
-        pose = self._box
-        points = array(points, "points", (None, 3), "coordinates [m]")
-        local = (points - pose.translation) @ pose.rotation
-        out = local - np.clip(local, self.lower, self.upper)
-        return np.asarray(np.linalg.norm(out, axis=1))
+        return self._apart(array(points, "points", (None, 3), "coordinates [m]"))
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Position in the axes of the box [m], and rotation vector [rad]."""

@@ -27,14 +27,16 @@ from tominpmp.checks import (
     by_joint,
     in_order,
     instance,
+    known_joints,
     named_row,
     names,
+    one_each,
     text,
     vector,
     whole,
     wrong,
 )
-from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row, robot_of
 from tominpmp.goals.place import Place, joint_labels
 from tominpmp.goals.turns import MOST_WAYS, TURN, equivalent_positions
@@ -73,12 +75,11 @@ class GoalOnJoints(Record, Goal):
         """Check and copy the positions, and the names that belong to them."""
         super().__post_init__()
         joints, q = named_row(self.q, "goal.q")
-        if joints is not None:
-            self._keep(joints=joints)
-        expected = "one number for each joint [rad or m]"
-        self._keep(q=vector(q, "goal.q", expected))
+        q = vector(q, "goal.q", "one number for each joint [rad or m]")
+        self._keep(q=q, joints=self.joints if joints is None else joints)
         if self.joints is not None:
-            self._keep(joints=_checked_names(self.joints, self.q))
+            self._keep(joints=names(self.joints, "goal.joints"))
+            one_each(self.q, "goal.q", self.joints)
 
     @property
     def ways(self) -> tuple[Array, ...]:
@@ -135,11 +136,36 @@ class GoalOnJoints(Record, Goal):
         asked = () if isinstance(self.wrap, bool) else self.wrap
         known = np.array(robot.joint_names)
         turning = known[~prismatic_joints(robot)].tolist()
-        for name in asked:
-            if name not in turning:
-                raise JointNotFound(name, turning)
+        known_joints(asked, turning)
         found = np.isin(known, asked)
         return found if self.wrap is False else found | endless_joints(robot)
+
+    def _asked(self, robot: Robot, given: Array) -> tuple[IntArray, Array, Array]:
+        """Indices of the joints, their positions, and the largest distance from these.
+
+        Args:
+            robot: The robot.
+            given: The positions, by some turns.
+        """
+        return self._rows(robot), given, np.zeros(given.size)
+
+    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
+        """Difference to the positions asked for [rad or m]."""
+        robot, q = robot_of(kinematics), joint_row(kinematics, q, "q")
+        given = self.nearest(kinematics, q, q).ways[0]
+        rows, target, room = self._asked(robot, given)
+        every = joint_labels(robot)
+        labels = tuple(every[i] for i in rows)
+        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
+
+    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
+        """The ranges of the joints, over all turns."""
+        lower, upper = super().joint_ranges(robot)
+        each = [self._asked(robot, way) for way in self.ways]
+        rows = each[0][0]
+        lower[rows] = np.min([target - room for _, target, room in each], axis=0)
+        upper[rows] = np.max([target + room for _, target, room in each], axis=0)
+        return lower, upper
 
     def turns(self, robot: Robot) -> dict[str, int]:
         """Whole turns from the numbers that were given, by joint."""
@@ -179,38 +205,32 @@ class JointGoal(GoalOnJoints):
             self._keep(v=self._checked_velocity())
 
     def _checked_velocity(self) -> Array:
-        expected = "one number for each joint [rad/s or m/s]"
-        speeds = by_joint(self.v)
-        if speeds is None:
-            return vector(self.v, "goal.v", expected)
-        if self.joints is None:
-            raise ProblemError(
-                "goal.v is given by joint name, expected goal.q to be so, too", "goal.v"
-            )
-        v = in_order(speeds, self.joints, "goal.v", missing=0.0)
-        return vector(v, "goal.v", expected)
+        v, speeds = self.v, by_joint(self.v)
+        if speeds is not None:
+            if self.joints is None:
+                told = "goal.v is given by joint name, expected goal.q to be so, too"
+                raise ProblemError(told, "goal.v")
+            v = in_order(speeds, self.joints, "goal.v", missing=0.0)
+        return vector(v, "goal.v", "one number for each joint [rad/s or m/s]")
 
     def resolved(self, robot: Robot, before: Array | None = None) -> JointGoal:
         """The same in the order of the robot."""
         if self.joints is None:
             return self
-        others = instance(robot, Robot, "robot").locked_joints
+        locked = instance(robot, Robot, "robot").locked_joints
         known, rest = robot.joint_names, dict[str, float]()
         if before is not None:
             before = array(before, "before", (len(known),), JOINTS)
             rest = dict(zip(known, before.tolist(), strict=True))
-        rows: list[Array | None] = []
-        for name, locked, unnamed in (
-            ("q", dict(others), rest),
-            ("v", dict.fromkeys(others, 0.0), dict.fromkeys(rest, 0.0)),
-        ):
-            values, what = getattr(self, name), f"goal.{name}"
-            if values is not None:
-                _check_length(what, values, self.joints)
-                given = dict(zip(self.joints, values.tolist(), strict=True))
-                values = in_order({**unnamed, **given}, known, what, others=locked)
-            rows.append(values)
-        return JointGoal(rows[0], rows[1], wrap=self.wrap)  # type: ignore[arg-type]
+        places = dict(zip(self.joints, self.q.tolist(), strict=True))
+        q = in_order({**rest, **places}, known, "goal.q", others=locked)
+        if self.v is None:
+            return JointGoal(q, wrap=self.wrap)
+        one_each(self.v, "goal.v", self.joints)
+        speeds = dict(zip(self.joints, self.v.tolist(), strict=True))
+        still = dict.fromkeys(locked, 0.0)
+        v = in_order(speeds, known, "goal.v", others=still, missing=0.0)
+        return JointGoal(q, v, wrap=self.wrap)
 
     @property
     def configuration(self) -> Array:
@@ -223,15 +243,7 @@ class JointGoal(GoalOnJoints):
         self._angles(robot)
         for name, value in (("goal.q", self.q), ("goal.v", self.v)):
             if value is not None:
-                _check_length(name, value, names)
-
-    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Difference of the positions [rad or m]."""
-        q = joint_row(kinematics, q, "q")
-        zero = np.zeros(q.size)
-        labels = joint_labels(kinematics.robot)
-        way = self.nearest(kinematics, q, q).ways[0]
-        return Place(q - way, np.eye(q.size), zero, zero, labels)
+                one_each(value, name, names)
 
     def with_state(self, q: Array, v: Array) -> JointGoal:
         """A goal at another configuration and velocity."""
@@ -241,10 +253,6 @@ class JointGoal(GoalOnJoints):
         given = self.q + (q - self.ways[0])
         moved = replace(self, q=given, v=self.v if same else v)
         return moved._by(q) if self._ways else moved
-
-    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """The configuration itself, or the range of all turns."""
-        return np.min(self.ways, axis=0), np.max(self.ways, axis=0)
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The configuration as positions of some joints, those of one robot."""
@@ -297,20 +305,9 @@ class JointRegionGoal(GoalOnJoints):
         """Check names and lengths."""
         known = instance(robot, Robot, "robot").joint_names
         names = known if self.joints is None else tuple(self.joints)
-        for name in names:
-            if name not in known:
-                raise JointNotFound(name, known)
-        _check_length("goal.q", self.q, names)
+        known_joints(names, known)
+        one_each(self.q, "goal.q", names)
         self._angles(robot)
-
-    def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Difference to the positions asked for [rad or m]."""
-        robot, q = robot_of(kinematics), joint_row(kinematics, q, "q")
-        given = self.nearest(kinematics, q, q).ways[0]
-        rows, target, room = self._asked(robot, given)
-        every = joint_labels(kinematics.robot)
-        labels = tuple(every[i] for i in rows)
-        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
 
     def _asked(self, robot: Robot, given: Array) -> tuple[IntArray, Array, Array]:
         """Indices of the joints, their positions, and the largest distance from these.
@@ -331,15 +328,6 @@ class JointRegionGoal(GoalOnJoints):
         found[rows] = np.clip(target, given - self.tolerance, given + self.tolerance)
         return found
 
-    def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """The ranges of the joints that are named."""
-        lower, upper = super().joint_ranges(robot)
-        each = [self._asked(robot, way) for way in self.ways]
-        rows = each[0][0]
-        lower[rows] = np.min([target - room for _, target, room in each], axis=0)
-        upper[rows] = np.max([target + room for _, target, room in each], axis=0)
-        return lower, upper
-
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The ranges for joints as they are named beside other robots."""
         own = instance(robot, Robot, "robot").joint_names
@@ -357,31 +345,6 @@ def nearest_turns(robot: Robot, rows: Iterable[Array], near: Array) -> list[Arra
     """
     goals = (JointGoal(q).wrapped(robot, near, 0.0 * near, 2) for q in rows)
     return [way for goal in goals for way in goal.ways]
-
-
-def _check_length(name: str, value: Array, joints: Sequence[str]) -> None:
-    if value.size != len(joints):
-        raise ProblemError(
-            f"{name} has {value.size} numbers, expected {len(joints)}, one for "
-            f"each of: {', '.join(joints)}",
-            field=name,
-        )
-
-
-def _checked_names(joints: Sequence[str], q: Array) -> tuple[str, ...]:
-    """Check that there is a name for each of the numbers."""
-    listed = isinstance(joints, Sequence) and not isinstance(joints, str)
-    # Looked at one by one: a range may be longer than the memory.
-    named = listed and all(isinstance(name, str) for name in joints)
-    names = tuple(joints) if named else ()
-    if not names:
-        raise wrong(joints, "goal.joints", "names of joints")
-    if len(set(names)) < len(names):
-        raise ProblemError(
-            f"goal.joints names a joint twice: {', '.join(names)}", "goal.joints"
-        )
-    _check_length("goal.q", q, names)
-    return names
 
 
 def joined_turns(goals: Sequence[Any]) -> Goal:

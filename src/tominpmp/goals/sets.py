@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, Record
-from tominpmp.checks import whole
+from tominpmp.checks import of_kind, whole
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import joined_turns
@@ -108,23 +108,19 @@ def passed(goal: Goal) -> Goal:
     return goal if given else PassedGoal(goal)
 
 
-def _members(goals: object) -> tuple[Goal, ...]:
+def _members(goals: Sequence[Goal]) -> tuple[Goal, ...]:
     """Check a caller's goals."""
     expected = "a list of goals"
-    if isinstance(goals, Goal) or not isinstance(goals, Sequence):
-        raise ProblemError(
-            f"goal.goals is a {type(goals).__name__}, expected {expected}",
-            "goal.goals",
-        )
-    for item in goals:
+    found = tuple(of_kind(goals, Sequence, "goal.goals", expected))
+    for item in found:
         if not isinstance(item, Goal):
             raise ProblemError(
                 f"goal.goals holds a {type(item).__name__}, expected {expected}",
                 "goal.goals",
             )
-    if not goals:
+    if not found:
         raise ProblemError(f"goal.goals is empty, expected {expected}", "goal.goals")
-    return tuple(goals)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,6 +137,6 @@ def _from(part: ProblemFunctions, q: Array) -> ProblemFunctions:
     goal = problem.goal.stopped
     object.__setattr__(problem, "q_start", q)
     object.__setattr__(problem, "goal", goal)
-    object.__setattr__(problem, "v_start", None)
+    object.__setattr__(problem, "v_start", np.zeros_like(q))
     problem.__dict__["checker"] = part.problem.checker
     return replace(part, problem=problem)

@@ -50,7 +50,7 @@ def standing(problem: Problem, options: Options) -> Solution | None:
 def _motion(problem: Problem, options: Options) -> Trajectory | None:
     """A motion that stands at the start; None where a goal is elsewhere, or later."""
     robot, period, q = problem.robot, options.control_period, problem.q_start
-    v = np.zeros(robot.n) if problem.v_start is None else problem.v_start
+    v = problem.v_start
     nodes, ends, now = [0.0], [], 0.0
     near = options.feasibility * (1.0 + ROUNDING)
     segments = problem.segments or (Segment(problem.goal),)

@@ -9,13 +9,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.motion_limits import (
-    POSITION,
-    VELOCITY,
-    LimitKind,
-    MotionLimits,
-    kinds_of,
-)
+from tominpmp.motion_limits import POSITION, VELOCITY, LimitKind, MotionLimits, kinds_of
 from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.problem import Problem, effort_range
 

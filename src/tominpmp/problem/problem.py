@@ -17,7 +17,7 @@ from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.description.model import sticks
-from tominpmp.exceptions import ProblemError, brief, warn_caller
+from tominpmp.exceptions import ProblemError, brief, told_of, warn_caller
 from tominpmp.goals import Goal, passed
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
@@ -31,7 +31,6 @@ from tominpmp.problem.segments import (
     Segment,
     check_names,
     checked_segments,
-    resolved_segments,
 )
 from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.robot import Robot
@@ -94,7 +93,7 @@ class Problem(Record):
     goal: Goal = default(None)
     scene: SceneLike = field(default_factory=lambda: default(Scene()))
     margin: Margin = 0.0
-    v_start: Converted[JointsLike | None, Array | None] = default(None)
+    v_start: Converted[JointsLike | None, Array] = default(None)
     motion_limits: LimitsOrNone = None
     self_collision: FlagOrNone = None
     constraints: Constraints = default(())
@@ -111,13 +110,11 @@ class Problem(Record):
         self._keep(goal=self.goal.resolved(self.robot, self.q_start))
         names, limits = self.robot.joint_names, self.robot.motion_limits
         if self.motion_limits is not None:
-            self.motion_limits.check(names)
             limits = self.motion_limits.over(limits, names)
         self._keep(motion_limits=limits)
-        if not self.segments:
-            check_controls(self.robot, limits)
         check_names(self.may_touch, self.robot, self.scene)
         if not self.segments:
+            check_controls(self.robot, limits)
             self.goal.validate(self.robot)
         several = bool(self.segments)
         self._keep(constraints=checked(self.constraints, self.robot, several))
@@ -127,10 +124,7 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            v = np.zeros(self.robot.n) if self.v_start is None else self.v_start
-            near = self.goal.wrapped(self.robot, self.q_start, v)
-            goal, of_goal = self._checks.goal(near)
-            self._keep(goal=goal)
+            of_goal = self._take_goal(self.goal)
         for message in (*snapped, *of_goal):
             warn_caller(message)
 
@@ -192,13 +186,8 @@ class Problem(Record):
         messages: list[str] = []
         q = self.q_start
         for k, segment in enumerate(self.segments):
-            try:
+            with told_of(f"segment {k + 1} of {len(self.segments)}", f"segments[{k}]"):
                 phase, more = self._phase(segment, k, q)
-            except ProblemError as error:
-                raise ProblemError(
-                    f"segment {k + 1} of {len(self.segments)}: {error}",
-                    f"segments[{k}].{error.field or 'goal'}",
-                ) from error
             q = q if phase.goal.configuration is None else phase.goal.configuration
             found.append(phase)
             messages += [f"segment {k + 1}: {text}" for text in more]
@@ -209,11 +198,9 @@ class Problem(Record):
     ) -> tuple[Problem, list[str]]:
         """The problem of one segment, and warnings."""
         robot = segment.robot(self.robot)
-        own = segment.motion_limits
         limits = self.motion_limits
-        if own is not None:
-            own.check(robot.joint_names)
-            limits = own if limits is None else own.over(limits, robot.joint_names)
+        if segment.motion_limits is not None:
+            limits = segment.motion_limits.over(limits, robot.joint_names)
         check_controls(robot, limits)
         scene = self.scene if segment.scene is None else segment.scene
         constraints = checked(segment.constraints, robot, several=True)
@@ -225,7 +212,7 @@ class Problem(Record):
             *(() if same else ("checker", "margins")),
             robot=robot,
             q_start=q_start,
-            v_start=self.v_start if number == 0 else None,
+            v_start=self.v_start if number == 0 else frozen_array(0.0 * q_start),
             scene=scene,
             motion_limits=limits,
             constraints=self.constraints + constraints,
@@ -237,16 +224,15 @@ class Problem(Record):
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
         if number == 0:
-            phase._checks.kept(phase.q_start, phase.v_start, "start", "q_start")
+            phase._checks.kept(q_start, phase.v_start, "start")
         elif self.segments[number - 1].goal.configuration is not None:
             if not same:
                 phase._checks.clear(q_start, "start", later=True)
             passing = not self.segments[number - 1].stop
-            phase._checks.kept(q_start, None, "start", "q_start", passing=passing)
+            phase._checks.kept(q_start, phase.v_start, "start", passing=passing)
         rests = goal is segment.goal
         most = int(MOST_WAYS ** (1.0 / len(self.segments)))
-        v = np.zeros(robot.n) if phase.v_start is None else phase.v_start
-        near = segment.goal.wrapped(robot, q_start, v, most)
+        near = segment.goal.wrapped(robot, q_start, phase.v_start, most)
         checked_goal, messages = phase._checks.goal(near, rests)
         if not rests:
             checked_goal = passed(checked_goal)
@@ -263,14 +249,26 @@ class Problem(Record):
                 "segment's goal is that of the problem",
                 "goal",
             )
-        segments = resolved_segments(self.segments, self.robot, self.q_start)
-        self._keep(segments=segments, goal=segments[-1].goal)
+        segments = list[Segment]()
+        before: Array | None = self.q_start
+        for segment in self.segments:
+            # Joints that a goal does not name stay where the one before leaves them.
+            segments.append(segment.resolved(self.robot, before))
+            before = segments[-1].goal.configuration
+        self._keep(segments=tuple(segments), goal=segments[-1].goal)
+
+    def _take_goal(self, goal: Goal) -> list[str]:
+        """Check a goal, which is taken by its nearest turns; returns warnings."""
+        near = goal.wrapped(self.robot, self.q_start, self.v_start)
+        checked_goal, messages = self._checks.goal(near)
+        self._keep(goal=checked_goal)
+        return messages
 
     @property
     def _checks(self) -> StateChecks:
         """Checks of states that need no planning."""
         return StateChecks(
-            self.robot, self.scene, self.checker, self.margin, self.ready_constraints
+            self.robot, self.scene, self.checker, self.margins, self.ready_constraints
         )
 
     def _snap_start(self) -> list[str]:
@@ -289,9 +287,9 @@ class Problem(Record):
         if not self.segments:
             return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
         each = [phase.goal.alternatives for phase in self.phases]
-        if math.prod(map(len, each)) == 1:
-            return (self,)
         count = math.prod(map(len, each))
+        if count == 1:
+            return (self,)
         if count > MOST_ALTERNATIVES:
             raise ProblemError(
                 f"segments: their goals can be chosen in {count} ways, expected no "
@@ -359,10 +357,7 @@ class Problem(Record):
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
         other._checks.start(other.q_start, other.v_start)
-        goal = goal.wrapped(self.robot, other.q_start, 0.0 * other.q_start)
-        checked_goal, of_goal = other._checks.goal(goal)
-        other._keep(goal=checked_goal)
-        for message in (*snapped, *of_goal):
+        for message in (*snapped, *other._take_goal(goal)):
             warn_caller(where + message)
         return other
 

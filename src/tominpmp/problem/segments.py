@@ -15,15 +15,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, record
-from tominpmp.checks import (
-    flag,
-    instance,
-    number,
-    of_kind,
-    of_type,
-    optional,
-    wrong,
-)
+from tominpmp.checks import flag, instance, number, of_kind, of_type, optional, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals import Goal, passed
@@ -158,25 +150,6 @@ class Segment(Record):
         """A robot with the payload."""
         instance(robot, Robot, "robot")
         return robot if self.payload is None else robot.with_payload(self.payload)
-
-
-def resolved_segments(
-    segments: Sequence[Segment], robot: Robot, q_start: Array
-) -> tuple[Segment, ...]:
-    """Segments with values by joint name put into the order of a robot.
-
-    Joints that a goal does not name stay where the goal before it leaves them.
-
-    Raises:
-        ProblemError: If a joint is unknown, or not named although its position is not
-            known.
-    """
-    found: list[Segment] = []
-    before: Array | None = q_start
-    for segment in segments:
-        found.append(segment.resolved(robot, before))
-        before = found[-1].goal.configuration
-    return tuple(found)
 
 
 def _check_arrivals(segments: Sequence[Segment]) -> None:

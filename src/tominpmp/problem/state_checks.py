@@ -23,6 +23,8 @@ from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 
+# The field of a problem that gives a state.
+FIELDS = {"start": "q_start", "goal": "goal"}
 # A start or goal outside a limit by no more than this is put on it (positions in rad or
 # m, velocities in rad/s or m/s), as encoders and files round; for narrow limits this
 # share of the range between them.
@@ -41,26 +43,21 @@ class StateChecks:
         robot: The robot.
         scene: The obstacles.
         checker: Distances to them, and between links.
-        margin: Distance to keep from obstacles [m].
+        margins: Distance to keep by pair of the checker [m].
         constraints: Further constraints, ready to be evaluated.
     """
 
     robot: Robot
     scene: Scene
     checker: CollisionChecker
-    margin: float
+    margins: Array
     constraints: tuple[PathConstraint, ...]
 
-    @property
-    def margins(self) -> Array:
-        """Distance to keep by pair of the checker [m]."""
-        return self.checker.margins(self.margin)
-
-    def start(self, q: Array, v: Array | None) -> None:
-        """Check a start: positions, and velocities, None for rest; shape (n,) each."""
+    def start(self, q: Array, v: Array) -> None:
+        """Check a start: positions and velocities, shape (n,) each."""
         self.clear(q, "start")
         self.moves_mass(q, "start")
-        self.kept(q, v, "start", "q_start")
+        self.kept(q, v, "start")
 
     def goal(self, goal: Goal, rests: bool = True) -> tuple[Goal, list[str]]:
         """Check a goal that belongs to the robot; returns it, and warnings."""
@@ -74,7 +71,7 @@ class StateChecks:
             self.moves_mass(q, "goal")
             if rests:
                 self._hold(q, v)
-            self.kept(q, v, "goal", "goal")
+            self.kept(q, v, "goal")
             return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
         messages = []
         for item in goal.members:
@@ -140,7 +137,7 @@ class StateChecks:
         raise ProblemError(
             f"{which} in collision: {contact.pair} {depth} at q = "
             f"{np.round(q, 4).tolist()}{advice}",
-            "q_start" if which == "start" else "goal",
+            FIELDS[which],
         )
 
     def _advice_on_links(self, q: Array) -> str:
@@ -156,22 +153,13 @@ class StateChecks:
             "SRDF, and self_collision=False lets all of them touch"
         )
 
-    def kept(
-        self,
-        q: Array,
-        v: Array | None,
-        which: str,
-        name: str,
-        *,
-        passing: bool = False,
-    ) -> None:
+    def kept(self, q: Array, v: Array, which: str, *, passing: bool = False) -> None:
         """Check that the constraints hold at a state.
 
         Args:
             q: Positions, shape (n,).
-            v: Velocities, shape (n,); None for rest.
-            which: Name of the state in messages.
-            name: Field that errors name.
+            v: Velocities, shape (n,).
+            which: "start" or "goal".
             passing: Whether the arm may pass the state at an unknown speed: then only
                 constraints on the configuration are checked.
         """
@@ -183,9 +171,9 @@ class StateChecks:
                 continue
             if window is not None and np.isfinite(window.end) and which == "goal":
                 continue  # the arrival time is not known yet
-            if lack := item.lack(q, np.zeros_like(q) if v is None else v, ROUNDING):
+            if lack := item.lack(q, v, ROUNDING):
                 why = contradiction(item, self.constraints, self.robot, q)
-                raise ProblemError(f"{which}: {lack}{why}", name)
+                raise ProblemError(f"{which}: {lack}{why}", FIELDS[which])
 
     def moves_mass(self, q: Array, which: str) -> None:
         """Check that no torque would accelerate joints without bound.
@@ -207,7 +195,7 @@ class StateChecks:
                 f"{which}: {' and '.join(joints)} can move without any inertia there, "
                 "so that any torque would accelerate them without bound: give "
                 f"armature={example_values(joints)} [kg m^2 or kg], or lock one",
-                "q_start" if which == "start" else "goal",
+                FIELDS[which],
             )
 
     def _hold(self, q: Array, v: Array) -> None:

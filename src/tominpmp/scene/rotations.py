@@ -52,8 +52,8 @@ def rotation_matrix(rotation: RotationLike | None) -> Array:
         return value
     elif (largest := float(np.max(np.abs(value)))) < 1e-9:
         wrong = (
-            f"rotation {value.tolist()} is no quaternion (x, y, z, w): its length must "
-            "not be zero"
+            f"rotation is the quaternion (x, y, z, w) {value.tolist()}, expected one "
+            "that is not zero"
         )
     else:
         # Divided first, so that no square overflows.

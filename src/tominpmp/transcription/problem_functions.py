@@ -231,24 +231,13 @@ class ProblemFunctions:
             if kind.of == "u":
                 limits.append(TorqueLimit(self.motors, kind))
             elif kind.of == "du":
-                limits.append(TorqueRate(self.motors, joints, most[joints]))
+                limits.append(TorqueRate(self.motors, kind, joints, most[joints]))
             elif kind.of == "uv":
                 limits.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
             elif joints.size:
                 scale = most if kind.order else self.step_scale
-                limits.append(
-                    JointLimit(
-                        joints,
-                        item.lower[joints],
-                        most[joints],
-                        scale[joints],
-                        most.size,
-                        kind.name,
-                        kind.of,
-                        kind.order,
-                        curable=kind.order > 0,
-                    )
-                )
+                rows = item.lower[joints], most[joints], scale[joints]
+                limits.append(JointLimit(kind, joints, *rows))
         # Those of the motors first, positions last.
         limits.sort(key=lambda item: (isinstance(item, JointLimit), item.order == 0))
         found = [*limits, self.clearance, *self.problem.ready_constraints]
@@ -285,11 +274,10 @@ class ProblemFunctions:
         scale[: place.lengths.size][place.lengths] = min(self.reach, 1.0)
         return scale
 
-    @cached_property
+    @property
     def v_start(self) -> Array:
         """Velocities at the start, shape (n,)."""
-        given = self.problem.v_start
-        return np.zeros(self.n) if given is None else given
+        return self.problem.v_start
 
     @cached_property
     def final_velocity(self) -> Array | None:

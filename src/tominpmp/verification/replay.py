@@ -166,8 +166,7 @@ def replay(
 
 def start_of(problem: Problem) -> Array:
     """First state of a replay, shape (2n,)."""
-    v_start = 0.0 * problem.q_start if problem.v_start is None else problem.v_start
-    return np.concatenate([problem.q_start, v_start])
+    return np.concatenate([problem.q_start, problem.v_start])
 
 
 class _GivenUp(Exception):
