@@ -243,6 +243,10 @@ class PathConstraint(Record, Constraint):
         )
         return by_q, by_v, by_a
 
+    def values(self, q: Array, v: Array, a: Array) -> Array:
+        """Values of :meth:`terms` without derivatives, shape (count,)."""
+        return self.terms(q, v, a)[0]
+
     def terms(self, q: Array, v: Array, a: Array) -> Linear:
         """Smooth values at a state, and their derivatives.
 
