@@ -268,7 +268,7 @@ class Problem(Record):
     def _checks(self) -> StateChecks:
         """Checks of states that need no planning."""
         return StateChecks(
-            self.robot, self.scene, self.checker, self.margins, self.ready_constraints
+            self.robot, self.scene, self.checker, self.margin, self.ready_constraints
         )
 
     def _snap_start(self) -> list[str]:

@@ -43,15 +43,24 @@ class StateChecks:
         robot: The robot.
         scene: The obstacles.
         checker: Distances to them, and between links.
-        margins: Distance to keep by pair of the checker [m].
+        margin: Distance to keep from obstacles [m].
         constraints: Further constraints, ready to be evaluated.
     """
 
     robot: Robot
     scene: Scene
     checker: CollisionChecker
-    margins: Array
+    margin: float
     constraints: tuple[PathConstraint, ...]
+
+    @property
+    def margins(self) -> Array:
+        """Distance to keep by pair of the checker [m].
+
+        Meshes are cut for it, which starts and goals that are clear by hulls do not
+        need.
+        """
+        return self.checker.margins(self.margin)
 
     def start(self, q: Array, v: Array) -> None:
         """Check a start: positions and velocities, shape (n,) each."""
