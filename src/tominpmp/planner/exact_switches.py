@@ -25,14 +25,15 @@ def with_exact_switches(
 
     Args:
         state: The plan.
-        options: Replace the options of the plan; the result is then kept only if it is
-            faster than the motion it begins with.
+        options: Replace the options of the plan, be exact switches asked for or not;
+            the result is then kept only if it is faster than the motion it begins with.
     """
     best = best_of(state.candidates)
-    cutoff = np.inf if options is None or best is None else best.duration
-    options = options or state.options
-    if best is None:
+    wanted = options is not None or state.options.refine == "switching"
+    if best is None or not wanted:
         return
+    cutoff = np.inf if options is None else best.duration
+    options = options or state.options
     if options.refine == "switching" and options.control in DEGREES:
         state.amend(best, remark=SMOOTH.format(options.control))
         return
