@@ -127,18 +127,12 @@ class CachedGuesses:
     """
 
     def __init__(self, guesses: Iterator[Guess]) -> None:
-        self._source = guesses
-        self.made: list[Guess] = []
+        self._guesses = guesses
 
     def since(self, number: int) -> Iterator[Guess]:
         """The guesses from a number on, counted from 0."""
-        for index in itertools.count(number):
-            while len(self.made) <= index:
-                guess = next(self._source, None)
-                if guess is None:
-                    return
-                self.made.append(guess)
-            yield self.made[index]
+        self._guesses, again = itertools.tee(self._guesses)
+        return itertools.islice(again, number, None)
 
 
 def search(
@@ -316,9 +310,7 @@ class CoarseSearch:
     def promising(self) -> bool:
         """Whether there may be a motion that is a good deal faster."""
         system, best = self.system, self.state.best_duration
-        if system.final_configuration is None:
-            return False
-        if system.n > MOST_JOINTS:
+        if system.final_configuration is None or system.n > MOST_JOINTS:
             return False
         if best == np.inf:
             # Among obstacles all guesses were tried.
