@@ -400,7 +400,7 @@ class Trial:
             best = replace(best, z=z, values=result.program.evaluate(z))
             kept = best if best.violation <= feasibility else None
             result = replace(result, best=kept)
-        found = Candidate.of("clock", result.program, self.motion, result)
+        found = Candidate.of("clock", self.motion, result)
         if not found.feasible:
             return found
         return replace(found, trajectory=on_ticks(found.trajectory, self.period))

@@ -179,13 +179,13 @@ def descend(
         callback=state,
         keep=state.keep,
     )
-    found = Candidate.of(guess.name, result.program, initial, result)
+    found = Candidate.of(guess.name, initial, result)
     if options.refine not in ("auto", "grid") or state.options.objective != "time":
         return found
     finer = on_finer_grids(result, state)
     if finer is result:
         return found
-    refined = Candidate.of(guess.name, finer.program, initial, finer)
+    refined = Candidate.of(guess.name, initial, finer)
     return replace(refined, coarser=found)
 
 

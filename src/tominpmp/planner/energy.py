@@ -82,7 +82,7 @@ def another_motion(
         steps = trust_regions(options, make_solver("piqp"))
         exchange = RowExchange(level=0.0)
         result = solve(*begun, *steps, exchange=exchange, callback=seen)
-        found = Candidate.of("former motion", result.program, former, result)
+        found = Candidate.of("former motion", former, result)
         if options.control_period is not None:
             motion = on_ticks(found.trajectory, options.control_period)
             found = replace(found, trajectory=motion)

@@ -163,4 +163,4 @@ def shoot(
         program, z = result.program, result.iterate.z
     result = replace(result, history=tuple(history))
     found = result.iterate if result.best is None else result.best
-    return Candidate.of("shooting", program, initial, result), found.z
+    return Candidate.of("shooting", initial, result), found.z
