@@ -39,7 +39,6 @@ from tominpmp.planner.descent import (
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
-    TORQUE_START_OPTIONS,
     random_torque_starts,
     torques_may_lead,
 )
@@ -167,8 +166,7 @@ def search(
     yield from coarse.probes(further, coarse.patience)
     if torques_may_lead(system) and not first.timed:
         # Weights that cannot be held on the way have to be swung over it.
-        options = replace(state.options, **TORQUE_START_OPTIONS)
-        yield from random_torque_starts(system, options, state, SHOTS)
+        yield from random_torque_starts(system, state, SHOTS)
 
 
 def _paths_first(

@@ -17,6 +17,7 @@ from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.torque_starts import SHOOTING
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
 from tominpmp.solution import Solution
@@ -26,9 +27,7 @@ from tominpmp.verification import explain, verify
 from tominpmp.verification.verification import LONGEST
 
 # Methods whose torques are constant over intervals of the grid.
-TORQUES_KEPT = ("collocation", "adjoint", "penalty")
-# Those of them whose grid is never refined.
-TORQUES_FIXED = ("adjoint", "penalty")
+TORQUES_KEPT = ("collocation", *SHOOTING)
 # How accelerations run, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
 # A joint is named that is at this share of its effort limit for most of the motion,
@@ -153,7 +152,7 @@ def with_remarks(solution: Solution, state: PlanState) -> Solution:
         return solution
     options = solution.options
     remarks = [_turned(solution.problem, solution.trajectory)]
-    if options.refine == "grid" and options.method in TORQUES_FIXED:
+    if options.refine == "grid" and options.method in SHOOTING:
         remarks.append(f"Its grid was not refined: method {options.method!r} keeps it.")
     if STANDS not in solution.message:
         remarks.append(acceleration_remark(solution.problem, solution.trajectory))
@@ -244,7 +243,7 @@ def _scope(options: Options, motion: Trajectory) -> str:
 
     A finer grid, or controls of a higher degree, may allow a faster motion there.
     """
-    if options.refine is not None and options.method not in TORQUES_FIXED:
+    if options.refine is not None and options.method not in SHOOTING:
         return ""
     controls = "constant torques"
     if motion.inverse_dynamics is not None:

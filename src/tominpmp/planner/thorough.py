@@ -27,7 +27,6 @@ from tominpmp.planner.improvements import improvements, with_exact_switches
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
-    TORQUE_START_OPTIONS,
     random_torque_starts,
     torques_may_lead,
 )
@@ -103,9 +102,8 @@ class Waves:
         self.system, self.options, self.state = system, state.options, state
         self.coarse: CoarseSearch | None = None
         self.sources: list[Iterator[Guess | None]] = []
-        shots = replace(state.options, **TORQUE_START_OPTIONS)
         self.shot: Candidate | None = None
-        self.shots = random_torque_starts(system, shots, state, MOST_WAVES)
+        self.shots = random_torque_starts(system, state, MOST_WAVES)
 
     def _rng(self, kind: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, kind])
