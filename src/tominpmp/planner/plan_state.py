@@ -132,6 +132,11 @@ class PlanState:
         """Duration of the incumbent [s]; infinite without an incumbent."""
         return min((one.duration for one in self.candidates), default=np.inf)
 
+    @property
+    def satisfied(self) -> bool:
+        """Whether any motion will do, and there is one."""
+        return self.options.objective == "feasible" and self.incumbent is not None
+
     def amend(self, candidate: Candidate, **changes: Any) -> None:
         """Have a candidate say more of itself: among equally fast ones the last counts.
 
