@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.bounds import LowerBound, lower_bound
+from tominpmp.goals import Goal
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.problem import Problem
@@ -110,7 +111,7 @@ class PlanState:
         self.first_guesses: list[tuple[str, Kept, Problem]] = []
         self.complete = False
         self.failures: list[Exception] = []
-        self._bounds: list[tuple[Problem, LowerBound]] = []
+        self._bounds: list[tuple[Goal, LowerBound]] = []
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit
         self._replay = 0.0
@@ -167,16 +168,15 @@ class PlanState:
         self._set_deadline()
 
     def lower_bound(self, problem: Problem) -> LowerBound:
-        """Time that no motion can beat, found once for each goal and start.
+        """Time that no motion can beat, found once for each goal.
 
         Raises:
             Stop: If it is time to stop.
         """
-        for known, bound in self._bounds:
-            same = np.array_equal(known.q_start, problem.q_start)
-            if same and known.goal is problem.goal:
+        for goal, bound in self._bounds:
+            if goal is problem.goal:
                 return bound
-        self._bounds.append((problem, lower_bound(problem)))
+        self._bounds.append((problem.goal, lower_bound(problem)))
         return self._bounds[-1][1]
 
     # -- time --------------------------------------------------------------------------
