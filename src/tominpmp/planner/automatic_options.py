@@ -17,13 +17,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # (benchmarks/random_goals.py). Of their squares ten times as much costs 0.1 % of T on
 # problems of MotionBenchMaker; a tenth brings 0.05 %, with a quarter more variation.
 JUMPS_SHARE = 1e-4
-# Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
-LP_SOLVERS = {
-    "inverse": "piqp",
-    "collocation": "piqp",
-    "adjoint": "highs",
-    "penalty": "highs",
-}
+# Methods that shoot: their torques are constant over the intervals of a fixed grid.
+SHOOTING = ("adjoint", "penalty")
 
 
 def resolve_options(problem: Problem, options: Options) -> Options:
@@ -46,7 +41,8 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     control = _resolve_control(problem, options, method)
     lp_solver = options.lp_solver
     if lp_solver == "auto":
-        lp_solver = LP_SOLVERS[method]
+        # By measurement (docs/benchmarks.md).
+        lp_solver = "highs" if method in SHOOTING else "piqp"
     make_solver(lp_solver)
     torque = options.initial_control
     if torque is not None and torque.shape not in (

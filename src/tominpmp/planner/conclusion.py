@@ -15,9 +15,9 @@ from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
+from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.torque_starts import SHOOTING
 from tominpmp.problem import Problem
 from tominpmp.problem.problem import effort_range
 from tominpmp.solution import Solution
@@ -26,8 +26,6 @@ from tominpmp.stopping import Stop
 from tominpmp.verification import explain, verify
 from tominpmp.verification.verification import LONGEST
 
-# Methods whose torques are constant over intervals of the grid.
-TORQUES_KEPT = ("collocation", *SHOOTING)
 # How accelerations run, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
 # A joint is named that is at this share of its effort limit for most of the motion,
@@ -185,7 +183,7 @@ def _advice(problem: Problem, options: Options, status: Status, best: Candidate)
     """
     advice = ""
     told = (Status.INFEASIBLE, Status.INTERRUPTED)
-    if not best.found and status not in told and options.method in TORQUES_KEPT:
+    if not best.found and status not in told and options.method != "inverse":
         longest = float(np.max(np.diff(best.trajectory.t)))
         advice = (
             f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "

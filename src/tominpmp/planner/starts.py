@@ -27,7 +27,7 @@ from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import JUMPS_SHARE
+from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
     MOST_PATHS,
@@ -40,7 +40,6 @@ from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
-    SHOOTING,
     random_torque_starts,
     shooting_work,
     torques_may_lead,

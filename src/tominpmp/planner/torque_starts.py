@@ -8,6 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
+from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Schedule, Work
@@ -30,8 +31,6 @@ INSTANTS: dict[str, Selection] = {
     "adjoint": "near",
     "penalty": "violated",
 }
-# Methods that shoot: their torques are constant over the intervals of a fixed grid.
-SHOOTING = ("adjoint", "penalty")
 # Duration that shooting begins with: the paper's T^0 [s].
 FIRST_DURATION = 1.5
 # Starts that are made while there is no incumbent; random torques are constant on
