@@ -73,7 +73,7 @@ def _none(*_: Any, **__: Any) -> None:
 
 def _without(*names: str) -> Variant:
     """The best motion of a search is not improved in these ways."""
-    left = tuple(one for one in IMPROVEMENTS if one.name not in names)
+    left = {name: one for name, one in IMPROVEMENTS.items() if name not in names}
     return Variant(parts={f"{PLANNER}.improvements.IMPROVEMENTS": left})
 
 
@@ -84,7 +84,7 @@ QUICK = Variant({"effort": "quick"})
 ONCE = Variant({"effort": "quick", "refine": None}) | COARSE
 CONSTANT = Variant({"control": "constant"})
 VARIANTS: dict[str, Variant] = {
-    **{f"no {one.name}": _without(one.name) for one in IMPROVEMENTS},
+    **{f"no {name}": _without(name) for name in IMPROVEMENTS},
     "no finer grid": UNREFINED,
     "no finer grid and no certificate": NEITHER,
     "no coarse grids": COARSE,

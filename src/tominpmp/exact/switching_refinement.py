@@ -150,7 +150,7 @@ def exact_switches(
         arcs, iterate = _iterate(sharpen(granted, motion, budget.part()))
         records = tuple(progress.records)
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
-        exact = Candidate.of(attempt.name, arcs, attempt.initial, result)
+        exact = Candidate.of(attempt.name, attempt.initial, result)
         exact = exact.verified(system.problem, options)
         if exact.found:
             return exact

@@ -35,16 +35,14 @@ def candidates_of_alternatives(
         ProblemError: If none of the goals can be reached at all.
     """
     parts = state.problem.alternatives
-    entered = None
-    if former is not None:
-        entered = 0 if len(parts) == 1 else _entered(state.problem, former)
+    if len(parts) == 1:
+        yield from _starts(parts[0], former, state)
+        return
+    entered = None if former is None else _entered(state.problem, former)
     schedules = [
         _starts(part, former if number == entered else None, state)
         for number, part in enumerate(parts)
     ]
-    if len(parts) == 1:
-        yield from schedules[0]
-        return
     one_place = state.problem.goal.configuration is not None
     bounds = [state.lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()

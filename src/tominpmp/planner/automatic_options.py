@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 from tominpmp.exceptions import OptionsError
@@ -18,13 +17,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # (benchmarks/random_goals.py). Of their squares ten times as much costs 0.1 % of T on
 # problems of MotionBenchMaker; a tenth brings 0.05 %, with a quarter more variation.
 JUMPS_SHARE = 1e-4
-# Which solver of linear programs a method takes, by measurement (docs/benchmarks.md).
-LP_SOLVERS = {
-    "inverse": "piqp",
-    "collocation": "piqp",
-    "adjoint": "highs",
-    "penalty": "highs",
-}
+# Methods that shoot: their torques are constant over the intervals of a fixed grid.
+SHOOTING = ("adjoint", "penalty")
 
 
 def resolve_options(problem: Problem, options: Options) -> Options:
@@ -35,10 +29,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     """
     robot = problem.robot
     method = options.method
-    _check_clock(problem, options)
-    _check_segments(problem, options)
-    _check_energy(options)
-    _check_kinematic(problem, options)
+    _check_together(problem, options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
     if method == "inverse" and robot.passive_joints:
@@ -50,7 +41,8 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     control = _resolve_control(problem, options, method)
     lp_solver = options.lp_solver
     if lp_solver == "auto":
-        lp_solver = LP_SOLVERS[method]
+        # By measurement (docs/benchmarks.md).
+        lp_solver = "highs" if method in SHOOTING else "piqp"
     make_solver(lp_solver)
     torque = options.initial_control
     if torque is not None and torque.shape not in (
@@ -108,59 +100,54 @@ def least_time(
     return MinimumTime.of(options, JUMPS_SHARE * duration, squared=squared)
 
 
-def _check_segments(problem: Problem, options: Options) -> None:
-    """Refuse options that are not for motions of several segments.
+def _check_together(problem: Problem, options: Options) -> None:
+    """Refuse options that do not go with the problem, or with each other.
 
     Raises:
         OptionsError: If there is one.
     """
-    if not problem.segments:
-        return
-    known = {
-        "method": ("auto", "inverse"),
-        "refine": ("auto", "grid", None),
-        "slack": (None,),
-    }
-    _check_known(options, known, "the problem has several segments")
+    robot, period, weight = problem.robot, options.control_period, options.energy_weight
+    inverse, followed = ("auto", "inverse"), ("auto", "grid", None)
+    if period is not None:
+        if robot.passive_joints:
+            raise OptionsError(
+                f"control_period is {period:g} s, and {', '.join(robot.passive_joints)}"
+                " has no motor: no controller makes it follow samples; expected None "
+                "for this robot",
+                "control_period",
+            )
+        reason = f"control_period is {period:g} s, without switches between ticks"
+        _check_known(options, reason, refine=followed)
+    if problem.segments:
+        reason = "the problem has several segments"
+        _check_known(options, reason, method=inverse, refine=followed, slack=(None,))
+    if weight:
+        _check_known(
+            options,
+            f"energy_weight is {weight:g}",
+            method=(*inverse, "collocation"),
+            objective=("time",),
+            control_period=(None,),
+            slack=(None,),
+        )
+    if robot.kinematic:
+        _check_known(
+            options,
+            "a kinematic robot has no torques",
+            method=inverse,
+            refine=followed,
+            energy_weight=(0.0,),
+            slack=(None,),
+        )
 
 
-def _check_energy(options: Options) -> None:
-    """Refuse options that know no energy.
-
-    Raises:
-        OptionsError: If there is one.
-    """
-    if options.energy_weight == 0.0:
-        return
-    known = {
-        "method": ("auto", "inverse", "collocation"),
-        "objective": ("time",),
-        "control_period": (None,),
-        "slack": (None,),
-    }
-    _check_known(options, known, f"energy_weight is {options.energy_weight:g}")
-
-
-def _check_kinematic(problem: Problem, options: Options) -> None:
-    """Refuse options that are about torques for a kinematic robot.
-
-    Raises:
-        OptionsError: If there is one.
-    """
-    if problem.robot.kinematic:
-        known = {
-            "method": ("auto", "inverse"),
-            "refine": ("auto", "grid", None),
-            "energy_weight": (0.0,),
-            "slack": (None,),
-        }
-        _check_known(options, known, "a kinematic robot has no torques")
-
-
-def _check_known(
-    options: Options, known: Mapping[str, tuple[object, ...]], reason: str
-) -> None:
+def _check_known(options: Options, reason: str, **known: tuple[object, ...]) -> None:
     """Refuse values of options other than those that are known.
+
+    Args:
+        options: The options.
+        reason: Why others are refused.
+        **known: The values that are known, by the names of their options.
 
     Raises:
         OptionsError: If there is one; says the reason.
@@ -209,25 +196,3 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
     jumps = method != "inverse" or options.refine == "switching"
     jumps = jumps or problem.robot.kinematic
     return "constant" if jumps else "auto"
-
-
-def _check_clock(problem: Problem, options: Options) -> None:
-    """Refuse options and robots that know no clock.
-
-    Raises:
-        OptionsError: If a joint has no motor, or torques are to switch exactly.
-    """
-    if options.control_period is None:
-        return
-    passive = problem.robot.passive_joints
-    if passive:
-        raise OptionsError(
-            f"control_period is {options.control_period:g} s, and {', '.join(passive)} "
-            "has no motor: no controller makes it follow samples; expected None for "
-            "this robot",
-            "control_period",
-        )
-    known = {"refine": ("auto", "grid", None)}
-    period = options.control_period
-    reason = f"control_period is {period:g} s, without switches between ticks"
-    _check_known(options, known, reason)

@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.base import Solved
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
@@ -54,14 +52,9 @@ class Candidate:
     coarser: Candidate | None = None
 
     @classmethod
-    def of(
-        cls,
-        name: str,
-        program: Solved,
-        initial: Array | Trajectory,
-        result: SlpResult,
-    ) -> Candidate:
-        """Candidate from the iterate it began with and the outcome of a solver."""
+    def of(cls, name: str, initial: Trajectory, result: SlpResult) -> Candidate:
+        """Candidate from the motion it began with and the outcome of a solver."""
+        program = result.program
         feasible = result.best is not None
         iterate = result.iterate if result.best is None else result.best
         rows = program.rows
@@ -79,7 +72,7 @@ class Candidate:
             result.status,
             feasible,
             program.trajectory(iterate.z),
-            initial if isinstance(initial, Trajectory) else program.trajectory(initial),
+            initial,
             violations,
             result.history,
             layout=layout,

@@ -39,7 +39,6 @@ from tominpmp.planner.descent import (
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
-    TORQUE_START_OPTIONS,
     random_torque_starts,
     torques_may_lead,
 )
@@ -127,18 +126,12 @@ class CachedGuesses:
     """
 
     def __init__(self, guesses: Iterator[Guess]) -> None:
-        self._source = guesses
-        self.made: list[Guess] = []
+        self._guesses = guesses
 
     def since(self, number: int) -> Iterator[Guess]:
         """The guesses from a number on, counted from 0."""
-        for index in itertools.count(number):
-            while len(self.made) <= index:
-                guess = next(self._source, None)
-                if guess is None:
-                    return
-                self.made.append(guess)
-            yield self.made[index]
+        self._guesses, again = itertools.tee(self._guesses)
+        return itertools.islice(again, number, None)
 
 
 def search(
@@ -173,8 +166,7 @@ def search(
     yield from coarse.probes(further, coarse.patience)
     if torques_may_lead(system) and not first.timed:
         # Weights that cannot be held on the way have to be swung over it.
-        options = replace(state.options, **TORQUE_START_OPTIONS)
-        yield from random_torque_starts(system, options, state, SHOTS)
+        yield from random_torque_starts(system, state, SHOTS)
 
 
 def _paths_first(
@@ -316,9 +308,7 @@ class CoarseSearch:
     def promising(self) -> bool:
         """Whether there may be a motion that is a good deal faster."""
         system, best = self.system, self.state.best_duration
-        if system.final_configuration is None:
-            return False
-        if system.n > MOST_JOINTS:
+        if system.final_configuration is None or system.n > MOST_JOINTS:
             return False
         if best == np.inf:
             # Among obstacles all guesses were tried.

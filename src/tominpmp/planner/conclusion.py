@@ -15,6 +15,7 @@ from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
+from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.problem import Problem
@@ -25,10 +26,6 @@ from tominpmp.stopping import Stop
 from tominpmp.verification import explain, verify
 from tominpmp.verification.verification import LONGEST
 
-# Methods whose torques are constant over intervals of the grid.
-TORQUES_KEPT = ("collocation", "adjoint", "penalty")
-# Those of them whose grid is never refined.
-TORQUES_FIXED = ("adjoint", "penalty")
 # How accelerations run, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
 # A joint is named that is at this share of its effort limit for most of the motion,
@@ -62,16 +59,15 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         ended = status
     if best.refuted:
         ended = Status.UNVERIFIED
-    elif ended is Status.CONVERGED and not best.feasible:
-        ended = Status.INFEASIBLE
-    bound = _bound(state)
+    bound = None
+    with contextlib.suppress(Stop):
+        bound = state.lower_bound(problem)
     return Solution(
         problem=problem,
         options=options,
         status=ended,
         message=_message(problem, options, ended, best, candidates, bound)
-        + _advice(options, ended, best)
-        + _more_time(problem, options, ended, best),
+        + _advice(problem, options, ended, best),
         feasible=best.found,
         trajectory=best.trajectory,
         initial=best.initial,
@@ -153,7 +149,7 @@ def with_remarks(solution: Solution, state: PlanState) -> Solution:
         return solution
     options = solution.options
     remarks = [_turned(solution.problem, solution.trajectory)]
-    if options.refine == "grid" and options.method in TORQUES_FIXED:
+    if options.refine == "grid" and options.method in SHOOTING:
         remarks.append(f"Its grid was not refined: method {options.method!r} keeps it.")
     if STANDS not in solution.message:
         remarks.append(acceleration_remark(solution.problem, solution.trajectory))
@@ -179,40 +175,28 @@ def _turned(problem: Problem, motion: Trajectory) -> str:
     return f"As angles: {', '.join(told)}." if told else ""
 
 
-def _bound(state: PlanState) -> LowerBound | None:
-    """A lower bound on the duration, if there is time for it."""
-    with contextlib.suppress(Stop):
-        return state.lower_bound(state.problem)
-    return None
-
-
-def _advice(options: Options, status: Status, best: Candidate) -> str:
-    """Advice where a method has found no motion; empty where there is one.
+def _advice(problem: Problem, options: Options, status: Status, best: Candidate) -> str:
+    """Advice where a method has found no motion, or the planning time was used up.
 
     Methods whose torques are constant over the intervals need short ones, where an arm
     leaves its path by itself.
     """
+    advice = ""
     told = (Status.INFEASIBLE, Status.INTERRUPTED)
-    if best.found or status in told or options.method not in TORQUES_KEPT:
-        return ""
-    longest = float(np.max(np.diff(best.trajectory.t)))
-    return (
-        f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "
-        "which errors may grow: more intervals make it shorter, and method 'inverse' "
-        "does not depend on it."
-    )
-
-
-def _more_time(
-    problem: Problem, options: Options, status: Status, best: Candidate
-) -> str:
-    """Advice where the planning time was used up; else empty."""
-    if status is not Status.TIME_LIMIT:
-        return ""
-    advice = f" {options.time_limit:.3g} s were allowed; max_planning_time allows more"
-    if options.max_planning_time is None and options.effort != "thorough":
-        advice += f" than effort {options.effort!r} does"
-    return f"{advice}.{_saturated(problem, best.trajectory)}"
+    if not best.found and status not in told and options.method != "inverse":
+        longest = float(np.max(np.diff(best.trajectory.t)))
+        advice = (
+            f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "
+            "which errors may grow: more intervals make it shorter, and method "
+            "'inverse' does not depend on it."
+        )
+    if status is Status.TIME_LIMIT:
+        allowed = f"{options.time_limit:.3g} s were allowed"
+        advice += f" {allowed}; max_planning_time allows more"
+        if options.max_planning_time is None and options.effort != "thorough":
+            advice += f" than effort {options.effort!r} does"
+        advice += f".{_saturated(problem, best.trajectory)}"
+    return advice
 
 
 def _saturated(problem: Problem, motion: Trajectory) -> str:
@@ -244,7 +228,7 @@ def _scope(options: Options, motion: Trajectory) -> str:
 
     A finer grid, or controls of a higher degree, may allow a faster motion there.
     """
-    if options.refine is not None and options.method not in TORQUES_FIXED:
+    if options.refine is not None and options.method not in SHOOTING:
         return ""
     controls = "constant torques"
     if motion.inverse_dynamics is not None:

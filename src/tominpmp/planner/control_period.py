@@ -15,7 +15,7 @@ import contextlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -110,34 +110,47 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
             "control_period",
         )
     history, clocked, status = list(solution.history), None, None
-    # Of candidates with one motion the last says the most of it.
-    motions = {id(one.trajectory): one for one in state.candidates if one.found}
-    found = sorted(motions.values(), key=lambda one: one.duration)
-
-    def bring() -> None:
-        nonlocal clocked
-        for former in found:
-            clocked = _brought(solution, period, former, state)
-            number, before = state.candidates.index(former), len(former.history)
-            history.extend(replace(r, start=number) for r in clocked.history[before:])
-            if clocked.found:
-                break
-
+    bring = partial(_fastest_on_clock, solution, period, state, history)
     try:
-        bring()
+        clocked = bring()
     except (Stop, KeyboardInterrupt) as stop:
-        clocked, status = None, state.stopped(stop)
+        status = state.stopped(stop)
         if status is Status.INTERRUPTED and solution.status is not status:
             # A motion that is not on the clock is no motion: there is time of grace.
             with state.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
-                bring()
+                clocked = bring()
     except NUMERICAL as error:
         logger.warning("the motion could not be brought to the clock: %r", error)
-        clocked = None
     solution = replace(solution, history=tuple(history), planning_time=state.seconds)
     if clocked is None or not clocked.found:
         return _without_clock(solution, period, clocked, status)
     return _with_clock(solution, period, clocked, state)
+
+
+def _fastest_on_clock(
+    solution: Solution, period: float, state: PlanState, history: list[IterationRecord]
+) -> Candidate | None:
+    """The fastest candidate that can be brought to the clock, as a motion on it.
+
+    Args:
+        solution: What planning without the clock has led to.
+        period: The period [s].
+        state: The plan.
+        history: Gets the records of all trials.
+
+    Returns:
+        The motion; where there is none, the last one that was tried.
+    """
+    # Of candidates with one motion the last says the most of it.
+    motions = {id(one.trajectory): one for one in state.candidates if one.found}
+    clocked = None
+    for former in sorted(motions.values(), key=lambda one: one.duration):
+        clocked = _brought(solution, period, former, state)
+        number, before = state.candidates.index(former), len(former.history)
+        history.extend(replace(r, start=number) for r in clocked.history[before:])
+        if clocked.found:
+            break
+    return clocked
 
 
 def _with_clock(
@@ -190,10 +203,8 @@ def _without_clock(
     elif last is not None and last.verification is not None:
         status, reason = Status.UNVERIFIED, last.verification.message.rstrip(".")
     else:
-        status, reason = (
-            Status.INFEASIBLE,
-            "none of the numbers of periods tried would do",
-        )
+        status = Status.INFEASIBLE
+        reason = "none of the numbers of periods tried would do"
     rest = "keeps all else, but its knots are not on the clock"
     if replay is None:
         rest = "is not on the clock, and there was no time to verify it"
@@ -400,7 +411,7 @@ class Trial:
             best = replace(best, z=z, values=result.program.evaluate(z))
             kept = best if best.violation <= feasibility else None
             result = replace(result, best=kept)
-        found = Candidate.of("clock", result.program, self.motion, result)
+        found = Candidate.of("clock", self.motion, result)
         if not found.feasible:
             return found
         return replace(found, trajectory=on_ticks(found.trajectory, self.period))

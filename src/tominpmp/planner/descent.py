@@ -20,7 +20,7 @@ from tominpmp.planner.first_program import Begun, first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
 from tominpmp.solvers.exchange import RowExchange, with_missing_rows
-from tominpmp.solvers.loop import Loop, Rule, Step, solve
+from tominpmp.solvers.loop import Loop, Rule, solve
 from tominpmp.solvers.objective import LIGHT
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
@@ -163,7 +163,7 @@ def descend(
     initial = program.trajectory(z)
     if system.parts and not guess.solved and options.control in DEGREES:
         program, z = _smooth_start(system, options, guess, state)
-    step, usual = _method(system, options)
+    step, usual = trust_regions(options, accuracy=_accuracy(system))
     exchange = RowExchange(
         # The last violations cost less than a finer grid brings.
         light=LIGHT if options.refine == "auto" else 0.0,
@@ -179,20 +179,19 @@ def descend(
         callback=state,
         keep=state.keep,
     )
-    found = Candidate.of(guess.name, result.program, initial, result)
+    found = Candidate.of(guess.name, initial, result)
     if options.refine not in ("auto", "grid") or state.options.objective != "time":
         return found
     finer = on_finer_grids(result, state)
     if finer is result:
         return found
-    refined = Candidate.of(guess.name, finer.program, initial, finer)
+    refined = Candidate.of(guess.name, initial, finer)
     return replace(refined, coarser=found)
 
 
-def _method(system: ProblemFunctions, options: Options) -> tuple[Step, Rule]:
-    """Steps of a descent, and the rules that end it."""
-    accuracy = FREE_ACCURACY if system.final_configuration is None else None
-    return trust_regions(options, accuracy=accuracy)
+def _accuracy(system: ProblemFunctions) -> float | None:
+    """Gap of the programs of a descent; None for the usual one."""
+    return FREE_ACCURACY if system.final_configuration is None else None
 
 
 def _smooth_start(
@@ -212,7 +211,7 @@ def _smooth_start(
         program,
         least_time(system, few, guess.duration),
         z,
-        *_method(system, few),
+        *trust_regions(few, accuracy=_accuracy(system)),
         callback=state,
         keep=state.keep,
     )

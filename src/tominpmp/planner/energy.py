@@ -51,7 +51,8 @@ SLOWEST = 100.0
 FINER = {"torque_squared": 3, "work": 2}
 # How often the time scaling is halved that breaks limits, as of times of arrival.
 SLOWER_TRIALS = 6
-UNITS = {"torque_squared": "N^2 m^2 s", "work": "J"}
+# Names and units of the kinds of energy, as messages have them.
+ENERGIES = {"torque_squared": ("energy", "N^2 m^2 s"), "work": ("work", "J")}
 NO_CHEAPER = "no motion of less cost was found."
 
 
@@ -82,7 +83,7 @@ def another_motion(
         steps = trust_regions(options, make_solver("piqp"))
         exchange = RowExchange(level=0.0)
         result = solve(*begun, *steps, exchange=exchange, callback=seen)
-        found = Candidate.of("former motion", result.program, former, result)
+        found = Candidate.of("former motion", former, result)
         if options.control_period is not None:
             motion = on_ticks(found.trajectory, options.control_period)
             found = replace(found, trajectory=motion)
@@ -188,12 +189,12 @@ def _message(found: Solution, former: Trajectory) -> str:
     share = 100.0 * (found.T / former.duration - 1.0)
     # On a finer grid it may take less.
     more = f"{abs(share):.3g} % {'more' if share >= 0.0 else 'less'}"
-    settled = "A locally optimal" if found.status is Status.CONVERGED else "A"
-    begin = "" if found.status is Status.CONVERGED else f"{found.status.value} "
-    weight, unit = found.options.energy_weight, UNITS[found.options.energy]
-    name = "work" if found.options.energy == "work" else "energy"
+    converged = found.status is Status.CONVERGED
+    begin = "A locally optimal" if converged else f"{found.status.value} A"
+    weight = found.options.energy_weight
+    name, unit = ENERGIES[found.options.energy]
     return (
-        f"{begin}{settled} trade of time against {name} was found. "
+        f"{begin} trade of time against {name} was found. "
         f"T = {found.T:.4f} s, {more} than the fastest motion of the search, "
         f"{name} = {found.energy:.4g} {unit}, "
         f"T + {weight:g} {name} = {found.cost:.6g} s."

@@ -34,6 +34,9 @@ logger = logging.getLogger(__name__)
 
 # A round is the last whose predicted decrease is below FALLS times the worth of one.
 FALLS = 2.0
+# An iteration goes on while the predicted gain that its last step left is more than
+# this share of the worth of a round: most of the gain comes with the first step.
+ENOUGH = 0.5
 # Time scaling removes a violation up to this, and costs no more than half of it.
 CURABLE = 3e-4
 # Programs that all rounds together may take at least.
@@ -51,8 +54,6 @@ class RefinementBudget:
 
     Attributes:
         worth: A round is worth while if it promises this share of T.
-        enough: An iteration goes on while the predicted gain that its last step left is
-            more than this share of T: most of the gain comes with the first step.
         gain: Motions that gain less than this share of T are left on their grid: their
             last steps tell that they are optimal there.
         rounds: Rounds of halving.
@@ -63,16 +64,15 @@ class RefinementBudget:
     """
 
     worth: float
-    enough: float
     gain: float
     rounds: int
     work: float
     bends: float
 
 
-STANDARD_BUDGET = RefinementBudget(3e-3, 1.5e-3, 5e-4, 5, 1.5, BENDS)
+STANDARD_BUDGET = RefinementBudget(3e-3, 5e-4, 5, 1.5, BENDS)
 # Where time matters less than T.
-GENEROUS_BUDGET = RefinementBudget(3e-4, 1.5e-4, 1e-4, 6, 4.0, 0.99)
+GENEROUS_BUDGET = RefinementBudget(3e-4, 1e-4, 6, 4.0, 0.99)
 
 
 def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
@@ -173,7 +173,7 @@ class RoundStop:
         if vain and len(loop.history) == 1:
             return Status.CONVERGED
         left = (record.predicted - max(record.actual, 0.0)) / self.duration
-        enough = vain or left < self.budget.enough or self.spent()
+        enough = vain or left < ENOUGH * self.budget.worth or self.spent()
         enough = enough or len(loop.history) >= ITERATIONS
         if not enough or record.violation > CURABLE:
             return None

@@ -11,12 +11,10 @@ which limit was reached, and the message how much small changes promise still.
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.motion import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
@@ -28,7 +26,6 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
-from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import ACCURACY, trust_regions
@@ -94,15 +91,16 @@ def certified(state: PlanState) -> Schedule[None]:
     if (1.0 - SMALL_GAP) * best.duration <= bound:
         limit = min(limit, FEW)
 
-    def make(former: Candidate, system: ProblemFunctions, *_: object) -> Candidate:
-        return CertifiedDescent(system, state, tolerance, limit).run(former)
+    def make(system: ProblemFunctions, *_: object) -> Candidate:
+        return CertifiedDescent(system, state, tolerance, limit).run(best)
 
-    settled = yield Work.from_best(state, best, partial(make, best))
-    if settled is None and best.status is Status.CONVERGED:
-        # The test was cut short, or failed: nothing is known of the motion.
-        best = replace(best, status=state.cut_short or Status.STALLED)
+    settled = yield Work.from_best(state, best, make)
     if settled is None or settled.duration > best.duration:
-        state.amend(best)
+        status = best.status
+        if settled is None and status is Status.CONVERGED:
+            # The test was cut short, or failed: nothing is known of the motion.
+            status = state.cut_short or Status.STALLED
+        state.amend(best, status=status)
 
 
 def tolerance_of(options: Options) -> float:
@@ -118,8 +116,7 @@ def last_step_suffices(
     The gain that a linear program predicts within a trust region is at least the share
     of its gain within a larger one that the region is of the larger one.
     """
-    judged = candidate.verification
-    if len(candidate.history) < 2 or judged is None or candidate.layout is None:
+    if len(candidate.history) < 2 or candidate.layout is None:
         return False  # other methods have steps and radii of other kinds
     h = np.diff(candidate.trajectory.t)
     if np.max(h) > LONGEST * h.sum():
@@ -149,25 +146,21 @@ def _anything_near(problem: Problem, candidate: Candidate) -> bool:
     return judged.min_clearance < margin + close
 
 
+@dataclass(eq=False)
 class CertifiedDescent:
     """Improves a motion until its certificate accepts it.
 
-    Args:
+    Attributes:
         system: The functions of the problem.
         state: The plan.
         tolerance: Gain that small changes may promise, as a share of T.
-        iterations: How many there may be.
+        limit: How many iterations there may be.
     """
 
-    def __init__(
-        self,
-        system: ProblemFunctions,
-        state: PlanState,
-        tolerance: float,
-        iterations: int,
-    ) -> None:
-        self.system, self.state, self.options = system, state, state.options
-        self.tolerance, self.limit = tolerance, iterations
+    system: ProblemFunctions
+    state: PlanState
+    tolerance: float
+    limit: int
 
     @property
     def spent(self) -> bool:
@@ -189,7 +182,7 @@ class CertifiedDescent:
             gain = 1.0 - further.duration / best.duration
             if gain > self.tolerance:
                 # The search had not come to its end.
-                more = min(FEWEST, self.options.max_iterations)
+                more = min(FEWEST, self.state.options.max_iterations)
                 self.limit = max(self.limit, len(self.state.records) + more)
             if gain > 0.0:
                 best, layout = further, further.layout
@@ -228,33 +221,29 @@ class CertifiedDescent:
         """A faster motion, replayed; the same where there is none."""
         of, z = layout.represented(self.system, best.trajectory)
         program, z = rested(NonlinearProgram.of(of).at(z), z)
-        result = self._solved(program, z)
-        if result.best is None:
-            return best
-        found = Candidate.of(best.name, result.program, best.initial, result)
-        found = replace(found, remark=best.remark, history=())
-        if found.trajectory.duration >= best.duration:
-            return best
-        found = found.verified(self.system.problem, self.options)
-        return found if found.found else best
-
-    def _solved(self, program: NonlinearProgram, z: Array) -> SlpResult:
-        """Some iterations, with rows where they show some to be missing."""
-        near = near_to_it(self.options, RADIUS, ITERATIONS)
-
-        def seen(record: IterationRecord) -> Status | None:
-            status = self.state(record)
-            return status or (Status.ITERATION_LIMIT if self.spent else None)
-
-        return solve(
+        near = near_to_it(self.state.options, RADIUS, ITERATIONS)
+        result = solve(
             program,
             MinimumTime.of(near, near.smoothing or 0.0),
             z,
             *trust_regions(near),
             exchange=RowExchange(level=0.0),
-            callback=seen,
+            callback=self._seen,
             keep=self.state.keep,
         )
+        if result.best is None:
+            return best
+        found = Candidate.of(best.name, best.initial, result)
+        found = replace(found, remark=best.remark, history=())
+        if found.trajectory.duration >= best.duration:
+            return best
+        found = found.verified(self.system.problem, self.state.options)
+        return found if found.found else best
+
+    def _seen(self, record: IterationRecord) -> Status | None:
+        """See a record; a status ends the iteration."""
+        status = self.state(record)
+        return status or (Status.ITERATION_LIMIT if self.spent else None)
 
     def _concluded(self, best: Candidate, seen: Findings) -> Candidate:
         """The motion with the status that it deserves."""

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.bounds import LowerBound, lower_bound
+from tominpmp.goals import Goal
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.problem import Problem
@@ -110,7 +111,7 @@ class PlanState:
         self.first_guesses: list[tuple[str, Kept, Problem]] = []
         self.complete = False
         self.failures: list[Exception] = []
-        self._bounds: list[tuple[Problem, LowerBound]] = []
+        self._bounds: list[tuple[Goal, LowerBound]] = []
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit
         self._replay = 0.0
@@ -131,6 +132,11 @@ class PlanState:
     def best_duration(self) -> float:
         """Duration of the incumbent [s]; infinite without an incumbent."""
         return min((one.duration for one in self.candidates), default=np.inf)
+
+    @property
+    def satisfied(self) -> bool:
+        """Whether any motion will do, and there is one."""
+        return self.options.objective == "feasible" and self.incumbent is not None
 
     def amend(self, candidate: Candidate, **changes: Any) -> None:
         """Have a candidate say more of itself: among equally fast ones the last counts.
@@ -162,16 +168,15 @@ class PlanState:
         self._set_deadline()
 
     def lower_bound(self, problem: Problem) -> LowerBound:
-        """Time that no motion can beat, found once for each goal and start.
+        """Time that no motion can beat, found once for each goal.
 
         Raises:
             Stop: If it is time to stop.
         """
-        for known, bound in self._bounds:
-            same = np.array_equal(known.q_start, problem.q_start)
-            if same and known.goal is problem.goal:
+        for goal, bound in self._bounds:
+            if goal is problem.goal:
                 return bound
-        self._bounds.append((problem, lower_bound(problem)))
+        self._bounds.append((problem.goal, lower_bound(problem)))
         return self._bounds[-1][1]
 
     # -- time --------------------------------------------------------------------------

@@ -17,7 +17,6 @@ is sent the candidate that came of it, and a loop in :func:`plan` that does the 
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import replace
 from typing import Any
 
@@ -100,7 +99,7 @@ def plan(
             if barrier is not None:
                 return without_motion(state, asked, Status.INFEASIBLE, str(barrier))
             schedule = everything(state, former)
-            while status is None:
+            while status is None and not state.satisfied:
                 answer = run(state, schedule.send(answer))
                 status = state.ended
             schedule.close()
@@ -147,14 +146,10 @@ def everything(
         state: The plan.
         former: A former motion to begin with.
     """
-    starts, answer = candidates_of_alternatives(state, former), None
-    any_will_do = state.options.objective == "feasible"
-    with contextlib.suppress(StopIteration):
-        while not (any_will_do and state.incumbent is not None):
-            answer = yield starts.send(answer)
+    yield from candidates_of_alternatives(state, former)
     if state.incumbent is None:
         use_fallback(state, Status.FEASIBLE)
-    if not any_will_do:
+    if state.options.objective == "time":
         yield from improvements(state)
         yield from thorough_search(state)
 

@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import JUMPS_SHARE
+from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
     MOST_PATHS,
@@ -41,7 +40,6 @@ from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
-    TORQUE_START_OPTIONS,
     random_torque_starts,
     shooting_work,
     torques_may_lead,
@@ -86,42 +84,24 @@ WARM_FAR = 0.05
 OUTDONE = 0.95
 
 
-class Count(NamedTuple):
-    """How many guesses are tried.
+def usual_starts(system: ProblemFunctions, options: Options) -> tuple[int, int]:
+    """How many guesses are tried where ``options.starts`` is None.
 
-    Attributes:
-        wanted: Number of guesses tried in any case.
-        usual: Default of ``wanted``, where ``options.starts`` is None.
-        rescues: Upper limit while there is no incumbent.
+    Returns:
+        The number of guesses, and its upper limit while there is no incumbent.
     """
-
-    wanted: int
-    usual: int
-    rescues: int
-
-    @classmethod
-    def of(cls, system: ProblemFunctions, options: Options) -> Count:
-        """The number that options ask for, or that fits the problem."""
-        moving = bool(system.problem.scene.moving)
-        usual = 1
-        if options.objective == "time":
-            if system.final_configuration is None:
-                many = system.in_free_space and system.n > FEW_JOINTS
-                usual = LONE_FRAME_STARTS if many else FRAME_STARTS
-            usual = max(usual, MOVING_STARTS) if moving else usual
-            if system.parts:
-                usual = SEGMENTED_STARTS if options.control in DEGREES else 1
-        swings = torques_may_lead(system)
-        rescues = FEW_JOINTS_RESCUE_STARTS if swings else RESCUE_STARTS
-        rescues = max(usual, MOVING_RESCUE_STARTS if moving else rescues)
-        return cls(options.starts or usual, usual, rescues)
-
-    def after_search(self, found: bool) -> Count:
-        """The number that is left after a search on coarse grids."""
-        wanted = self.wanted - found
-        if found and self.usual > 1 and self.wanted == self.usual:
-            wanted = 0  # the coarse search has compared these guesses
-        return self._replace(wanted=wanted, rescues=self.rescues - found)
+    moving = bool(system.problem.scene.moving)
+    usual = 1
+    if options.objective == "time":
+        if system.final_configuration is None:
+            many = system.in_free_space and system.n > FEW_JOINTS
+            usual = LONE_FRAME_STARTS if many else FRAME_STARTS
+        usual = max(usual, MOVING_STARTS) if moving else usual
+        if system.parts:
+            usual = SEGMENTED_STARTS if options.control in DEGREES else 1
+    swings = torques_may_lead(system)
+    rescues = FEW_JOINTS_RESCUE_STARTS if swings else RESCUE_STARTS
+    return usual, max(usual, MOVING_RESCUE_STARTS if moving else rescues)
 
 
 def starts(
@@ -145,15 +125,16 @@ def starts(
             found = _keep_former(system, former, state, candidate) or found
         if found and (options.starts or 1) == 1 and not _outdone(system, state):
             return
-    if options.method in ("adjoint", "penalty"):
-        yield from random_torque_starts(system, options, state)
+    if options.method in SHOOTING:
+        yield from random_torque_starts(system, state)
         return
     rng = np.random.default_rng(options.seed)
-    count = Count.of(system, options)
+    usual, rescues = usual_starts(system, options)
+    wanted = options.starts or usual
     searched = coarse_grids_apply(system, options)
-    most = max(count.wanted, count.rescues)
+    most = max(wanted, rescues)
     if searched and not system.in_free_space:
-        most = max(most, count.usual + MOST_PATHS)
+        most = max(most, usual + MOST_PATHS)
     make = guesses_of
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
@@ -164,57 +145,68 @@ def starts(
     guesses = itertools.chain([first], guesses)
     if first.blocked:
         # A descent may still free the final configuration; more guesses would not.
-        count = count._replace(rescues=count.usual)
-        guesses = itertools.islice(guesses, max(count.wanted, count.rescues))
+        rescues = usual
+        guesses = itertools.islice(guesses, max(wanted, rescues))
     if searched:
         cached = CachedGuesses(guesses)
-        yield from search(system, state, cached, count.usual)
+        yield from search(system, state, cached, usual)
         if first.blocked:
             return
         # Where that has led to no motion, everything is tried in full.
-        found = state.best_duration < np.inf
-        guesses, count = cached.since(int(found)), count.after_search(found)
-    yield from _in_full(system, state, guesses, count)
+        guesses = cached.since(0)
+        if state.best_duration < np.inf:
+            # The first guess was tried, and the usual ones were compared.
+            guesses, rescues = cached.since(1), rescues - 1
+            wanted = 0 if wanted == usual else wanted - 1
+    yield from _in_full(system, state, guesses, wanted, rescues)
 
 
 def _in_full(
     system: ProblemFunctions,
     state: PlanState,
     guesses: Iterator[Guess],
-    count: Count,
+    wanted: int,
+    rescues: int,
 ) -> Schedule[None]:
-    """Improve guesses on the grid that is asked for."""
+    """Improve guesses on the grid that is asked for.
+
+    Args:
+        system: Functions of the problem.
+        state: The plan.
+        guesses: The guesses.
+        wanted: How many are tried in any case.
+        rescues: Upper limit while there is no incumbent.
+    """
     options = state.options
-    shots = replace(options, **TORQUE_START_OPTIONS)
     swings = torques_may_lead(system)
     several = options.processes > 1 and (state.left > TO_START or ready())
     ahead = Ahead(system, state, guesses) if several else None
     try:
         for number in itertools.count():
-            if number >= count.rescues and swings and state.best_duration == np.inf:
+            if number >= rescues and swings and state.best_duration == np.inf:
                 # Fewer starts than are asked for would try them now.
                 swings = False
-                yield from random_torque_starts(system, shots, state)
-            enough = state.best_duration < np.inf or number >= count.rescues
-            if number >= count.wanted and enough:
+                yield from random_torque_starts(system, state)
+            enough = state.best_duration < np.inf or number >= rescues
+            if number >= wanted and enough:
                 return
             # To make one may take a search: not before it is known to be wanted.
-            wanted = max(count.wanted - number, 0)
-            guess = ahead.next(wanted) if ahead else next(guesses, None)
+            left = max(wanted - number, 0)
+            guess = ahead.next(left) if ahead else next(guesses, None)
             if guess is None:
                 break
             if guess.timed and guess.duration > TOO_SLOW * state.best_duration:
                 continue
             # The last one may take as long as it likes.
             stop = None
-            if number + 1 < count.rescues and system.parts:
+            if number + 1 < rescues and system.parts:
                 stop = stop_if_hopeless(guess.duration)
             work = descent_work(system, options, guess, state, stop)
             if ahead is not None:
                 work = replace(work, make=partial(ahead.result, number), repairs=0)
             yield work
         if swings and state.best_duration == np.inf:
-            yield from random_torque_starts(system, shots, state)
+            yield from random_torque_starts(system, state)
     finally:
         if ahead is not None and state.cut_short:
             state.candidates += ahead.left()
@@ -328,7 +320,7 @@ def _warm_start_work(
 ) -> Work:
     """Work that improves a former motion."""
     near = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
-    if near.method in ("adjoint", "penalty"):
+    if near.method in SHOOTING:
         shares = interval_shares(near.grid, near.intervals)
         return shooting_work(system, near, state, former.torque_program(system, shares))
     if near.smoothing is None:
@@ -342,9 +334,7 @@ def _keep_former(
     system: ProblemFunctions, former: WarmStart, state: PlanState, candidate: Candidate
 ) -> bool:
     """Keep a former motion that led to no faster one, if its replay holds."""
-    if system.parts:
-        return False
-    kept = former.remainder(system)
+    kept = None if system.parts else former.remainder(system)
     if kept is None:
         return False
     same = replace(

@@ -23,12 +23,10 @@ from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
 from tominpmp.planner.descent import torques_rule
-from tominpmp.planner.exact_switches import with_exact_switches
-from tominpmp.planner.improvements import improvements
+from tominpmp.planner.improvements import improvements, with_exact_switches
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
-    TORQUE_START_OPTIONS,
     random_torque_starts,
     torques_may_lead,
 )
@@ -52,10 +50,11 @@ def thorough_search(state: PlanState) -> Schedule[None]:
     options, problem = state.options, state.problem
     if options.effort != "thorough":
         return
+    systems = [ProblemFunctions.of(part) for part in problem.alternatives]
     searches = [
-        Waves(ProblemFunctions.of(part), state)
-        for part in problem.alternatives
-        if coarse_grids_apply(ProblemFunctions.of(part), options)
+        Waves(system, state)
+        for system in systems
+        if coarse_grids_apply(system, options)
     ]
     if not searches:
         return
@@ -103,9 +102,8 @@ class Waves:
         self.system, self.options, self.state = system, state.options, state
         self.coarse: CoarseSearch | None = None
         self.sources: list[Iterator[Guess | None]] = []
-        shots = replace(state.options, **TORQUE_START_OPTIONS)
         self.shot: Candidate | None = None
-        self.shots = random_torque_starts(system, shots, state, MOST_WAVES)
+        self.shots = random_torque_starts(system, state, MOST_WAVES)
 
     def _rng(self, kind: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, kind])

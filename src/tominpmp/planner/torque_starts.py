@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
+from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Schedule, Work
@@ -31,13 +31,6 @@ INSTANTS: dict[str, Selection] = {
     "adjoint": "near",
     "penalty": "violated",
 }
-# How torques from nowhere are improved where another method was asked for.
-TORQUE_START_OPTIONS: dict[str, Any] = {
-    "method": "adjoint",
-    "control": "constant",
-    "lp_solver": "highs",
-    "starts": None,
-}
 # Duration that shooting begins with: the paper's T^0 [s].
 FIRST_DURATION = 1.5
 # Starts that are made while there is no incumbent; random torques are constant on
@@ -50,17 +43,25 @@ LONGER = 2.0
 
 
 def random_torque_starts(
-    system: ProblemFunctions, options: Options, state: PlanState, least: int = 1
+    system: ProblemFunctions, state: PlanState, least: int = 1
 ) -> Schedule[None]:
     """Improve the torques to begin with, then random ones.
 
     Args:
         system: The problem.
-        options: Options of the descents.
-        state: The plan.
-        least: How many are improved where the options do not say it; more are while
-            none has led to a motion.
+        state: The plan; where its method does not shoot, the adjoint method does.
+        least: How many are improved where the options do not say it of a method that
+            shoots; more are while none has led to a motion.
     """
+    options = state.options
+    if options.method not in SHOOTING:
+        options = replace(
+            options,
+            method="adjoint",
+            control="constant",
+            lp_solver="highs",
+            starts=None,
+        )
     rng = np.random.default_rng(options.seed)
     wanted = most = options.starts or least
     if options.method == "adjoint":
@@ -131,7 +132,8 @@ def shoot(
 ) -> tuple[Candidate, Array]:
     """Improve torques and duration with a number of integration steps an interval."""
     shares = interval_shares(options.grid, options.intervals)
-    paper = options.step_rule == "paper" and options.method == "adjoint"
+    penalty = options.method == "penalty"
+    paper = options.step_rule == "paper" and not penalty
     transcription = AdjointTranscription(
         system, shares, float(z[-1]), substeps=substeps
     )
@@ -139,13 +141,13 @@ def shoot(
     program = NonlinearProgram.of(transcription, selection)
     gradual = any(block.gradual for block in program.blocks)
     method: tuple[Step, Rule]
-    passes = 2 if gradual and (paper or options.method == "penalty") else 1
+    # Among obstacles methods without a trust region go farther from a new start.
+    passes = 2 if gradual and (paper or penalty) else 1
     objective = MinimumTime.of(options, 0.0 if paper else options.smoothing or 0.0)
     initial = program.trajectory(z)
     history: list[IterationRecord] = []
     for _ in range(passes):
-        # Among obstacles methods without a trust region go farther from a new start.
-        if options.method == "penalty":
+        if penalty:
             method = penalty_rounds(options, z)
         else:
             method = fixed_steps(options) if paper else trust_regions(options)
@@ -163,4 +165,4 @@ def shoot(
         program, z = result.program, result.iterate.z
     result = replace(result, history=tuple(history))
     found = result.iterate if result.best is None else result.best
-    return Candidate.of("shooting", program, initial, result), found.z
+    return Candidate.of("shooting", initial, result), found.z

@@ -172,7 +172,7 @@ def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
     """
     if not state.kept:
         return None
-    initial = state.kept[0] if state.begun is None else state.begun
+    initial = state.begun or state.kept[0]
     feasible = [item for item in reversed(state.kept) if item.feasible]
     last: Candidate | None = None
     with state.saving():
@@ -199,7 +199,7 @@ def _as_candidate(name: str, kept: Kept, initial: Kept, status: Status) -> Candi
     best = iterate if feasible else None
     result = SlpResult(status, iterate, best, (), program)
     begun = initial.program.trajectory(initial.iterate.z)
-    return Candidate.of(name, program, begun, result)
+    return Candidate.of(name, begun, result)
 
 
 def _slowed_down(begun: Kept, feasibility: float) -> Kept | None:
