@@ -190,6 +190,15 @@ def test_any_of_several_goals_on_the_way():
     near(planned(problem).T, rail_time(1.0, PUSH))
 
 
+def test_the_bound_of_a_plan_is_that_of_the_goals_it_has_not_chosen():
+    # The bound of the far goal, which is tried, is none for the near one.
+    goals = tm.AnyGoal([tm.JointGoal([2.0]), tm.JointGoal([0.5])])
+    problem = problem_on_rail(tm.Segment(goals), at(0.6), robot=rail(velocity=1.0))
+    solution = planned(problem)
+    assert solution.lower_bound.T == tm.lower_bound(problem).T
+    assert solution.lower_bound.T <= solution.T
+
+
 def test_a_scene_for_one_segment():
     robot = tm.load_robot("planar3r")
     start, end = np.array([0.4, 0.3, 0.2]), np.array([0.4, -0.3, -0.2])

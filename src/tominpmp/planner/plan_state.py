@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -111,7 +112,7 @@ class PlanState:
         self.first_guesses: list[tuple[str, Kept, Problem]] = []
         self.complete = False
         self.failures: list[Exception] = []
-        self._bounds: list[tuple[Goal, LowerBound]] = []
+        self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit
         self._replay = 0.0
@@ -168,15 +169,16 @@ class PlanState:
         self._set_deadline()
 
     def lower_bound(self, problem: Problem) -> LowerBound:
-        """Time that no motion can beat, found once for each goal.
+        """Time that no motion can beat, found once for the goals of all segments.
 
         Raises:
             Stop: If it is time to stop.
         """
-        for goal, bound in self._bounds:
-            if goal is problem.goal:
+        goals = [phase.goal for phase in problem.phases]
+        for known, bound in self._bounds:
+            if all(map(operator.is_, known, goals)):
                 return bound
-        self._bounds.append((problem.goal, lower_bound(problem)))
+        self._bounds.append((goals, lower_bound(problem)))
         return self._bounds[-1][1]
 
     # -- time --------------------------------------------------------------------------
