@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
@@ -35,6 +37,7 @@ class Candidate:
         clearance_rows: Whether its program had clearance rows.
         dropped: Whether a rule of its iteration has given it up.
         coarser: The motion on a coarser grid that it was refined from; None for others.
+        row_times: Times of the rows of distances in its program [s], by their block.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Candidate:
     clearance_rows: bool = False
     dropped: bool = False
     coarser: Candidate | None = None
+    row_times: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, name: str, initial: Trajectory, result: SlpResult) -> Candidate:
@@ -63,10 +67,11 @@ class Candidate:
             kind: float(np.max(violation[rows.kind == index], initial=0.0))
             for index, kind in enumerate(rows.kinds)
         }
-        layout, clearance_rows = None, False
+        layout, clearance_rows, row_times = None, False, dict[str, Array]()
         if isinstance(program, NonlinearProgram):
             layout = Layout.of(program.transcription, iterate.z)
             clearance_rows = program.system.clearance is not None
+            row_times = times_of_rows(program, iterate.z)
         return cls(
             name,
             result.status,
@@ -78,6 +83,7 @@ class Candidate:
             layout=layout,
             clearance_rows=clearance_rows,
             dropped=result.dropped,
+            row_times=row_times,
         )
 
     @property

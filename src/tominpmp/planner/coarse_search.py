@@ -322,8 +322,6 @@ class CoarseSearch:
 
     def solve_coarse(self, guess: Guess) -> Schedule[CoarseMotion | None]:
         """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
-        if any(guess is one for one in self._tried):
-            return None
         self._tried.append(guess)
         make = partial(
             descend,
@@ -456,6 +454,8 @@ class CoarseSearch:
         for guess in guesses:
             if prepared is not None:
                 guess = yield from prepared(guess)
+            if guess in self._tried:
+                continue
             rough = None
             if not (guess.timed and guess.duration > TOO_SLOW * self._least_guess):
                 rough = yield from self.solve_coarse(guess)

@@ -30,6 +30,7 @@ from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import ACCURACY, trust_regions
 from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.distance_rows import with_rows_at
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -220,7 +221,8 @@ class CertifiedDescent:
     def _further(self, best: Candidate, layout: Layout) -> Candidate:
         """A faster motion, replayed; the same where there is none."""
         of, z = layout.represented(self.system, best.trajectory)
-        program, z = rested(NonlinearProgram.of(of).at(z), z)
+        program = with_rows_at(NonlinearProgram.of(of).at(z), z, best.row_times)
+        program, z = rested(program, z)
         near = near_to_it(self.state.options, RADIUS, ITERATIONS)
         result = solve(
             program,
