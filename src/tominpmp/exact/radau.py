@@ -146,10 +146,10 @@ def integrate(
     return None, cost
 
 
-def stages_one_by_one(
+def explicit_stages(
     dynamics: Dynamics, x_start: Array, u: Array, modes: IntArray, h: Array
 ) -> Array:
-    """Stages of a motion whose steps are solved one after the other: a guess.
+    """Stages of a motion by explicit steps, one after the other: a guess.
 
     Args:
         dynamics: Equations of motion.
@@ -160,17 +160,36 @@ def stages_one_by_one(
         h: Lengths of the steps [s], shape (M,).
 
     Returns:
-        Shape (M, 3, 2n); not finite from a step on that cannot be solved.
+        Shape (M, 3, 2n); not finite where an explicit method does not do.
     """
-    out = np.full((h.size, STAGES, x_start.size), np.nan)
+    out = np.empty((h.size, STAGES, x_start.size))
     x = x_start
-    for k in range(h.size):
-        one, still = slice(k, k + 1), np.tile(x, (1, STAGES, 1))
-        step, _ = integrate(dynamics, x, u[one], modes[one], h[one], still)
-        if step is None:
-            break
-        out[k] = step.stages[0]
-        x = out[k, -1]
+    s = NODES[:, None]
+    for i, step in enumerate(h.tolist()):
+        torque, kept = u[i : i + 1], modes[i : i + 1]
+
+        def rate(state: Array, torque: Array = torque, kept: IntArray = kept) -> Array:
+            if not kept.any():
+                rates = dynamics.forward(state[None], torque)
+            else:
+                rates = differentiate_rates(dynamics, state[None], torque, kept).f
+            return np.asarray(rates[0])
+
+        with np.errstate(all="ignore"):
+            # The classical method of order 4, and Hermite's cubic between.
+            k1 = rate(x)
+            k2 = rate(x + 0.5 * step * k1)
+            k3 = rate(x + 0.5 * step * k2)
+            k4 = rate(x + step * k3)
+            end = x + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            if not np.all(np.isfinite(end)):
+                return np.full_like(out, np.nan)
+            out[i] = (
+                x
+                + (3.0 * s**2 - 2.0 * s**3) * (end - x)
+                + step * s * (1.0 - s) * ((1.0 - s) * k1 - s * k4)
+            )
+        x = end
     return out
 
 

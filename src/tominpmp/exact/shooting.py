@@ -15,8 +15,8 @@ from tominpmp.exact.radau import (
     NODES,
     STAGES,
     IntegratedArcs,
+    explicit_stages,
     integrate,
-    stages_one_by_one,
 )
 from tominpmp.exact.structure import Arcs
 from tominpmp.stopping import check
@@ -188,7 +188,7 @@ class ArcProgram:
             guess = shot.motion.stages + shot.by_stages @ (y - z)
         motion, cost = integrate(*drive, guess)
         if motion is None:
-            motion, more = integrate(*drive, stages_one_by_one(*drive))
+            motion, more = integrate(*drive, explicit_stages(*drive))
             cost += h.size + more
         self.evaluations += cost
         return motion
