@@ -39,8 +39,15 @@ def test_no_guess_is_tried_twice(coarse):
     search, guess = coarse
     before = search.state.records
     assert before
-    assert carried_out(search.state, search.solve_coarse(guess)) is None
+    carried_out(search.state, search.probes([guess]))
     assert search.state.records is before
+
+
+def test_guesses_that_were_tried_do_not_count_as_vain(coarse):
+    search, guess = coarse
+    before = search.state.records
+    carried_out(search.state, search.probes([guess, replace(guess)], patience=1))
+    assert search.state.records is not before
 
 
 def record(search, **changes):
