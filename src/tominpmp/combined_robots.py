@@ -209,7 +209,7 @@ def _unwatched(robot: Robot) -> list[tuple[str, str]]:
     """Pairs of links of a robot whose collision is not to be checked."""
     if robot.srdf is not None and robot.srdf.disabled_pairs:
         return list(robot.srdf.disabled_pairs)
-    # Without such a list neighbours are left out, which is told by the whole tree.
+    # Without such a list neighbours are left out, which the whole tree shows.
     # Which links are watched does not depend on what their meshes are cut into.
     checker = CollisionChecker(robot, Scene(), self_collision=True, cut=frozenset())
     watched = {frozenset(pair) for pair in checker.pairs}

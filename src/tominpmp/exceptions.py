@@ -178,12 +178,12 @@ def told_of(what: str, field: str | None = None) -> Iterator[None]:
     try:
         yield
     except TominpmpError as error:
-        told = copy.copy(error)
-        told.args = (shortened(f"{what}: {error}", LONGEST),)
-        if isinstance(told, ProblemError) and field is not None:
-            inner = (told.field or "").removeprefix(field).lstrip(".")
-            told.field = f"{field}.{inner}" if inner else field
-        raise told from error
+        changed = copy.copy(error)
+        changed.args = (shortened(f"{what}: {error}", LONGEST),)
+        if isinstance(changed, ProblemError) and field is not None:
+            inner = (changed.field or "").removeprefix(field).lstrip(".")
+            changed.field = f"{field}.{inner}" if inner else field
+        raise changed from error
 
 
 class OptionsError(TominpmpError):

@@ -219,8 +219,8 @@ class Solution:
         )
         if self.options.energy_weight or self.options.slack:
             given = "less energy" if self.options.energy_weight else "quieter torques"
-            told = "This is about the duration alone, some of which the motion gives "
-            return replace(found, message=f"{told}away for {given}. {found.message}")
+            note = "This is about the duration alone, some of which the motion gives "
+            return replace(found, message=f"{note}away for {given}. {found.message}")
         bound, judged = self.lower_bound, self.verification
         if bound is None or judged is None or not judged.ok:
             return found

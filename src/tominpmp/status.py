@@ -20,7 +20,7 @@ class Status(Enum):
     NUMERICAL_FAILURE = "The linear programs could not be solved."
 
 
-# How an iteration ends when it was told to.
+# How an iteration ends when it was asked to.
 STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
 
 

@@ -94,7 +94,7 @@ class Controller:
 
     Args:
         request: What is asked for first.
-        on_outcome: Called with every outcome that is not older than the last one told.
+        on_outcome: Called with every outcome that is not older than the last one.
         planning: Makes what plans, from a function that takes outcomes; by default a
             process.
 

@@ -198,11 +198,11 @@ class Page:
         """Bring the frame at start or goal to a handle."""
         with self._lock, self._told():
             miss = self.controller.drag(end, position, quaternion)
-            told = (
+            message = (
                 f"The handle of the {end.removeprefix('q_')} is out of reach by "
                 f"{miss:.3f} (m, rad): the nearest configuration was taken."
             )
-            self.readout.tell(told if miss else "", bad=bool(miss))
+            self.readout.tell(message if miss else "", bad=bool(miss))
             self._arms[end].move(getattr(self.controller.request, end))
         self.panel.refresh_lines()
 
@@ -355,8 +355,8 @@ class Readout:
         self._headline.content = pictures.headline(outcome, busy, goes_on)
         if outcome.shown is not None:
             self._curves.content = pictures.curves(outcome.shown)
-            held, told = outcome.shown.held, outcome.shown.optimality
-            self._held.content = pictures.held_back(held, told)
+            held, optimality = outcome.shown.held, outcome.shown.optimality
+            self._held.content = pictures.held_back(held, optimality)
 
     def show_headline(self) -> None:
         """Say whether planning goes on, beside a motion."""

@@ -39,8 +39,8 @@ def headline(outcome: Outcome | None, busy: bool, goes_on: bool = False) -> str:
     shown = outcome.shown
     if shown is None:
         more = _line("The last motion that was found goes on.", FAINT)
-        told = _line("No motion", BAD, 22) + _line(escape(outcome.message), INK)
-        return _box(told, more if goes_on else "")
+        lines = _line("No motion", BAD, 22) + _line(escape(outcome.message), INK)
+        return _box(lines, more if goes_on else "")
     state = "verified by replay" if shown.verified else "not verified"
     look = f"font-size:11px;color:#fff;background:{FAINT if busy else GOOD}"
     look += ";border-radius:9px;padding:1px 8px"
@@ -132,11 +132,11 @@ def held_back(held: Sequence[Held], optimality: str) -> str:
         if item.gain is not None and item.gain >= 0.005:
             gain = f"1 % more: {item.gain:.2f} % less time"
         time = f"{percent:.0f} % of the time"
-        told = _span(f"color:{FAINT};white-space:nowrap", time)
+        moment = _span(f"color:{FAINT};white-space:nowrap", time)
         rows.append(
             _div(
                 "margin:3px 0",
-                _div(f"{head};color:{INK}", _span(CUT, escape(item.what)), told),
+                _div(f"{head};color:{INK}", _span(CUT, escape(item.what)), moment),
                 _div(f"{track}:{TRACK}", _div(f"{track}:{HOT};width:{percent:.1f}%")),
                 _div(small, gain),
             )

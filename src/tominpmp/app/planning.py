@@ -150,8 +150,8 @@ class Session:
             try:
                 for solution, certified, final in self._found(request, check):
                     shown = _shown(solution, request.frame, certified)
-                    saved, told = pickle.dumps(solution), solution.message
-                    yield Outcome(number, request, told, shown, final, saved)
+                    saved, message = pickle.dumps(solution), solution.message
+                    yield Outcome(number, request, message, shown, final, saved)
             except Superseded:
                 return
             except TominpmpError as error:

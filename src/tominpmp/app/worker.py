@@ -124,10 +124,10 @@ class Worker:
         except (EOFError, OSError):
             process.join()
             if not self._closing and self._last is not None:
-                told = (
+                message = (
                     "the planning process has ended by itself (code "
                     f"{process.exitcode}); the next change starts another one"
                 )
-                self._on_outcome(Outcome(*self._last, told))
+                self._on_outcome(Outcome(*self._last, message))
         finally:
             outcomes.close()

@@ -1,4 +1,4 @@
-"""Files of robots in any format that is read: URDF, xacro or MJCF, told by content."""
+"""Files of robots in any format that is read: URDF, xacro or MJCF, by content."""
 
 from __future__ import annotations
 

@@ -342,7 +342,7 @@ def _weighing(root: Element) -> Element:
     """Leave of the shapes of bodies those whose weight Pinocchio knows.
 
     It takes what is to be looked at for weightless, and each mesh for a kilogram. A
-    body whose meshes weigh has no mass, which is told where it is needed.
+    body whose meshes weigh has no mass, and is refused where the mass is needed.
     """
     for body in root.iter("body"):
         geoms = body.findall("geom")

@@ -475,9 +475,9 @@ class _UrdfReader:
             context.fail(f"{where}: the axis {axis} has no direction")
         self._look_at_ends(joint)
         limit = element.find("limit")
-        told = () if limit is None else limit.attrib
+        given = () if limit is None else limit.attrib
         more = {
-            key: context.limit(limit, key if key in told else f"drake:{key}", where)
+            key: context.limit(limit, key if key in given else f"drake:{key}", where)
             for key in MOTION
         }
         limits = {**vars(joint.limit), **more}

@@ -76,9 +76,9 @@ def expanded(
     words = {
         k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in args.items()
     }
-    given, told = _Arguments(words), StringIO()
+    given, printed = _Arguments(words), StringIO()
     try:
-        with _LOCK, _guarded(path, package_dirs), redirect_stderr(told):
+        with _LOCK, _guarded(path, package_dirs), redirect_stderr(printed):
             xacro.init_stacks(str(path.absolute()))
             document = xacrodoc.XacroDoc.from_string(
                 text.decode("utf-8-sig"), subargs=given, resolve_packages=False
@@ -93,8 +93,8 @@ def expanded(
             f"has: {brief(', '.join(declared) or 'none', 400)}",
             "xacro_args",
         )
-    if told.getvalue():
-        warn_caller(f"{path}: {brief(told.getvalue(), LONGEST_WARNING)}")
+    if printed.getvalue():
+        warn_caller(f"{path}: {brief(printed.getvalue(), LONGEST_WARNING)}")
     return content
 
 

@@ -208,8 +208,8 @@ class JointGoal(GoalOnJoints):
         v, speeds = self.v, by_joint(self.v)
         if speeds is not None:
             if self.joints is None:
-                told = "goal.v is given by joint name, expected goal.q to be so, too"
-                raise ProblemError(told, "goal.v")
+                message = "goal.v is given by joint name, expected goal.q to be so, too"
+                raise ProblemError(message, "goal.v")
             v = in_order(speeds, self.joints, "goal.v", missing=0.0)
         return vector(v, "goal.v", "one number for each joint [rad/s or m/s]")
 

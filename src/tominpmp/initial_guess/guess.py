@@ -294,7 +294,7 @@ def _guesses(
     lines = [(line_guess(system, q), q) for q in ends]
     lines.sort(key=lambda one: (not one[0].keeps, _pace(one[0])))
     straight, ends = zip(*lines, strict=True)
-    # Stays at the start, for as long as the fastest line takes unless told otherwise.
+    # Stays at the start for the given duration, or as long as the fastest line takes.
     times = np.array([0.0, duration or straight[0].duration])
     rest = Guess(RESTING, times, np.tile(problem.q_start, (2, 1)), False)
     if system.in_free_space:

@@ -76,7 +76,7 @@ def run_parallel(
 
     Raises:
         Exception: The first exception that the function raised.
-        Stop: If this process was told to stop.
+        Stop: If this process was asked to stop.
     """
     deadline = time.perf_counter() + seconds
     if processes == 1:
@@ -154,7 +154,7 @@ class _Crew:
         """Futures that are done; the set is empty at the end of the time [s].
 
         Raises:
-            Stop: If this process was told to stop.
+            Stop: If this process was asked to stop.
         """
         while True:
             done, _ = wait(self.pending, TICK, return_when=FIRST_COMPLETED)

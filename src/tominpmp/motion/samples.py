@@ -29,14 +29,14 @@ class TimedRows(Record):
         self, name: str, called: str, shape: tuple[int, ...] | None = None, of: str = ""
     ) -> Array:
         """Check a field as an array of numbers, of a shape described in words."""
-        value, told = getattr(self, name), called.format(name)
+        value, field_name = getattr(self, name), called.format(name)
         try:
             found = real_array(value)
         except ValueError as error:
-            message = f"{told} is {brief(value)}, expected numbers"
+            message = f"{field_name} is {brief(value)}, expected numbers"
             raise ProblemError(message, name) from error
         if shape is not None and found.shape != shape:
-            message = f"{told} has shape {found.shape}, expected {shape}: {of}"
+            message = f"{field_name} has shape {found.shape}, expected {shape}: {of}"
             raise ProblemError(message, name)
         self._keep(**{name: found})
         return found

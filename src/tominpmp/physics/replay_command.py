@@ -105,5 +105,5 @@ def _reserves_text(found: Robustness) -> str:
             kept += f", {WANTED:.0%} within {found.errors[k]:.2g}"
         none = not np.isfinite(found.T[k])
         rows.append((f"reserve {reserve:.0%}", "no motion" if none else kept))
-    told = found.message.replace("effort_scale=", "--effort-scale ")
-    return rows_text(f"{told[:1].upper()}{told[1:]}.", rows)
+    message = found.message.replace("effort_scale=", "--effort-scale ")
+    return rows_text(f"{message[:1].upper()}{message[1:]}.", rows)

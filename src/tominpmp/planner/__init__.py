@@ -1,4 +1,4 @@
-"""Planning: the story from a problem to a motion, told in planning.py."""
+"""Planning: the story from a problem to a motion, which begins in planning.py."""
 
 from __future__ import annotations
 

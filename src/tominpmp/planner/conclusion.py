@@ -165,14 +165,14 @@ def _turned(problem: Problem, motion: Trajectory) -> str:
 
     Empty if there are none.
     """
-    told = []
+    angles = []
     for number, phase in enumerate(problem.alternative_of(motion).phases, 1):
         where = f" of segment {number}" if problem.segments else ""
         for joint, count in phase.goal.turns(phase.robot).items():
             size = "a turn" if abs(count) == 1 else f"{abs(count)} turns"
             side = "above" if count > 0 else "below"
-            told.append(f"{joint} {size} {side} the number given{where}")
-    return f"As angles: {', '.join(told)}." if told else ""
+            angles.append(f"{joint} {size} {side} the number given{where}")
+    return f"As angles: {', '.join(angles)}." if angles else ""
 
 
 def _advice(problem: Problem, options: Options, status: Status, best: Candidate) -> str:
@@ -182,8 +182,8 @@ def _advice(problem: Problem, options: Options, status: Status, best: Candidate)
     leaves its path by itself.
     """
     advice = ""
-    told = (Status.INFEASIBLE, Status.INTERRUPTED)
-    if not best.found and status not in told and options.method != "inverse":
+    explained = (Status.INFEASIBLE, Status.INTERRUPTED)
+    if not best.found and status not in explained and options.method != "inverse":
         longest = float(np.max(np.diff(best.trajectory.t)))
         advice = (
             f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "

@@ -110,10 +110,10 @@ class StateChecks:
             if not kept:
                 raise faults[1]
             return among(goal, kept), list(dict.fromkeys(messages))
-        told = [f"goal {k} of {len(goals)}: {fault}" for k, fault in faults.items()]
+        faulty = [f"goal {k} of {len(goals)}: {fault}" for k, fault in faults.items()]
         if not kept:
-            raise ProblemError("; ".join(told), "goal")
-        messages += [f"{text}; it is left out" for text in told]
+            raise ProblemError("; ".join(faulty), "goal")
+        messages += [f"{text}; it is left out" for text in faulty]
         return among(goal, kept), messages
 
     def clear(self, q: Array, which: str, *, later: bool = False) -> None:
@@ -282,15 +282,15 @@ def onto_limits(
     excess = np.abs(clipped - values)
     for i in np.flatnonzero(excess > 0.0).tolist():
         unit = _unit(robot, quantity, i)
-        told = (
+        beyond = (
             f"{name}: joint {robot.joint_names[i]!r} is {values[i]:.10g} {unit}, "
             f"outside its {quantity} limits [{lower[i]:.10g}, {upper[i]:.10g}] {unit}"
         )
         if excess[i] > slack[i]:
             turned = unit == "rad" and abs(values[i]) > LARGE_ANGLE
             field = name.split(" ")[0]
-            raise ProblemError(told + (IN_RADIANS if turned else ""), field)
-        snapped.append(f"{told}, by {excess[i]:.1e}, and was set to the limit")
+            raise ProblemError(beyond + (IN_RADIANS if turned else ""), field)
+        snapped.append(f"{beyond}, by {excess[i]:.1e}, and was set to the limit")
     return np.asarray(clipped), snapped
 
 
@@ -323,6 +323,6 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
         raise ProblemError(f"{name} has shape {array.shape}, expected {expected}", name)
     for joint, number in zip(joints, array, strict=True):
         if not np.isfinite(number):
-            told = f"{name}: joint {joint!r} is {number}, expected a finite number"
-            raise ProblemError(told, name)
+            message = f"{name}: joint {joint!r} is {number}, expected a finite number"
+            raise ProblemError(message, name)
     return array

@@ -75,9 +75,9 @@ class Workcell(Record):
         if isinstance(parts, Mapping):
             for name, item in parts.items():
                 if not isinstance(item, tuple | list) or len(item) != 2:
-                    told = f"robots: {brief(name)} is {brief(item)}"
+                    given = f"robots: {brief(name)} is {brief(item)}"
                     raise ProblemError(
-                        f"{told}, expected a robot and its base", "robots"
+                        f"{given}, expected a robot and its base", "robots"
                     )
             parts = [(name, *item) for name, item in parts.items()]
         robot = combine_robots(parts, gravity=self.gravity)

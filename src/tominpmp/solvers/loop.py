@@ -40,7 +40,7 @@ Callback = Callable[[IterationRecord], Status | None]
 Keep = Callable[[NonlinearProgram, Iterate], None]
 # How a loop ends; None if it goes on.
 Rule = Callable[["Loop"], Status | None]
-# Time for slowing a motion down once the loop was told to stop [s].
+# Time for slowing a motion down once the loop was asked to stop [s].
 RESTORING = 0.2
 
 
@@ -88,10 +88,10 @@ def solve(
         exchange: Looks between the rows; None for programs that no rows join.
         callback: Sees every record; a status ends the loop.
         keep: Is given the best motion so far, or the present one while there is none:
-            the loop may be told to stop at any time.
+            the loop may be asked to stop at any time.
 
     Raises:
-        Stop: If it was told to; the motion that it had is kept.
+        Stop: If it was asked to; the motion that it had is kept.
     """
     first = step.start(program, objective, z)
     loop = Loop(program, objective, first, callback, keep)
@@ -189,7 +189,7 @@ class Loop:
         """Go to the motion that the loop ends with, slowed down if it has to be.
 
         Args:
-            status: How it ends; None if it was told to stop.
+            status: How it ends; None if it was asked to stop.
         """
         if status is Status.FEASIBLE and self.best is not None:
             self.state = self.best

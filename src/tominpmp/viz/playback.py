@@ -179,7 +179,7 @@ def build_page(
     packed = map(umsgpack.packb, commands)
     viewer, licences = _viewer()
     template = resources.files(__package__).joinpath("player.html").read_text("utf-8")
-    told = {
+    shown = {
         "names": list(shares.joint_names),
         "t": np.round(shares.t, 5).tolist(),
         "torque": np.round(shares.torque.T, 3).tolist(),
@@ -195,7 +195,7 @@ def build_page(
         "TORQUE_COLOR": TORQUE_COLOR,
         "CONTROL": shares.control,
         # No name in it ends the script.
-        "SHARES": json.dumps(told).replace("</", "<\\/"),
+        "SHARES": json.dumps(shown).replace("</", "<\\/"),
         "SLOPE": json.dumps(math.tan(math.radians(meshcat_scene.FIELD_OF_VIEW / 2))),
         "ASPECT": json.dumps(meshcat_scene.ASPECT),
         "COMMANDS": json.dumps([base64.b64encode(p).decode("ascii") for p in packed]),

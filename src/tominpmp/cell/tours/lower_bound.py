@@ -83,7 +83,7 @@ def _least_times(
         [g.joint_ranges(problem.robot) for g in goal.alternatives] for goal in goals
     ]
     low, high = ([np.stack([r[k] for r in some]) for some in ranges] for k in (0, 1))
-    told = [bool(np.any(np.isfinite(rows))) for rows in low]
+    ranged = [bool(np.any(np.isfinite(rows))) for rows in low]
     known = sum(q is not None for q in given)
     # Of two configurations limits of acceleration say nearly all.
     limited = bool(np.all(np.isfinite(times.acceleration)))
@@ -95,7 +95,7 @@ def _least_times(
         if i == last or j == 0:
             continue  # no tour leaves its end or enters its start
         begin, resting = given[i], int(rests[i]) + int(rests[j])
-        if told[i] and told[j]:
+        if ranged[i] and ranged[j]:
             way = np.maximum(low[j][None] - high[i][:, None], 0.0)
             way = np.maximum(way, low[i][:, None] - high[j][None])
             out[i, j] = np.min(np.max(times.of_joints(way, resting), axis=-1))

@@ -225,9 +225,9 @@ class Rules:
             circle = error.args[1][1:]
             first = circle.index(min(circle))
             way = [*circle[first:], *circle[: first + 1]]
-            told = brief(" before ".join(stations[k].name for k in way), 300)
+            circle = brief(" before ".join(stations[k].name for k in way), 300)
             raise ProblemError(
-                f"precedence runs in a circle: {told}", "precedence"
+                f"precedence runs in a circle: {circle}", "precedence"
             ) from None
         return rules
 
