@@ -116,7 +116,7 @@ def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
     return result
 
 
-def joint_row(items: Sequence[str], name: str) -> list[float] | dict[str, float]:
+def joint_numbers(items: Sequence[str], name: str) -> list[float] | dict[str, float]:
     """Read numbers, one for each joint, or ``JOINT=VALUE`` of some.
 
     Raises:
@@ -132,7 +132,7 @@ def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]
     Raises:
         OptionsError: If a word is no number or a joint is named twice.
     """
-    values = joint_row(words(text), name)
+    values = joint_numbers(words(text), name)
     return values[0] if isinstance(values, list) and len(values) == 1 else values
 
 
@@ -185,7 +185,7 @@ def positions(
     elif number(items[0]) is None and "=" not in items[0]:
         table["state"] = items.pop(0)
     if items:
-        table["q"] = _in_si(joint_row(items, name), robot, degrees)
+        table["q"] = _in_si(joint_numbers(items, name), robot, degrees)
     return scenario.positions(Typed(table, key=name), robot, base)
 
 
@@ -458,7 +458,7 @@ def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     text, flag = getattr(args, name), _flag(name)
     if text is None:
         return None
-    values = _in_si(joint_row(words(text), flag), robot, args.degrees)
+    values = _in_si(joint_numbers(words(text), flag), robot, args.degrees)
     return scenario.vector(Typed(values, key=flag), robot)
 
 

@@ -202,12 +202,12 @@ class PathConstraint(Record, Constraint):
         return self._is_length and type(self).term_rows is PathConstraint.term_rows
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Values of :meth:`terms` at m states, shape (m, count)."""
+        """Results of :meth:`values` at m states, shape (m, count)."""
         if self._is_length:
             limit = self.largest / self.scale
             sizes = self.measure_rows(q, v, a) / self.scale
             return rounded(sizes, limit)[:, None]
-        found = [self.terms(*state)[0] for state in _states(q, v, a)]
+        found = [self.values(*state) for state in _states(q, v, a)]
         return np.array(found).reshape(-1, self.count)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:

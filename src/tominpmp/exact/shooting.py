@@ -20,10 +20,9 @@ from tominpmp.exact.radau import (
 )
 from tominpmp.exact.structure import Arcs
 from tominpmp.stopping import check
+from tominpmp.transcription.controls import SPEED_FACTOR
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Typical velocities are this times the scale of positions over the duration.
-SPEED_FACTOR = 5.0
 # Limits are watched where a motion comes this near to them: as a share, and clearances
 # as a share of the reach.
 NEAR = 0.1

@@ -22,6 +22,7 @@ from tominpmp.exact.shooting import ArcProgram, Shot
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_functions import Change, find_changes
 from tominpmp.stopping import EVALUATIONS, Budget
+from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
@@ -55,7 +56,6 @@ PROMISE = 1e-7
 PROGRESS = 1e-8
 # Lengths are at most this much longer than the whole motion was.
 LONGEST = 3.0
-NOT_INTEGRATED = 1e3
 # Relative progress and misses that count as zero, and how often in a row.
 STILL = 1e-10
 STILL_STEPS = 2

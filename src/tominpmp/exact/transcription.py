@@ -13,8 +13,8 @@ from tominpmp.arrays import Array
 from tominpmp.exact.held_joints import differentiate_rates
 from tominpmp.exact.radau import NODES
 from tominpmp.exact.shooting import ArcProgram, Shot
-from tominpmp.exact.switching_times import NOT_INTEGRATED
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.rows import Rows
 
 # Kinds of rows in their order: equations, bounds of the goal, and watched limits.

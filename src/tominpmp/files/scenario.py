@@ -524,8 +524,15 @@ def _values(robot: Robot) -> Mapping[str, object]:
 
 ROBOT_KEYS = (
     *("name", "path", "srdf", "package_dirs", "group", "limits", "joint_limits"),
-    *("motion_limits", "gravity", "locked_joints", "kinematic", "xacro_args"),
-    *("payloads", *OVERRIDES),
+    *(
+        "motion_limits",
+        "gravity",
+        "locked_joints",
+        "kinematic",
+        "xacro_args",
+        "payloads",
+        *OVERRIDES,
+    ),
 )
 
 

@@ -153,11 +153,11 @@ def starts(
         if first.blocked:
             return
         # Where that has led to no motion, everything is tried in full.
-        guesses = cached.since(0)
-        if state.best_duration < np.inf:
+        found = state.best_duration < np.inf
+        guesses = cached.since(int(found))
+        if found:
             # The first guess was tried, and the usual ones were compared.
-            guesses, rescues = cached.since(1), rescues - 1
-            wanted = 0 if wanted == usual else wanted - 1
+            wanted, rescues = 0 if wanted == usual else wanted - 1, rescues - 1
     yield from _in_full(system, state, guesses, wanted, rescues)
 
 
