@@ -17,8 +17,8 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.motion_limits import EffortCurve
 from tominpmp.problem import Problem
+from tominpmp.problem.controls import effort_range
 from tominpmp.problem.joint_limits import joint_limits
-from tominpmp.problem.problem import effort_range
 from tominpmp.robot import Robot
 
 
@@ -53,7 +53,7 @@ def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
 
 def effort_bounds(problem: Problem) -> tuple[Array, Array]:
     """Least and largest torques that motions may use at any speed, shape (n,) each."""
-    middle, half = effort_range(problem)
+    middle, half = effort_range(problem.robot, problem.motion_limits)
     lower, upper = middle - half, middle + half
     for i, curve in effort_curves(problem):
         most = float(np.max(curve.effort))
@@ -63,7 +63,8 @@ def effort_bounds(problem: Problem) -> tuple[Array, Array]:
 
 def effort_curves(problem: Problem) -> list[tuple[int, EffortCurve]]:
     """Curves of torques over the speed, each with the index of its joint."""
-    every = (pair for item in joint_limits(problem) for pair in item.by_speed.items())
+    limits = joint_limits(problem.robot, problem.motion_limits)
+    every = (pair for item in limits for pair in item.by_speed.items())
     return [(i, curve) for i, curve in every if isinstance(curve, EffortCurve)]
 
 

@@ -77,7 +77,7 @@ def _tightest_limits(problem: Problem) -> dict[str, Array]:
     Infinite where a joint has no limit, shape (n,) each.
     """
     found = {of: np.full(problem.robot.n, math.inf) for of in BOUNDED}
-    for item in joint_limits(problem):
+    for item in joint_limits(problem.robot, problem.motion_limits):
         of = item.kind.of
         if of == "u" and problem.robot.kinematic:
             of = "a"

@@ -33,7 +33,7 @@ def least_duration(system: ProblemFunctions, q: Array) -> float:
     load = system.dynamics.inverse(q[:1], zero, way[None])
     load = np.abs(load - system.dynamics.inverse(q[:1], zero, zero))[0]
     change, found = {"a": way, "j": way, "du": load}, [0.0]
-    for item in joint_limits(system.problem):
+    for item in joint_limits(system.problem.robot, system.motion_limits):
         if item.kind.of in change:
             # Distance from rest to rest under a bang-bang derivative of this order.
             order = item.kind.order

@@ -19,7 +19,7 @@ from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.problem import Problem
-from tominpmp.problem.problem import effort_range
+from tominpmp.problem.controls import effort_range
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
@@ -207,7 +207,8 @@ def _saturated(problem: Problem, motion: Trajectory) -> str:
 
     Empty if there is no such joint.
     """
-    robot, (middle, half) = problem.robot, effort_range(problem)
+    robot = problem.robot
+    middle, half = effort_range(robot, problem.motion_limits)
     strength = half - np.abs(middle)
     weak = robot.friction >= MOST_FRICTION * strength
     often = np.where(weak, np.mean(np.abs(motion.u) >= SATURATED * strength, axis=0), 0)

@@ -6,22 +6,20 @@ limits are to it what limits of torques are to others.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING
 
 from tominpmp.arrays import Array
-from tominpmp.description.joint_table import example_values
-from tominpmp.exceptions import ProblemError
-from tominpmp.motion.trajectory import State
 from tominpmp.motion_limits import (
     ACCELERATION,
     CONTROL_ACCELERATION,
     EFFORT,
     LimitKind,
     MotionLimits,
-    kinds_of,
 )
-from tominpmp.robot import Robot
-from tominpmp.robot.robot import datasheet_hint
+
+if TYPE_CHECKING:
+    from tominpmp.motion.trajectory import State
+    from tominpmp.robot import Robot
 
 
 def control_kind(robot: Robot) -> LimitKind:
@@ -45,6 +43,24 @@ def control_bounds(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Ar
     return -most, most
 
 
+def effort_range(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Array]:
+    """Middle of the torques that motions may use at rest, and half of their range.
+
+    Args:
+        robot: The robot.
+        limits: Limits beyond those of its description, whose ``effort_scale`` leaves a
+            share of the torques.
+
+    Returns:
+        Shape (n,) each [N m or N]; of a kinematic robot they are accelerations.
+    """
+    lower, upper = control_bounds(robot, limits)
+    half = 0.5 * (upper - lower)
+    if limits is not None:
+        half = limits.effort_scale * half
+    return 0.5 * (lower + upper), half
+
+
 def controls_in(robot: Robot, state: State) -> Array:
     """What drives a robot in states of a motion: torques, or accelerations."""
     return state.a if robot.kinematic else state.u
@@ -55,38 +71,3 @@ def need_smooth(robot: Robot, limits: MotionLimits | None) -> bool:
     if limits is None or not limits.need_smooth:
         return False
     return not (robot.kinematic and limits._given == [ACCELERATION])
-
-
-def check_controls(robot: Robot, limits: MotionLimits | None) -> None:
-    """Check that a kinematic robot has limits of accelerations, and none of torques.
-
-    Args:
-        robot: The robot.
-        limits: Limits beyond those of its description.
-
-    Raises:
-        ProblemError: Naming all joints without a limit, or the limit of torques.
-    """
-    if not robot.kinematic:
-        return
-    limits = limits or MotionLimits()
-    kinds = kinds_of(limits).items()
-    wrong = [k for k, kind in kinds if kind.of_torques and kind in limits._given]
-    wrong += ["effort_scale"] if limits.effort_scale < 1.0 else []
-    if wrong:
-        raise ProblemError(
-            f"motion_limits: {', '.join(wrong)} is given, expected none: a kinematic "
-            "robot has no torques",
-            "motion_limits",
-        )
-    _, most = control_bounds(robot, limits)
-    joints = [robot.joint_names[i] for i in np.flatnonzero(np.isinf(most))]
-    if joints:
-        raise ProblemError(
-            f"motion_limits: no acceleration limit for {', '.join(joints)}, and a "
-            f"kinematic robot needs one: give acceleration={example_values(joints)}, "
-            "as MotionLimits or a joint_limits.yaml have it, or load a description "
-            "with its dynamics, without kinematic=True"
-            f"{datasheet_hint(robot, joints[0])}",
-            "motion_limits",
-        )

@@ -1,22 +1,24 @@
-"""Limits of single joints of a problem, kind by kind."""
+"""Limits of single joints, kind by kind: of the robot, and those given beyond them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.motion_limits import POSITION, VELOCITY, LimitKind, MotionLimits, kinds_of
-from tominpmp.problem.controls import control_bounds, control_kind
-from tominpmp.problem.problem import Problem, effort_range
+from tominpmp.problem.controls import control_bounds, control_kind, effort_range
+
+if TYPE_CHECKING:
+    from tominpmp.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
 class JointBounds:
-    """Bounds of a kind of limit on the joints of a problem.
+    """Bounds of a kind of limit on the joints of a robot.
 
     Attributes:
         kind: The kind.
@@ -53,13 +55,18 @@ class JointBounds:
         return np.asarray(np.maximum(values - self.upper, self.lower - values))
 
 
-def joint_limits(problem: Problem) -> list[JointBounds]:
-    """Limits of the joints of a problem; positions, speeds and controls come first."""
-    limits, more = problem.robot.limits, problem.motion_limits or MotionLimits()
-    low, high, top = limits.position_lower, limits.position_upper, limits.velocity
-    middle, half = effort_range(problem)
-    driving = control_kind(problem.robot)
-    weakest, strongest = control_bounds(problem.robot, problem.motion_limits)
+def joint_limits(robot: Robot, limits: MotionLimits | None) -> list[JointBounds]:
+    """Limits of the joints of a robot; positions, speeds and controls come first.
+
+    Args:
+        robot: The robot.
+        limits: Limits beyond those of its description.
+    """
+    own, more, names = robot.limits, limits or MotionLimits(), robot.joint_names
+    low, high, top = own.position_lower, own.position_upper, own.velocity
+    middle, half = effort_range(robot, limits)
+    driving = control_kind(robot)
+    weakest, strongest = control_bounds(robot, limits)
     span = 0.5 * (strongest - weakest)
     # A joint without a motor is scaled by the strongest motor.
     span = np.where(span > 0.0, span, np.max(span, initial=1e-12))
@@ -68,7 +75,7 @@ def joint_limits(problem: Problem) -> list[JointBounds]:
         JointBounds(VELOCITY, -top, top, top),
         JointBounds(driving, middle - half, middle + half, span),
     ]
-    names, none = problem.robot.joint_names, np.full(top.size, np.inf)
+    none = np.full(top.size, np.inf)
     for name, kind in kinds_of(more).items():
         if kind.name == driving.name:
             continue

@@ -16,13 +16,15 @@ from tominpmp.arrays import Array, Converted, Record, default, frozen_array, rec
 from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
 from tominpmp.collision import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
+from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, told_of, warn_caller
 from tominpmp.goals import Goal, passed
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import card, skeletons, table
-from tominpmp.problem.controls import check_controls, control_bounds
+from tominpmp.problem.controls import control_bounds
 from tominpmp.problem.segments import (
     SOME_GOAL,
     Constraints,
@@ -34,6 +36,7 @@ from tominpmp.problem.segments import (
 )
 from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.robot import Robot
+from tominpmp.robot.robot import datasheet_hint
 from tominpmp.scene import Scene
 from tominpmp.scene.scene import SceneLike, as_scene
 
@@ -377,18 +380,36 @@ class Problem(Record):
         )
 
 
-def effort_range(problem: Problem) -> tuple[Array, Array]:
-    """Middle of the torques that motions may use at rest, and half of their range.
+def check_controls(robot: Robot, limits: MotionLimits | None) -> None:
+    """Check that a kinematic robot has limits of accelerations, and none of torques.
 
     Args:
-        problem: The problem, whose ``effort_scale`` leaves a share of the limits.
+        robot: The robot.
+        limits: Limits beyond those of its description.
 
-    Returns:
-        Shape (n,) each [N m or N]; of a kinematic robot they are accelerations.
+    Raises:
+        ProblemError: Naming all joints without a limit, or the limit of torques.
     """
-    declared = problem.motion_limits
-    lower, upper = control_bounds(problem.robot, declared)
-    half = 0.5 * (upper - lower)
-    if declared is not None:
-        half = declared.effort_scale * half
-    return 0.5 * (lower + upper), half
+    if not robot.kinematic:
+        return
+    limits = limits or MotionLimits()
+    kinds = kinds_of(limits).items()
+    wrong = [k for k, kind in kinds if kind.of_torques and kind in limits._given]
+    wrong += ["effort_scale"] if limits.effort_scale < 1.0 else []
+    if wrong:
+        raise ProblemError(
+            f"motion_limits: {', '.join(wrong)} is given, expected none: a kinematic "
+            "robot has no torques",
+            "motion_limits",
+        )
+    _, most = control_bounds(robot, limits)
+    joints = [robot.joint_names[i] for i in np.flatnonzero(np.isinf(most))]
+    if joints:
+        raise ProblemError(
+            f"motion_limits: no acceleration limit for {', '.join(joints)}, and a "
+            f"kinematic robot needs one: give acceleration={example_values(joints)}, "
+            "as MotionLimits or a joint_limits.yaml have it, or load a description "
+            "with its dynamics, without kinematic=True"
+            f"{datasheet_hint(robot, joints[0])}",
+            "motion_limits",
+        )

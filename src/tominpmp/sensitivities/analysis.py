@@ -216,10 +216,11 @@ class SegmentRows:
         driving = control_kind(self._robot).name
         used = np.where(rows.of(driving), rows.used, 1.0 - rows.room)
         driven = np.isin(np.arange(self._robot.n), self.motion.driven)
-        _, strongest = control_bounds(self._robot, self._problem.motion_limits)
+        of_arm = self._robot, self._problem.motion_limits
+        _, strongest = control_bounds(*of_arm)
         efforts = np.where(driven, strongest, np.inf)
         worth, held = rows.value, rows.held_above
-        for item in joint_limits(self._problem):
+        for item in joint_limits(*of_arm):
             kind, most = item.kind, efforts if item.kind.of == "u" else item.upper
             asked = [(kind.name, most, worth * used)]
             if kind.of == "q":

@@ -24,8 +24,8 @@ from tominpmp.dynamics import Dynamics, RobotDynamics
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.problem import Problem
+from tominpmp.problem.controls import effort_range
 from tominpmp.problem.joint_limits import joint_limits
-from tominpmp.problem.problem import effort_range
 
 # Largest padding beyond the margin [m], and its largest share of the clearance beyond
 # the margin at the ends of the motion.
@@ -226,7 +226,7 @@ class ProblemFunctions:
     def constraints(self) -> tuple[Constraint, ...]:
         """All constraints along a motion."""
         limits: list[Constraint] = []
-        for item in joint_limits(self.problem):
+        for item in joint_limits(self.problem.robot, self.motion_limits):
             joints, kind, most = item.joints, item.kind, item.upper
             if kind.of == "u":
                 limits.append(TorqueLimit(self.motors, kind))
@@ -288,13 +288,13 @@ class ProblemFunctions:
     @cached_property
     def effort_middle(self) -> Array:
         """Middle of the torque range, shape (n,) [N m or N]."""
-        middle, _ = effort_range(self.problem)
+        middle, _ = effort_range(self.problem.robot, self.motion_limits)
         return middle if self.ways is None else middle - self.resistance
 
     @cached_property
     def effort_half(self) -> Array:
         """Half the torque range, shape (n,); 1 where it is empty."""
-        _, half = effort_range(self.problem)
+        _, half = effort_range(self.problem.robot, self.motion_limits)
         return np.where(half > 0.0, half, 1.0)
 
     @property

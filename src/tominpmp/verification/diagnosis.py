@@ -19,7 +19,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT, joint_kinds
 from tominpmp.options import Tolerances
 from tominpmp.problem import Problem
-from tominpmp.problem.problem import effort_range
+from tominpmp.problem.controls import effort_range
 from tominpmp.status import IterationRecord, Status
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import TIME_STEP, Replay, planned, torque_pieces
@@ -172,7 +172,7 @@ def _of_effort(
     rest = np.zeros((2, robot.n))
     torques = RobotDynamics(robot).inverse(np.stack([first, end]), rest, rest)
     leaving, holding = torques[:, i].tolist()
-    middle, half = (float(part[i]) for part in effort_range(problem))
+    middle, half = (part[i] for part in effort_range(robot, problem.motion_limits))
     low, high = middle - half, middle + half
     if goal.fixes_velocity and not np.any(goal.final_velocity(robot.n)):
         much = max(holding - high, low - holding)

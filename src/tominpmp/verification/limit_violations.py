@@ -109,7 +109,8 @@ def limit_violations(
     those of the replay, just after a jump, followed by those just before each jump.
     """
     check()
-    robot, limits = problem.robot, joint_limits(problem)
+    robot = problem.robot
+    limits = joint_limits(robot, problem.motion_limits)
     known = torque.t[1:] <= replay.t[-1]
     # Rows of the replay at which pieces of torque end.
     ends: IntArray = np.searchsorted(replay.t, torque.t[1:][known])
@@ -155,8 +156,9 @@ def state_violations(
         u: Torques, shape (m, n) [N m or N].
         tolerance: Tolerated excess, as a share.
     """
-    limits = [item for item in joint_limits(problem) if item.kind.of_states]
-    rows = [(item, t, item.beyond(q, v, u, u)) for item in limits]
+    limits = joint_limits(problem.robot, problem.motion_limits)
+    of_states = [item for item in limits if item.kind.of_states]
+    rows = [(item, t, item.beyond(q, v, u, u)) for item in of_states]
     return _worst_of(problem, rows, tolerance)
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem import Problem
-from tominpmp.problem.controls import controls_in
-from tominpmp.problem.problem import effort_range
+from tominpmp.problem.controls import controls_in, effort_range
 
 # Instants of a motion, jumps at its nodes not counted.
 INSTANTS = 160
@@ -63,7 +62,7 @@ def shares_of_limits(
     limits = problem.robot.limits
     finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)
     speed = np.where(finite, state.v / np.where(finite, limits.velocity, 1.0), 0.0)
-    middle, half = effort_range(problem)
+    middle, half = effort_range(problem.robot, problem.motion_limits)
     driven = np.isfinite(half) & (half > 0.0)
     middle, half = np.where(driven, middle, 0.0), np.where(driven, half, 1.0)
     controls = controls_in(problem.robot, state)

@@ -46,7 +46,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem import Problem
-from tominpmp.problem.problem import effort_range
+from tominpmp.problem.controls import effort_range
 from tominpmp.problem.segments import known_names
 from tominpmp.problem.state_checks import joint_vector, onto_limits
 from tominpmp.robot import Robot
@@ -326,7 +326,8 @@ def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:
     The room that gravity leaves, over the inertia at the joint: what others do at the
     same time, and how the arm stretches on the way, is left out.
     """
-    dynamics, (_, half) = RobotDynamics(problem.robot), effort_range(problem)
+    dynamics = RobotDynamics(problem.robot)
+    _, half = effort_range(problem.robot, problem.motion_limits)
     rows = np.concatenate([problem.q_start[None], *(rows[:2] for rows in found)])
     rows = rows[:: max(1, len(rows) // 40)]
     rest = np.zeros_like(rows)
