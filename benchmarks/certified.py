@@ -36,7 +36,7 @@ import tominpmp as tm
 from benchmarks.cell_cases import draw_configuration
 from benchmarks.motionbenchmaker import Case, Court, add_problems, names
 from benchmarks.random_goals import load_arm
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 
 CLUTTERED = ("ur5", "xarm7", "panda")
 # Of what random things are, and how many: half extents or radii [m].

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 
 ROOT = Path(__file__).resolve().parent.parent

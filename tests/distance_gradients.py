@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints import ClearanceConstraint
 
 

@@ -11,7 +11,7 @@ import pytest
 from distance_gradients import gradients
 from numpy.typing import NDArray
 
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, array_or_nan
 from tominpmp.checks import of_kind, split_pose, vector
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import links_of
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity

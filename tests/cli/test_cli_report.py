@@ -112,7 +112,7 @@ def test_a_failure_inside_blames_no_argument(
     def failing(*_: object, **__: object) -> None:
         raise RuntimeError("the hull of a mesh is empty")
 
-    monkeypatch.setattr("tominpmp.collision.CollisionChecker.__init__", failing)
+    monkeypatch.setattr("tominpmp.collision.checker.CollisionChecker.__init__", failing)
     result = run(*PLAN)
     assert result.exit_code == 70
     assert "RuntimeError: the hull of a mesh is empty (this is a" in result.stderr

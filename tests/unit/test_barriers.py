@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.planner.barriers import find_barrier
 from tominpmp.status import Status
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot import Robot
 from tominpmp.scene import Box, Scene, Sphere

@@ -24,7 +24,9 @@ from robot_samples import (
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
-from tominpmp.collision import CollisionChecker, Contact, narrow, obstacle_shape, shapes
+from tominpmp.collision import narrow, shapes
+from tominpmp.collision.bodies import obstacle_shape
+from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot, load_robot

@@ -11,7 +11,7 @@ from robot_samples import INERTIAL, joint, link, load, robot
 from scipy.spatial import ConvexHull
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 
 # Cylinders of a link and an obstacle (radius, length), the angle that the link is
 # turned about y, whether the obstacle lies along y, where it is from the link, and

@@ -9,8 +9,8 @@ import pinocchio as pin
 import pytest
 from distance_gradients import gradients
 
-from tominpmp.collision import CollisionChecker
 from tominpmp.collision.broad import BALLS, Enclosure
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.shapes import Outline
 from tominpmp.constraints import ClearanceConstraint

@@ -11,7 +11,8 @@ from robot_samples import INERTIAL, joint, link, load, robot
 from scipy.spatial import ConvexHull
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker, shapes
+from tominpmp.collision import shapes
+from tominpmp.collision.checker import CollisionChecker
 
 RADIUS, HALF = 0.05, 0.12
 # As a share of the diagonal: how much of the points may stick out of a hull, and the

@@ -13,7 +13,8 @@ from robot_samples import load, one_shape
 from scipy.spatial import ConvexHull
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker, decomposition_cache
+from tominpmp.collision import decomposition_cache
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.decomposition import MOST_PIECES, decompose
 from tominpmp.collision.shapes import triangle_mesh
 from tominpmp.exceptions import SceneError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from robot_samples import INERTIAL, joint, link, load, robot
 
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
 from tominpmp.problem import Problem

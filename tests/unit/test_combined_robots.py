@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from robot_samples import chain, load, one_shape, placement
 
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.combined_robots import combine_robots
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 

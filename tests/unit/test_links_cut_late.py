@@ -18,7 +18,8 @@ from rich.console import Console
 
 import tominpmp as tm
 from tominpmp.cli.plan import LOGGER, Progress
-from tominpmp.collision import CollisionChecker, decomposition, decomposition_cache
+from tominpmp.collision import decomposition, decomposition_cache
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.stopping import Stop
 from tominpmp.verification.nearest import closest
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from robot_samples import chain, load, placement, write_tetrahedron
 
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import FrameNotFound, ProblemError
 from tominpmp.goals import JointGoal

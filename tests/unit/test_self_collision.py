@@ -12,7 +12,7 @@ from robot_samples import INERTIAL, joint, link, load, robot
 from sample_arms import DOWNWARD, describe
 
 import tominpmp as tm
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.torque_starts import torques_may_lead
 from tominpmp.transcription.problem_functions import ProblemFunctions

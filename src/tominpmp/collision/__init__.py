@@ -5,18 +5,3 @@ taken as convex pieces, which makes a query about a hundred times faster than wi
 triangles of their meshes. Pairs that are surely far apart are found by bounds, without
 a query.
 """
-
-from __future__ import annotations
-
-from tominpmp.collision.checker import CollisionChecker, Contact
-from tominpmp.collision.enclosure import enclosure
-from tominpmp.collision.query import Derivatives
-from tominpmp.collision.shapes import obstacle_shape
-
-__all__ = [
-    "CollisionChecker",
-    "Contact",
-    "Derivatives",
-    "enclosure",
-    "obstacle_shape",
-]

@@ -1,8 +1,7 @@
-"""Bodies between which distances are measured: links first, then obstacles."""
+"""Bodies of links and of obstacles, between which distances are measured."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -13,34 +12,24 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.collision.decomposition import Pieces
 from tominpmp.collision.decomposition_cache import pieces_of
-from tominpmp.collision.shapes import convex_hull, hull_of, is_mesh, obstacle_shape
+from tominpmp.collision.shapes import (
+    Body,
+    convex_hull,
+    hull_of,
+    is_mesh,
+    triangle_mesh,
+)
+from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
-from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree, Scene
+from tominpmp.scene.grids import HeightField, OcTree
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.scene import Scene
 
 # Representation of meshes: convex pieces, one hull each, or triangles.
 Geometry = Literal["convex", "hull", "mesh"]
 # The representation by the option of an obstacle.
 MESHES: dict[str, Geometry] = {"auto": "convex", "hull": "hull", "none": "mesh"}
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A rigid shape.
-
-    Attributes:
-        name: Name of the link or of the obstacle.
-        joint: Index in the model of the joint that carries it; 0 for the world, and
-            beyond the joints of the model for moving obstacles (``MovingObstacles``).
-        placement: Placement body_to_joint.
-        shape: Coal's shape.
-        part: Index of the geometry of the robot that it belongs to; -1 for obstacles.
-    """
-
-    name: str
-    joint: int
-    placement: pin.SE3
-    shape: Any
-    part: int = -1
 
 
 def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:
@@ -105,3 +94,26 @@ def _obstacle_parts(obstacle: Obstacle) -> list[tuple[Array, Any]]:
         taken_as = MESHES[obstacle.convex]
         return [(origin, piece) for piece in _pieces(shape, taken_as, obstacle.name)]
     return [(origin, shape)]
+
+
+def obstacle_shape(obstacle: Obstacle) -> Any:
+    """Shape of an obstacle for Coal.
+
+    Raises:
+        SceneError: If the type of the obstacle has no shape.
+    """
+    if isinstance(obstacle, Sphere):
+        return coal.Sphere(obstacle.radius)
+    if isinstance(obstacle, Box):
+        return coal.Box(*obstacle.size)
+    if isinstance(obstacle, Cylinder):
+        return coal.Cylinder(obstacle.radius, obstacle.length)
+    if isinstance(obstacle, Capsule):
+        return coal.Capsule(obstacle.radius, obstacle.length)
+    if isinstance(obstacle, Mesh):
+        return triangle_mesh(obstacle.points, obstacle.triangles)
+    raise SceneError(
+        f"obstacle {obstacle.name!r}: there is no collision shape for a "
+        f"{type(obstacle).__name__}",
+        obstacle.name,
+    )

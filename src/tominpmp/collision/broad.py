@@ -18,8 +18,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.bodies import Body
-from tominpmp.collision.shapes import Outline, outline
+from tominpmp.collision.shapes import Body, Outline, outline
 
 # Configurations between which no ball moves farther than this [m] are grouped; with
 # fewer configurations than the second number grouping does not pay.

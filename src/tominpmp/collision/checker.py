@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.bodies import Body, Geometry, scene_bodies
+from tominpmp.collision.bodies import Geometry, scene_bodies
 from tominpmp.collision.broad import Pairs
 from tominpmp.collision.narrow import Guard
 from tominpmp.collision.placements import MovingObstacles
 from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import links_of, own_pairs, scene_pairs, without
+from tominpmp.collision.shapes import Body
 from tominpmp.exceptions import SceneError
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene

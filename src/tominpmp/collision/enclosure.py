@@ -6,10 +6,10 @@ import coal
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision.bodies import Body, scene_bodies
+from tominpmp.collision.bodies import scene_bodies
 from tominpmp.collision.checker import Contact
 from tominpmp.collision.selection import links_of
-from tominpmp.collision.shapes import is_convex
+from tominpmp.collision.shapes import Body, is_convex
 from tominpmp.robot import Robot
 from tominpmp.scene import Scene
 

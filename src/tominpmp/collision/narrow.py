@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.collision.bodies import Body
 from tominpmp.collision.broad import Pairs
 from tominpmp.collision.placements import MovingObstacles
+from tominpmp.collision.shapes import Body
 from tominpmp.stopping import check
 
 # Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (GJK, distances)

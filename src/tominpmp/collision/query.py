@@ -10,10 +10,10 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.checks import JOINTS, array
-from tominpmp.collision.bodies import Body
 from tominpmp.collision.broad import BroadPhase, Joints, Pairs
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import MovingObstacles, Placements
+from tominpmp.collision.shapes import Body
 from tominpmp.robot import Robot
 
 # Configurations whose distances are computed at once, which limits the memory.

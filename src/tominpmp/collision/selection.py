@@ -9,10 +9,11 @@ from typing import TypeVar
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision.bodies import Body, Geometry, part_bodies, part_link
+from tominpmp.collision.bodies import Geometry, part_bodies, part_link
 from tominpmp.collision.broad import Pairs
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.query import PairDistances
+from tominpmp.collision.shapes import Body
 from tominpmp.description.model import are_neighbours
 from tominpmp.robot import Robot
 

@@ -1,4 +1,4 @@
-"""Shapes for Coal: obstacles, convex hulls of meshes, and their outlines."""
+"""Shapes of Coal: rigid bodies, convex hulls of meshes, and outlines."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import Any
 
 import coal
 import numpy as np
+import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.exceptions import SceneError
-from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 
 # Flat meshes get this thickness [m]; Coal crashes on hulls without volume.
 THINNEST = 1e-4
@@ -29,27 +28,24 @@ BLUNT = 1e-6
 ROUNDS = 8
 
 
-def obstacle_shape(obstacle: Obstacle) -> Any:
-    """Shape of an obstacle for Coal.
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid shape.
 
-    Raises:
-        SceneError: If the type of the obstacle has no shape.
+    Attributes:
+        name: Name of the link or of the obstacle.
+        joint: Index in the model of the joint that carries it; 0 for the world, and
+            beyond the joints of the model for moving obstacles (``MovingObstacles``).
+        placement: Placement body_to_joint.
+        shape: Coal's shape.
+        part: Index of the geometry of the robot that it belongs to; -1 for obstacles.
     """
-    if isinstance(obstacle, Sphere):
-        return coal.Sphere(obstacle.radius)
-    if isinstance(obstacle, Box):
-        return coal.Box(*obstacle.size)
-    if isinstance(obstacle, Cylinder):
-        return coal.Cylinder(obstacle.radius, obstacle.length)
-    if isinstance(obstacle, Capsule):
-        return coal.Capsule(obstacle.radius, obstacle.length)
-    if isinstance(obstacle, Mesh):
-        return triangle_mesh(obstacle.points, obstacle.triangles)
-    raise SceneError(
-        f"obstacle {obstacle.name!r}: there is no collision shape for a "
-        f"{type(obstacle).__name__}",
-        obstacle.name,
-    )
+
+    name: str
+    joint: int
+    placement: pin.SE3
+    shape: Any
+    part: int = -1
 
 
 def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:

@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, IntArray, default, record
-from tominpmp.collision import CollisionChecker, Derivatives
+from tominpmp.collision.checker import CollisionChecker
+from tominpmp.collision.query import Derivatives
 from tominpmp.constraints.base import Constraint, Partials, States
 
 # Share of the padding that may be used up between rows, for obstacles at rest and for

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, Window
 from tominpmp.initial_guess.guess import ANYWHERE, SAMPLED, Guess, initial_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision import Contact
+from tominpmp.collision.checker import Contact
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem import Problem
 

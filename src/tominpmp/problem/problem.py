@@ -14,7 +14,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
 from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
-from tominpmp.collision import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks

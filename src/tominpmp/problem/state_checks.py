@@ -9,7 +9,8 @@ import numpy as np
 
 from tominpmp.arrays import Array, real_array
 from tominpmp.checks import by_joint, in_order, wrong
-from tominpmp.collision import CollisionChecker, enclosure
+from tominpmp.collision.checker import CollisionChecker
+from tominpmp.collision.enclosure import enclosure
 from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.inertials import singular_directions

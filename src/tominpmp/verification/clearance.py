@@ -21,7 +21,7 @@ import numpy as np
 from tominpmp.arrays import Array, array_or_nan
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
-from tominpmp.collision import CollisionChecker, Contact
+from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory

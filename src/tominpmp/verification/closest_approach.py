@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision import CollisionChecker, Contact
+from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.motion.curves import states
 from tominpmp.motion.extrema import least_between
 from tominpmp.verification.replay import Replay

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision import CollisionChecker, Contact
+from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.collision.selection import links_touching
 from tominpmp.problem import Problem
 from tominpmp.stopping import Stop, check

@@ -17,8 +17,8 @@ import numpy as np
 from tominpmp.arrays import Array, frozen_array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import choice, instance
-from tominpmp.collision import CollisionChecker
 from tominpmp.collision.bodies import Geometry
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.exceptions import BRIEF, shortened
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.shapes import is_mesh, mesh_arrays, obstacle_shape
+from tominpmp.collision.bodies import obstacle_shape
+from tominpmp.collision.shapes import is_mesh, mesh_arrays
 from tominpmp.exceptions import RobotLoadError, warn_caller
 from tominpmp.robot import Robot
 from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree
