@@ -190,7 +190,7 @@ def load_arm(
         name: The robot: its URDF file, or its name.
         locked: Names and positions of the joints that do not move.
     """
-    from tominpmp.robot import load_robot
+    from tominpmp.robot.robot import load_robot
 
     with warnings.catch_warnings():
         # The set has the fingers open beyond their limits, on purpose.

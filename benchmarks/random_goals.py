@@ -83,7 +83,7 @@ def load_arm(
         speed_factor: Factor on all velocity limits.
         friction: Dry friction of all joints [N m]; None for that of the description.
     """
-    from tominpmp.robot import load_robot
+    from tominpmp.robot.robot import load_robot
 
     locked = LOCKED_JOINTS.get(name, {})
     robot = load_robot(name, limits="urdf", locked_joints=locked, friction=friction)

@@ -14,7 +14,7 @@ from clocks import Clock
 from hypothesis import settings
 
 from tominpmp.options import TIME_LIMITS
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 # Figures are drawn without a screen.
 os.environ.setdefault("MPLBACKEND", "Agg")

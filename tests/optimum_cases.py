@@ -24,8 +24,8 @@ from reference_optima import (
 from sample_arms import DOWNWARD, GRAVITY, make_arm, rod, slide
 
 from tominpmp.goals import JointGoal
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 
 HANGING = -0.5 * math.pi
 UPRIGHT = 0.5 * math.pi

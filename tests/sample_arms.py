@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from numpy.typing import ArrayLike
 
 from tominpmp.description.joint_table import JointValues
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 GRAVITY = 9.81
 DOWNWARD = (0.0, -GRAVITY, 0.0)

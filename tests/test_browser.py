@@ -24,9 +24,10 @@ from matplotlib.image import imread
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import PoseGoal, PositionGoal
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
-from tominpmp.scene import Box, Capsule, Cylinder, Scene, Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Sphere
+from tominpmp.scene.scene import Scene
 from tominpmp.viz.playback import play
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")

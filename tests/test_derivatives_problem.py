@@ -16,8 +16,9 @@ from tominpmp.constraints import ClearanceConstraint
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.scene import Scene
 
 Array = NDArray[np.float64]
 

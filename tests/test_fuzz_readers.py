@@ -26,7 +26,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.description.srdf import read_srdf
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 pytestmark = pytest.mark.filterwarnings("ignore::tominpmp.TominpmpWarning")
 

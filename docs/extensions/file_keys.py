@@ -15,9 +15,10 @@ from tominpmp.files.records import classes
 from tominpmp.goals import Goal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.segments import Segment
-from tominpmp.robot import load_robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Motion, Obstacle
+from tominpmp.robot.robot import load_robot
+from tominpmp.scene.motion import Motion
+from tominpmp.scene.obstacles import Obstacle
 
 # What a file has in a table of its own, or says in another way than the code.
 TABLES = {

@@ -26,7 +26,8 @@ from tominpmp.constraints import PathConstraint
 from tominpmp.datasheets import datasheets
 from tominpmp.files.records import classes
 from tominpmp.goals import Goal
-from tominpmp.scene import Motion, Obstacle
+from tominpmp.scene.motion import Motion
+from tominpmp.scene.obstacles import Obstacle
 
 PLACE = re.compile(r"^<!-- from the code: (\w+) -->$", re.MULTILINE)
 # Blocks of code of a page, cells of notebooks among them.

@@ -5,10 +5,8 @@ from .cell.batch import (
     Outcome as Outcome,
     plan_many as plan_many,
 )
-from .bounds import (
-    LowerBound as LowerBound,
-    lower_bound as lower_bound,
-)
+from .bounds.lower_bound import lower_bound as lower_bound
+from .bounds.result import LowerBound as LowerBound
 from .certificate import (
     Certificate as Certificate,
     certify as certify,
@@ -81,9 +79,9 @@ from .cell.placement import (
 )
 from .planner.planning import plan as plan
 from .planner.smoothing import smooth as smooth
-from .problem import Problem as Problem
-from .robot import (
-    JointLimits as JointLimits,
+from .problem.problem import Problem as Problem
+from .description.joint_table import JointLimits as JointLimits
+from .robot.robot import (
     Robot as Robot,
     load_robot as load_robot,
 )
@@ -102,21 +100,25 @@ from .files.scenario import (
     load_scenario as load_scenario,
     save_scenario as save_scenario,
 )
-from .scene import (
-    Box as Box,
-    Capsule as Capsule,
-    ConstantVelocity as ConstantVelocity,
-    Cylinder as Cylinder,
+from .scene.grids import (
     HeightField as HeightField,
-    Mesh as Mesh,
-    Motion as Motion,
-    Obstacle as Obstacle,
     OcTree as OcTree,
+)
+from .scene.meshes import Mesh as Mesh
+from .scene.motion import (
+    ConstantVelocity as ConstantVelocity,
+    Motion as Motion,
     PoseFunction as PoseFunction,
-    Scene as Scene,
-    Sphere as Sphere,
     Waypoints as Waypoints,
 )
+from .scene.obstacles import (
+    Box as Box,
+    Capsule as Capsule,
+    Cylinder as Cylinder,
+    Obstacle as Obstacle,
+    Sphere as Sphere,
+)
+from .scene.scene import Scene as Scene
 from .problem.segments import Segment as Segment
 from .solution import Solution as Solution
 from .status import (
@@ -133,10 +135,12 @@ from .motion.trajectory import (
     State as State,
     Trajectory as Trajectory,
 )
-from .verification import (
+from .verification.clearance import (
     ClearanceProof as ClearanceProof,
-    Verification as Verification,
     prove_clearance as prove_clearance,
+)
+from .verification.verification import (
+    Verification as Verification,
     verify as verify,
 )
 from .problem.workcell import Workcell as Workcell

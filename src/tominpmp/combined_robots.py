@@ -28,9 +28,9 @@ from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import joined
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.robot import Robot
-from tominpmp.robot.robot import assembled
-from tominpmp.scene import Scene, rotation_matrix
+from tominpmp.robot.robot import Robot, assembled
+from tominpmp.scene.rotations import rotation_matrix
+from tominpmp.scene.scene import Scene
 
 # Name, robot and where its base is: a placement base_to_world or a position [m].
 Part: TypeAlias = "tuple[str, Robot, pin.SE3 | ArrayLike]"

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
 
 # Slower joints are at rest [rad/s or m/s] if they accelerate by less than STEADY

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import JOINTS, array
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 # Lengths that scale others [m]: of an arm without any, and the farthest that a joint is
 # taken to slide, as rails of kilometres or without ends do.

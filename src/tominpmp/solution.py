@@ -24,7 +24,7 @@ from tominpmp.motion.measures import (
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.notebook import outcome_card
 from tominpmp.options import Options
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import SegmentOfMotion, segments_of
 from tominpmp.status import IterationRecord, Status
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from tominpmp.bounds.lower_bound import LowerBound
+    from tominpmp.bounds.result import LowerBound
     from tominpmp.certificate.certificate import Certificate
     from tominpmp.physics.replay import PhysicsReplay
     from tominpmp.sensitivities.records import Sensitivities

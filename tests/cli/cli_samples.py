@@ -16,7 +16,7 @@ from tominpmp.description.files import robot_names
 from tominpmp.files.export_check import ExportCheck
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 

@@ -21,7 +21,7 @@ from command_line import invoke
 
 from tominpmp.files.export import export
 from tominpmp.files.scenario import load_scenario
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from tominpmp.files.scenario import load_scenario
 from tominpmp.goals import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 
 # Scenarios
 

@@ -16,8 +16,8 @@ from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import new_app
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
-from tominpmp.problem import Problem
-from tominpmp.scene import Mesh
+from tominpmp.problem.problem import Problem
+from tominpmp.scene.meshes import Mesh
 
 if TYPE_CHECKING:
     from nowhere import Unknown

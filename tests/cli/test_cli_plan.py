@@ -22,9 +22,9 @@ from tominpmp.files.export import load_motion
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import load_robot
-from tominpmp.scene import Box, Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import load_robot
+from tominpmp.scene.obstacles import Box, Sphere
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 

@@ -22,7 +22,7 @@ from tominpmp.description.files import robot_names
 from tominpmp.exceptions import (
     TominpmpWarning,
 )
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 
 def test_robots(run: Run) -> None:

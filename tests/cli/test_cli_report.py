@@ -33,8 +33,8 @@ from tominpmp.files.export import load_motion
 from tominpmp.goals import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.problem import Problem
-from tominpmp.robot import load_robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import load_robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 

@@ -15,8 +15,8 @@ from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import join_lists
 from tominpmp.cli.problem import joint_values, obstacle, positions, velocities
 from tominpmp.exceptions import OptionsError, SceneError
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Capsule, Cylinder
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Capsule, Cylinder
 
 # Options of plan that take several words.
 LISTS = ("--start", "--goal", "--gravity")

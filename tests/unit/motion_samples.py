@@ -13,9 +13,10 @@ from robot_samples import robot as description
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import Goal, PositionGoal
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Box, Capsule, Cylinder, Scene, Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Sphere
+from tominpmp.scene.scene import Scene
 
 PANDA_HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 START = (0.5, 1.7, -1.7)

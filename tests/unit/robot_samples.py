@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.urdf import read_urdf
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 LIMIT = '<limit lower="-1" upper="2" effort="10" velocity="3"/>'
 INERTIAL = (

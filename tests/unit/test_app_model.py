@@ -23,7 +23,7 @@ from tominpmp.app.request import (
     loaded,
     new_item,
 )
-from tominpmp.bounds import LowerBound
+from tominpmp.bounds.result import LowerBound
 from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,

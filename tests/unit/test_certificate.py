@@ -34,9 +34,11 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import ConstantVelocity, Scene, Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.motion import ConstantVelocity
+from tominpmp.scene.obstacles import Sphere
+from tominpmp.scene.scene import Scene
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.transcription.instants import Instants

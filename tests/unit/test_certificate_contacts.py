@@ -11,9 +11,11 @@ from tominpmp.certificate.motion import Motion
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import JointGoal
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
-from tominpmp.robot import load_robot
-from tominpmp.scene import Box, ConstantVelocity, Scene, Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import load_robot
+from tominpmp.scene.motion import ConstantVelocity
+from tominpmp.scene.obstacles import Box, Sphere
+from tominpmp.scene.scene import Scene
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START = np.array([-0.9, 0.2, 0.1])

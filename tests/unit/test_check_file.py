@@ -13,9 +13,9 @@ from tominpmp.files.export import export, load_motion
 from tominpmp.files.export_check import check_file
 from tominpmp.goals import JointGoal
 from tominpmp.options import Tolerances
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
-from tominpmp.verification import verify
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.verification.verification import verify
 
 
 @pytest.fixture

@@ -10,9 +10,10 @@ import pytest
 import tominpmp as tm
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.robot import Robot
-from tominpmp.scene import Box, Scene, Sphere
-from tominpmp.verification import prove_clearance
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.obstacles import Box, Sphere
+from tominpmp.scene.scene import Scene
+from tominpmp.verification.clearance import prove_clearance
 
 
 def turning(robot: Robot, first: float, last: float, intervals: int = 4) -> Trajectory:

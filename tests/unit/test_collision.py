@@ -29,8 +29,9 @@ from tominpmp.collision.bodies import obstacle_shape
 from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.constraints import ClearanceConstraint
 from tominpmp.exceptions import SceneError
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.scene import Scene
 
 BALL = '<sphere radius="0.1"/>'
 Q = np.array([0.5, 1.7, -1.7])

@@ -14,16 +14,10 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.shapes import Outline
 from tominpmp.constraints import ClearanceConstraint
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import (
-    Box,
-    Capsule,
-    ConstantVelocity,
-    Cylinder,
-    Obstacle,
-    Scene,
-    Sphere,
-)
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.motion import ConstantVelocity
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.scene import Scene
 
 # Exact queries end within Coal's tolerances [m]; depths are found less precisely.
 EXACT = 1e-8

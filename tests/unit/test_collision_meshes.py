@@ -18,9 +18,12 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.decomposition import MOST_PIECES, decompose
 from tominpmp.collision.shapes import triangle_mesh
 from tominpmp.exceptions import SceneError
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Box, HeightField, Mesh, OcTree, Scene, Sphere
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.grids import HeightField, OcTree
 from tominpmp.scene.mesh_files import read_mesh
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Box, Sphere
+from tominpmp.scene.scene import Scene
 from tominpmp.viz.surfaces import obstacle_surface
 
 BALL = '<sphere radius="0.1"/>'

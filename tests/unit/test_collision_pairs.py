@@ -13,9 +13,10 @@ from robot_samples import INERTIAL, joint, link, load, robot
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Scene, Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Sphere
+from tominpmp.scene.scene import Scene
 
 FAR = Scene([Sphere("far", radius=0.1, position=(9, 9, 9))])
 

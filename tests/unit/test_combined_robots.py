@@ -17,10 +17,10 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.goals import AllGoals, JointGoal, JointRegionGoal, PositionGoal
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
+from tominpmp.problem.problem import Problem
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Scene
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.scene import Scene
 
 TILTED = pin.SE3(pin.exp3(np.array([0.0, 0.4, 2.0])), np.array([1.0, 1.0, 0.3]))
 FAR = (5.0, 0.0, 0.0)

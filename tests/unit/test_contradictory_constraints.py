@@ -14,7 +14,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.inverse_kinematics import find_configurations
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.verification import explain
+from tominpmp.verification.diagnosis import explain
 
 QUICK = {"intervals": 12, "refine": None, "effort": "quick", "starts": 1}
 UP = (1.0, 0.0, 0.0)

@@ -25,7 +25,7 @@ from tominpmp.datasheets import (
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import OptionsError, ScenarioError
 from tominpmp.files.scenario import read_robot, robot_table
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 

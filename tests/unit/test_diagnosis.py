@@ -12,13 +12,14 @@ from sample_arms import DOWNWARD, make_arm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals import JointGoal, PositionGoal
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
-from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Scene, Sphere
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.obstacles import Sphere
+from tominpmp.scene.scene import Scene
 from tominpmp.status import IterationRecord, Status
-from tominpmp.verification import explain
+from tominpmp.verification.diagnosis import explain
 
 RECORD = IterationRecord(0, 1.0, 0.1, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
 

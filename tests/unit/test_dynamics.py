@@ -11,7 +11,7 @@ import pytest
 from robot_samples import chain, load, mass_matrix, one_joint
 
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.stopping import Stop
 
 GRAVITY = 9.81

@@ -15,7 +15,7 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.verification import verify
+from tominpmp.verification.verification import verify
 
 RAIL = make_arm(slide(1.0), effort=np.array([100.0]))
 LIFT = make_arm(

@@ -18,11 +18,11 @@ from tominpmp.files.export_check import check_export
 from tominpmp.goals import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.verification import verify
+from tominpmp.verification.verification import verify
 
 ENDINGS = ("csv", "npz", "yaml", "json", "mcap")
 # The torque limits of the arm are this far apart from what the motions here take.

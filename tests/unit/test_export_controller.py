@@ -19,7 +19,7 @@ from tominpmp.files.ros import accelerations_continue
 from tominpmp.motion.joining import join
 from tominpmp.motion.samples import Samples, clock
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 ROS_ENDINGS = ("yaml", "json", "mcap")
 BETWEEN = np.linspace(0.0, 0.95, 173)

@@ -19,7 +19,7 @@ from tominpmp.exceptions import MissingDependency, ProblemError, ScenarioError
 from tominpmp.files.export import export, load_message, load_motion
 from tominpmp.files.ros import TOPIC, TYPE, controller_refusals
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 NAMES = ["joint1", "joint2", "joint3"]
 

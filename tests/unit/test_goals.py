@@ -12,7 +12,7 @@ import pytest
 from tominpmp.exceptions import FrameNotFound, ProblemError
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 Q = np.array([0.5, 1.7, -1.7])
 V = np.array([0.3, -0.2, 0.9])

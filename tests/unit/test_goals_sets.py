@@ -30,9 +30,10 @@ from tominpmp.goals import (
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
-from tominpmp.scene import Scene, Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.obstacles import Sphere
+from tominpmp.scene.scene import Scene
 
 TIP = "ee_link"
 Q = np.array([0.4, -1.1, 1.3, -0.7, 0.6, 0.2])

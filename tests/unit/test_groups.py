@@ -17,7 +17,7 @@ from tominpmp.exceptions import (
     TominpmpWarning,
 )
 from tominpmp.files.scenario import read_robot, robot_table
-from tominpmp.robot import load_robot
+from tominpmp.robot.robot import load_robot
 
 ALL = """
 <group name="chain"><chain base_link="l1" tip_link="l3"/></group>

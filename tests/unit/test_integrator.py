@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from toy_dynamics import Pendulum, double_integrator
 
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 from tominpmp.transcription.integrator import (
     evaluate_defects,
     rollout,

@@ -19,8 +19,8 @@ from tominpmp.cli.problem import load_changed_robot, load_problem
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
 from tominpmp.files.scenario import load_scenario, save_scenario
 from tominpmp.goals import JointGoal
-from tominpmp.problem import Problem
-from tominpmp.robot import load_robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import load_robot
 
 START, GOAL = "0.5 1.7 -1.7", "2 -1 0.5"
 

@@ -9,7 +9,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.constraints import PathConstraint
 from tominpmp.files.records import classes
-from tominpmp.scene import Obstacle
+from tominpmp.scene.obstacles import Obstacle
 
 
 @pytest.mark.parametrize("base", [PathConstraint, Obstacle], ids=str)

@@ -11,7 +11,7 @@ from robot_samples import chain, joint, link, load, robot
 
 from tominpmp.exceptions import FrameNotFound
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 LENGTHS = np.array([3.0, 2.0, 1.0])
 Q = np.array([0.5, 1.7, -1.7])

@@ -13,8 +13,9 @@ from optimum_cases import FORCE, MASS, ROD
 from sample_arms import DOWNWARD, Link, make_arm, rod, slide
 from two_link_cases import CASES as FAMILIES
 
-from tominpmp.bounds import LowerBound, lower_bound
 from tominpmp.bounds.energy import gravity_bounds
+from tominpmp.bounds.lower_bound import lower_bound
+from tominpmp.bounds.result import LowerBound
 from tominpmp.collision.placements import Placements
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import (
@@ -33,11 +34,11 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.verification import replay
+from tominpmp.verification.replay import replay
 
 # All but most of the arms that lift payloads, whose optima take long to compute.
 CASES = {

@@ -13,12 +13,12 @@ from sample_arms import DOWNWARD, GRAVITY, Link, make_arm, slide
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.optimize import brentq, linprog
 
-from tominpmp.bounds import lower_bound
+from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.goals import JointGoal, JointRegionGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 
 MASS, FORCE = 2.0, 10.0
 # Of a point mass at the end of a rod.

@@ -15,7 +15,7 @@ from robot_samples import one_shape
 from robot_samples import write as write_robot
 
 import tominpmp as tm
-from tominpmp.robot import load_robot
+from tominpmp.robot.robot import load_robot
 
 FORMATS = ("stl", "obj", "dae", "glb", "gltf", "off", "ply")
 

@@ -16,8 +16,8 @@ import pytest
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
 from tominpmp.files.moveit import load_moveit
 from tominpmp.goals import JointGoal
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot, load_robot
 
 UR5 = [
     f"{name}_joint"

@@ -10,7 +10,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
-from tominpmp.verification import verify
+from tominpmp.verification.verification import verify
 
 # The search for the best motion is looked at elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)

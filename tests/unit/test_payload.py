@@ -14,10 +14,12 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import FrameNotFound, ProblemError
 from tominpmp.goals import JointGoal
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
+from tominpmp.problem.problem import Problem
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Scene, Sphere
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Sphere
+from tominpmp.scene.scene import Scene
 
 INERTIA = np.array([[0.02, 0.001, 0.002], [0.001, 0.03, 0.003], [0.002, 0.003, 0.025]])
 COM = (0.01, 0.02, 0.1)

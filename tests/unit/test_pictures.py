@@ -12,10 +12,11 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.workcell import Workcell
-from tominpmp.robot import load_robot
-from tominpmp.scene import Box, ConstantVelocity, Cylinder, Sphere
+from tominpmp.robot.robot import load_robot
+from tominpmp.scene.motion import ConstantVelocity
+from tominpmp.scene.obstacles import Box, Cylinder, Sphere
 from tominpmp.viz.motion_plot import ARM_COLORS, plot_motion
 from tominpmp.viz.playback import play
 from tominpmp.viz.shares import shares_of_limits

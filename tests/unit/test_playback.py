@@ -43,9 +43,9 @@ from tominpmp.exceptions import (
 )
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
-from tominpmp.robot import load_robot
-from tominpmp.scene import Obstacle
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import load_robot
+from tominpmp.scene.obstacles import Obstacle
 from tominpmp.viz.meshcat_scene import (
     Command,
     Recorder,

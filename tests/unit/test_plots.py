@@ -35,7 +35,7 @@ from tominpmp.exceptions import (
 )
 from tominpmp.goals import JointGoal, PoseGoal
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.status import IterationRecord
 from tominpmp.viz.figures import color
 from tominpmp.viz.plots import (

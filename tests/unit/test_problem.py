@@ -21,10 +21,11 @@ from tominpmp.exceptions import (
 )
 from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import SNAP
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Box, Scene, Sphere
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Box, Sphere
+from tominpmp.scene.scene import Scene
 
 START = (0.5, 1.7, -1.7)
 GOAL = JointGoal((0.9, -1.2, -0.9))

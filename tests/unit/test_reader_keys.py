@@ -20,7 +20,7 @@ from scenario_samples import write as write_moveit
 
 import tominpmp as tm
 from tominpmp.exceptions import RobotLoadError, ScenarioError, TominpmpWarning
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 # MoveIt's requests and scenes
 

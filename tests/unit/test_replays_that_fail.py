@@ -9,7 +9,7 @@ from robot_samples import INERTIAL, joint, link, load, robot
 
 import tominpmp as tm
 from tominpmp.planner import candidate as attempts
-from tominpmp.verification import verify
+from tominpmp.verification.verification import verify
 
 BALL = "<collision><geometry><sphere radius='0.05'/></geometry></collision>"
 LIMIT = '<limit lower="-3" upper="3" effort="100" velocity="8"/>'

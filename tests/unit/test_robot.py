@@ -31,7 +31,7 @@ from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
 )
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 FINGER = {"panda_finger_joint1": 0.03}
 

@@ -29,8 +29,8 @@ from tominpmp.exceptions import (
     TominpmpWarning,
 )
 from tominpmp.goals import JointGoal
-from tominpmp.problem import Problem
-from tominpmp.robot import load_robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import load_robot
 
 FINGER = {"panda_finger_joint1": 0.03}
 

@@ -13,7 +13,7 @@ from tominpmp.files.export import export, load_motion
 from tominpmp.motion.joining import join
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot
 
 HERE = Path("m.csv")
 NAMES = ("joint1", "joint2", "joint3")

@@ -22,9 +22,10 @@ from tominpmp.files.writing import toml_text
 from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.scene import Scene
 
 START, GOAL = [0.5, 1.7, -1.7], [2.0, -1.0, 0.5]
 TURN = pin.rpy.rpyToMatrix(0.3, -0.2, 0.9)

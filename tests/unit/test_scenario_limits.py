@@ -8,7 +8,7 @@ import pytest
 
 from tominpmp.exceptions import ScenarioError
 from tominpmp.files.limits import load_joint_limits
-from tominpmp.robot import load_robot
+from tominpmp.robot.robot import load_robot
 
 FULL = """
 default_velocity_scaling_factor: 0.1

@@ -32,8 +32,9 @@ from tominpmp.goals import (
     PositionGoal,
     RegionGoal,
 )
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Box, Cylinder, Mesh, Sphere
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Box, Cylinder, Sphere
 
 
 def place(link: str = "tip", **changes: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from tominpmp.description.files import find_robot, robot_names
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
 from tominpmp.files.scenario import unlike
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 URDF = find_robot("planar3r").urdf
 START, GOAL = [0.5, 1.7, -1.7], [0.6, 1.6, -1.6]

@@ -12,7 +12,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tominpmp.exceptions import SceneError
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.scene import Scene
 
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 

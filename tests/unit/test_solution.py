@@ -13,7 +13,7 @@ from record_samples import record
 from tominpmp.exceptions import PlanningFailed, ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 

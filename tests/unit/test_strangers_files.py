@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tominpmp.exceptions import RobotLoadError, TominpmpWarning
-from tominpmp.robot import load_robot
+from tominpmp.robot.robot import load_robot
 
 ARM = Path(__file__).parents[2] / "docs" / "static" / "arm.urdf"
 MESH = '<geometry><mesh filename="package://my_arm/a.stl"/></geometry>'

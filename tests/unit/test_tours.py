@@ -18,8 +18,8 @@ from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.planning import TourSearch
 from tominpmp.cell.tours.station import Rules
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError
-from tominpmp.robot import Robot
-from tominpmp.verification import verify
+from tominpmp.robot.robot import Robot
+from tominpmp.verification.verification import verify
 
 HOME = np.array([0.3, 0.9])
 LIMITS = tm.MotionLimits(acceleration=6.0)

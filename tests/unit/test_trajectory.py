@@ -17,7 +17,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 JOINTS = ("j1", "j2")
 TIMES = np.array([0.0, 0.25, 0.4, 1.0])

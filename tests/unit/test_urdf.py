@@ -33,7 +33,7 @@ from tominpmp.exceptions import (
     RobotLoadError,
     TominpmpWarning,
 )
-from tominpmp.robot import load_robot
+from tominpmp.robot.robot import load_robot
 
 # Files that are none
 

@@ -17,12 +17,14 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options, Tolerances
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Scene, Sphere
-from tominpmp.verification import replay, verify
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Sphere
+from tominpmp.scene.scene import Scene
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
+from tominpmp.verification.replay import replay
+from tominpmp.verification.verification import verify
 
 RAIL_TIME = 2.0 / np.sqrt(PUSH)
 

@@ -21,11 +21,12 @@ from tominpmp.goals import (
 )
 from tominpmp.options import Options, Tolerances
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.workcell import Workcell
-from tominpmp.robot import Robot, load_robot
-from tominpmp.scene import Scene, Sphere
-from tominpmp.verification import verify
+from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.scene.obstacles import Sphere
+from tominpmp.scene.scene import Scene
+from tominpmp.verification.verification import verify
 
 # The planar arm, turned about its own axis z and set aside; gravity lies in its plane.
 TURNED = pin.SE3(pin.exp3(np.array([0.0, 0.0, 2.0])), np.array([30.0, 0.0, 0.0]))

@@ -30,7 +30,7 @@ from tominpmp.description.tree import Mimic
 from tominpmp.description.urdf import read_parsed, read_urdf
 from tominpmp.description.xml_reader import MAX_TEXT
 from tominpmp.exceptions import RobotLoadError, TominpmpWarning
-from tominpmp.robot import load_robot
+from tominpmp.robot.robot import load_robot
 
 
 def test_limits_that_yourdfpy_drops(tmp_path: Path) -> None:

@@ -17,10 +17,10 @@ from tominpmp.app.planning import Outcome, exported
 from tominpmp.app.request import Request, RobotChoice, loaded, rounded
 from tominpmp.app.worker import Worker
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import PoseGoal, PositionGoal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.initial_guess.inverse_kinematics import solve_inverse_kinematics
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # With fewer joints an arm cannot take any orientation at any place.

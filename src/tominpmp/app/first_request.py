@@ -20,10 +20,10 @@ from tominpmp.app.request import (
 )
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.viz.skeleton import end_of
 
 # Robots that are offered first, and what to lock of them.

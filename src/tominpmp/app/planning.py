@@ -17,12 +17,12 @@ import numpy as np
 
 from tominpmp.app.request import Request
 from tominpmp.arrays import Array, Record
-from tominpmp.bounds import LowerBound
+from tominpmp.bounds.result import LowerBound
 from tominpmp.exceptions import ProblemError, TominpmpError, TominpmpWarning
 from tominpmp.files.export_check import check_export
 from tominpmp.kinematics import FrameMotions
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord
 from tominpmp.viz.shares import AT_LIMIT, Shares, shares_of_limits

@@ -21,13 +21,15 @@ from tominpmp.arrays import Record
 from tominpmp.checks import choice, number, wrong
 from tominpmp.datasheets import find_datasheet
 from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning
-from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
-from tominpmp.robot import Robot, RobotSource, load_robot, read_source
-from tominpmp.scene import Box, Capsule, Cylinder, Obstacle, Scene, Sphere
+from tominpmp.robot.robot import Robot, RobotSource, load_robot, read_source
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.scene import Scene
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

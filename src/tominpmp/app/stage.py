@@ -13,7 +13,7 @@ import pinocchio as pin
 from tominpmp.app.controller import Controller
 from tominpmp.app.request import UPRIGHT, Item, Request
 from tominpmp.arrays import Array
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 from tominpmp.viz.skeleton import camera_view, skeleton
 from tominpmp.viz.surfaces import (
     STEEL,

@@ -16,10 +16,10 @@ from tominpmp.bounds.least_time import OneWay, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.motion_limits import EffortCurve
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import effort_range
 from tominpmp.problem.joint_limits import joint_limits
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 
 
 def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:

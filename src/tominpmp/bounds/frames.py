@@ -11,9 +11,9 @@ from tominpmp.arrays import Array
 from tominpmp.bounds.least_time import last_bracket
 from tominpmp.bounds.result import LowerBound
 from tominpmp.collision.placements import Placements
-from tominpmp.goals import Goal
+from tominpmp.goals.base import Goal
 from tominpmp.kinematics import FrameMotions, RobotKinematics, prismatic_joints
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.stopping import check
 
 # Largest number of boxes of configurations in a proof that a frame cannot be at its

@@ -21,9 +21,9 @@ from tominpmp.bounds.least_time import Both, Change, Drive, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.problem import Problem
 from tominpmp.problem.joint_limits import joint_limits
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 
 # Quantities whose largest values bound a joint by itself: speeds, accelerations, jerks
 # and torque rates, as kinds of limits name them.

@@ -30,10 +30,8 @@ from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import warn_caller
-from tominpmp.goals import Goal
-from tominpmp.problem import Problem
-
-__all__ = ["LowerBound", "lower_bound"]
+from tominpmp.goals.base import Goal
+from tominpmp.problem.problem import Problem
 
 
 @on_one_thread

@@ -24,9 +24,9 @@ from tominpmp.combined_robots import base_placement
 from tominpmp.exceptions import ProblemError, TominpmpError, brief, told_of
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.scene import Scene
 from tominpmp.sensitivities import Sensitivities
 from tominpmp.solution import Solution
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.motion import Motion
-from tominpmp.constraints import ClearanceConstraint
+from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.motion.extrema import local_maxima, rising_then_falling
 
 # Shares of intervals at which a pair that stays near is a row, too, and constraints are

@@ -20,17 +20,11 @@ from numpy.typing import NDArray
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.clearances import REGULAR, SAMPLES, contacts
 from tominpmp.certificate.motion import Motion
-from tominpmp.constraints import (
-    Arrival,
-    Constraint,
-    GoalReached,
-    JointLimit,
-    MotorLimit,
-    Partials,
-    PathConstraint,
-    States,
-    TorqueLimit,
-)
+from tominpmp.constraints.base import Constraint, Partials, States
+from tominpmp.constraints.final import Arrival, GoalReached
+from tominpmp.constraints.joint_limits import JointLimit
+from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.torque import MotorLimit, TorqueLimit
 from tominpmp.motion.extrema import interior_maxima, local_maxima
 from tominpmp.transcription.instants import Instants
 

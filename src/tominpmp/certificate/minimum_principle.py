@@ -55,8 +55,8 @@ from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import need_smooth
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import Replay

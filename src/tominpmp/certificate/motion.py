@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import Partials, States
+from tominpmp.constraints.base import Partials, States
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints

@@ -17,7 +17,7 @@ import numpy as np
 from tominpmp.certificate.motion import Motion
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 
 # Tolerance between a node and a time, as a share of the duration.

@@ -131,9 +131,9 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
     from tominpmp.cli.problem import load_scene
     from tominpmp.files.export import load_motion
-    from tominpmp.goals import JointGoal
+    from tominpmp.goals.joints import JointGoal
     from tominpmp.motion.joining import join
-    from tominpmp.problem import Problem
+    from tominpmp.problem.problem import Problem
     from tominpmp.viz.playback import play
 
     check_target(args.output, "--output", PAGE_ENDINGS)

@@ -22,21 +22,25 @@ from tominpmp.cli.options import (
     SceneOptions,
     is_scenario,
 )
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.joint_table import OVERRIDES
 from tominpmp.exceptions import OptionsError, ProblemError, SceneError, TominpmpError
 from tominpmp.files import scenario
 from tominpmp.files.moveit import load_moveit, load_moveit_scene, request_locks
 from tominpmp.files.records import classes, from_table
-from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import EFFORTS, Options
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import IN_RADIANS, LARGE_ANGLE
-from tominpmp.robot import Robot, read_source
-from tominpmp.scene import HeightField, Obstacle, OcTree, Scene
+from tominpmp.robot.robot import Robot, read_source
+from tominpmp.scene.grids import HeightField, OcTree
+from tominpmp.scene.obstacles import Obstacle
+from tominpmp.scene.scene import Scene
 
 CONSTRAINT_FORM = "KIND:KEY=VALUE:..., for example tool_speed:frame=tip:limit=0.5"
 OBSTACLE_FORM = "KIND:NAME:KEY=VALUE:..., for example sphere:ball:r=0.1:at=0.5,0,0.3"

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from rich.console import Console
 
-from tominpmp.bounds import LowerBound
+from tominpmp.bounds.result import LowerBound
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.viz.shares import shares_of_limits
 

@@ -20,7 +20,7 @@ from tominpmp.collision.shapes import (
     triangle_mesh,
 )
 from tominpmp.exceptions import SceneError
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 from tominpmp.scene.grids import HeightField, OcTree
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere

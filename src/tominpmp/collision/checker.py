@@ -18,8 +18,8 @@ from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import links_of, own_pairs, scene_pairs, without
 from tominpmp.collision.shapes import Body
 from tominpmp.exceptions import SceneError
-from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.scene import Scene
 
 
 class Contact(NamedTuple):

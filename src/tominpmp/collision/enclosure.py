@@ -10,8 +10,8 @@ from tominpmp.collision.bodies import scene_bodies
 from tominpmp.collision.checker import Contact
 from tominpmp.collision.selection import links_of
 from tominpmp.collision.shapes import Body, is_convex
-from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.scene import Scene
 
 # Radius of the ball that represents a point [m].
 POINT = 1e-6

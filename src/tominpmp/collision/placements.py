@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.scene import Obstacle
+from tominpmp.scene.obstacles import Obstacle
 
 
 class Placements:

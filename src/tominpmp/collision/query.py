@@ -14,7 +14,7 @@ from tominpmp.collision.broad import BroadPhase, Joints, Pairs
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import MovingObstacles, Placements
 from tominpmp.collision.shapes import Body
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 # Configurations whose distances are computed at once, which limits the memory.
 CHUNK = 1024

@@ -15,7 +15,7 @@ from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.query import PairDistances
 from tominpmp.collision.shapes import Body
 from tominpmp.description.model import are_neighbours
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 T = TypeVar("T")
 

@@ -12,7 +12,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.least_squares import each, least_squares
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 # Number of starts, steps from each, and the residual of a constraint that is kept.
 STARTS, STEPS, KEPT = 24, 60, 1e-6

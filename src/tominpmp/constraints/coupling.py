@@ -9,7 +9,7 @@ from tominpmp.arrays import Array, Converted, number_or_nan, record
 from tominpmp.checks import JOINTS, array, instance, known_joints, vector, whole, wrong
 from tominpmp.constraints.path import NONE, Linear, PathConstraint
 from tominpmp.exceptions import ProblemError
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 # Scale of an excess [rad or m].
 SCALE = 0.1

@@ -8,7 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Constraint, Partials, States
-from tominpmp.goals import Goal
+from tominpmp.goals.base import Goal
 from tominpmp.goals.place import GoalResidual
 from tominpmp.kinematics import RobotKinematics
 

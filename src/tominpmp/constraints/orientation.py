@@ -13,7 +13,7 @@ from tominpmp.checks import Direction, RotationLike, positive
 from tominpmp.constraints.path import NONE, FrameRows, Linear
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
-from tominpmp.scene import rotation_matrix
+from tominpmp.scene.rotations import rotation_matrix
 
 Angle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
 

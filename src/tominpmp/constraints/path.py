@@ -22,7 +22,7 @@ from tominpmp.checks import JOINTS, FrameName, array, instance, number, optional
 from tominpmp.constraints.base import NO_TIMES, Constraint, Partials, States
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.kinematics import FrameMotions, RobotKinematics
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 # Tolerated excess of a value over its bound between rows, as a share of the bound.
 USABLE = 2e-3

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import States
+from tominpmp.constraints.base import States
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS
 from tominpmp.exact.radau import (
     NODES,

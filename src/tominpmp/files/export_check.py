@@ -35,11 +35,11 @@ from tominpmp.motion.joining import Joined, controlled, join
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import control_bounds
+from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
-from tominpmp.verification import Verification, verify
 from tominpmp.verification.limit_violations import LimitViolation, state_violations
+from tominpmp.verification.verification import Verification, verify
 
 # Periods that controllers have [s], the longest first.
 PERIODS = (0.01, 0.008, 0.004, 0.002, 0.001)

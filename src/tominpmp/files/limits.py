@@ -48,7 +48,7 @@ from tominpmp.motion_limits import (
     kinds_of,
     limits_by_joint,
 )
-from tominpmp.robot import Robot, RobotSource, load_robot, read_source
+from tominpmp.robot.robot import Robot, RobotSource, load_robot, read_source
 
 # What may lie around the table: nodes of ROS 2, namespaces of parameters.
 _WRAPPERS = ("/**", "ros__parameters", "robot_description_planning")

@@ -44,20 +44,16 @@ from tominpmp.exceptions import (
 from tominpmp.files.limits import MoveItLimits, load_joint_limits, load_limited_robot
 from tominpmp.files.records import blaming, warn_of_keys
 from tominpmp.files.scene_text import is_scene_text, parse_scene_text
-from tominpmp.goals import (
-    AllGoals,
-    AnyGoal,
-    AxisGoal,
-    Goal,
-    JointGoal,
-    JointRegionGoal,
-    PoseGoal,
-    PositionGoal,
-    RegionGoal,
-)
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot, RobotSource, read_source
-from tominpmp.scene import Box, Cylinder, Mesh, Obstacle, Scene, Sphere, rotation_matrix
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import AxisGoal, PoseGoal, PositionGoal, RegionGoal
+from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.sets import AllGoals, AnyGoal
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot, RobotSource, read_source
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Box, Cylinder, Obstacle, Sphere
+from tominpmp.scene.rotations import rotation_matrix
+from tominpmp.scene.scene import Scene
 
 # What a MotionPlanRequest and a PlanningScene have: read, refused, or without effect on
 # the motion (bounds for bases that move, and how MoveIt is to look for a motion).

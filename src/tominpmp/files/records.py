@@ -13,13 +13,16 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
+from functools import cache
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import (
     ScenarioError,
@@ -29,12 +32,16 @@ from tominpmp.exceptions import (
     closest,
     warn_caller,
 )
-from tominpmp.goals import Goal
+from tominpmp.goals.base import Goal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Mesh, Motion, Obstacle, PoseFunction, Scene, rotation_matrix
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.motion import Motion, PoseFunction
+from tominpmp.scene.obstacles import Obstacle
+from tominpmp.scene.rotations import rotation_matrix
+from tominpmp.scene.scene import Scene
 
 T = TypeVar("T")
 
@@ -72,6 +79,7 @@ def warn_of_keys(path: Path, fate: str, keys: Sequence[str]) -> None:
 def classes(base: type[Any]) -> dict[str, type[Any]]:
     """Find the classes of a kind by what a file calls them, a caller's own among them.
 
+    Those of this library are in modules beside that of the base class.
     The name of the kind is left out at the end of theirs, unless they are constraints:
     ``JointGoal`` is "joint", ``AllGoals`` is "all", ``ToolSpeed`` is "tool_speed".
     Motions by a function are not among them, as a file holds none.
@@ -79,6 +87,7 @@ def classes(base: type[Any]) -> dict[str, type[Any]]:
     Args:
         base: Base class.
     """
+    _import_all(base.__module__.rpartition(".")[0])
     ending = "" if base is PathConstraint else f"{base.__name__}s?"
     found: list[tuple[str, type[Any]]] = []
     for kind in _derived(base):
@@ -92,8 +101,20 @@ def classes(base: type[Any]) -> dict[str, type[Any]]:
     return dict(found)
 
 
+@cache
+def _import_all(package: str) -> None:
+    """Import all modules of a package."""
+    for item in iter_modules(import_module(package).__path__):
+        import_module(f"{package}.{item.name}")
+
+
 def _derived(base: type[Any]) -> Iterator[type[Any]]:
-    for child in base.__subclasses__():
+    """Classes below a class, by their modules, however these came to be imported."""
+
+    def order(kind: type[Any]) -> tuple[bool, str]:
+        return kind.__module__ != base.__module__, kind.__module__
+
+    for child in sorted(base.__subclasses__(), key=order):
         yield child
         yield from _derived(child)
 

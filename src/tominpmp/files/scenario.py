@@ -88,7 +88,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Record
 from tominpmp.checks import instance
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.datasheets import find_datasheet
 from tominpmp.description.fields import Field
 from tominpmp.description.files import find_robot, find_srdf
@@ -120,14 +120,16 @@ from tominpmp.files.records import (
     to_table,
 )
 from tominpmp.files.writing import toml_text, write_bytes
-from tominpmp.goals import Goal, JointGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion_limits import MotionLimits, classes_of_limits, kinds_of
 from tominpmp.options import Options
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
-from tominpmp.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Obstacle, Scene
+from tominpmp.robot.robot import DEFAULT_GRAVITY, Robot
+from tominpmp.scene.obstacles import Obstacle
+from tominpmp.scene.scene import Scene
 
 
 def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:

@@ -13,7 +13,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
 from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 
 class Goal(ABC):

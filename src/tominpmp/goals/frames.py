@@ -43,8 +43,8 @@ from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import across, deviations
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.robot import Robot
-from tominpmp.scene import rotation_matrix
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.rotations import rotation_matrix
 
 Distance: TypeAlias = Annotated[float, partial(goal_tolerance, unit="m")]
 Angle: TypeAlias = Annotated[float, partial(goal_tolerance, unit="rad", most=np.pi)]

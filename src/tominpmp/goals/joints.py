@@ -41,7 +41,7 @@ from tominpmp.goals.base import Goal, goal_tolerance, joint_row, robot_of
 from tominpmp.goals.place import Place, joint_labels
 from tominpmp.goals.turns import MOST_WAYS, TURN, equivalent_positions
 from tominpmp.kinematics import RobotKinematics, endless_joints, prismatic_joints
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 
 def _checked_wrap(given: object, name: str) -> bool | tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 
 class GoalResidual(NamedTuple):

@@ -17,7 +17,7 @@ from tominpmp.goals.joints import joined_turns
 from tominpmp.goals.place import GoalResidual, Label, Place
 from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 
 def _of_goal(name: str) -> Any:

@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import States
+from tominpmp.constraints.base import States
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.least_squares import each, least_squares
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Configurations of a path that are shifted, and steps for each of them.

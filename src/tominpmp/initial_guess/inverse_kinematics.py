@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import ClearanceConstraint
+from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.goals import Goal, Scales
+from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import nearest_turns
+from tominpmp.goals.place import Scales
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.least_squares import damped_step, each, least_squares

@@ -19,7 +19,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import held_positions
 from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
 from tominpmp.initial_guess.path_velocity import waiting_guesses
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 

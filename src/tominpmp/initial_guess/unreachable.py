@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
 from tominpmp.initial_guess.inverse_kinematics import AtGoal, find_configurations

@@ -22,7 +22,7 @@ from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bends import to_be_split

@@ -23,7 +23,7 @@ from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 # Tolerance of the position of a locked joint in a recorded motion [rad or m].
 APART = 1e-3

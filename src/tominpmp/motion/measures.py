@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.description.joint_table import JointLimits
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.robot import JointLimits
 from tominpmp.robot.robot import datasheet_hint
 
 if TYPE_CHECKING:
-    from tominpmp.problem import Problem
+    from tominpmp.problem.problem import Problem
 
 # Instants whose torques are compared.
 ROUGHNESS_INSTANTS = 100

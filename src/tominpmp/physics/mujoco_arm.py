@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from tominpmp.arrays import Array
 from tominpmp.collision.placements import Placements
 from tominpmp.exceptions import ProblemError, optional
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 # Where viscous friction slows a joint within a step, its integration is implicit.
 STIFF = 0.5

@@ -11,7 +11,7 @@ from tominpmp.checks import choice, positive
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.physics.mujoco_arm import MujocoArm
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.verification.replay import cut
 
 # Steps of the simulator, unless something else is asked for [s].

@@ -24,7 +24,7 @@ from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.physics.replay import check_one_load, follow
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 
 RESERVES = (0.0, 0.05, 0.1, 0.2, 0.3)
 # Share of the trials that are to keep the tolerance.

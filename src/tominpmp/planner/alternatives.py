@@ -12,7 +12,7 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.starts import starts
 from tominpmp.planner.work import Schedule
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

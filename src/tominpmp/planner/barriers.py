@@ -15,7 +15,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision.checker import Contact
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 
 # Positions of a joint that are looked at between start and goal.
 PLACES = 128

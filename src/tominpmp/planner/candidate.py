@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.distance_rows import times_of_rows

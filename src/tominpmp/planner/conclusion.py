@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.bounds import LowerBound
+from tominpmp.bounds.result import LowerBound
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
@@ -18,13 +18,13 @@ from tominpmp.options import Options
 from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import effort_range
+from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.verification import explain, verify
-from tominpmp.verification.verification import LONGEST
+from tominpmp.verification.diagnosis import explain
+from tominpmp.verification.verification import LONGEST, verify
 
 # How accelerations run, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}

@@ -31,7 +31,7 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, made
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import FAR, RowExchange

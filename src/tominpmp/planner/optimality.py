@@ -24,7 +24,7 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import rested
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime

@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tominpmp.bounds import LowerBound, lower_bound
-from tominpmp.goals import Goal
+from tominpmp.bounds.lower_bound import lower_bound
+from tominpmp.bounds.result import LowerBound
+from tominpmp.goals.base import Goal
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, best_of
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop

@@ -41,7 +41,7 @@ from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.thorough import thorough_search
 from tominpmp.planner.work import Schedule, run, use_fallback
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop

@@ -16,7 +16,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.conclusion import STANDS, without_search
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
 from tominpmp.solution import Solution
 from tominpmp.transcription.grid import at_ticks, whole_periods

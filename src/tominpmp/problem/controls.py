@@ -19,7 +19,7 @@ from tominpmp.motion_limits import (
 
 if TYPE_CHECKING:
     from tominpmp.motion.trajectory import State
-    from tominpmp.robot import Robot
+    from tominpmp.robot.robot import Robot
 
 
 def control_kind(robot: Robot) -> LimitKind:

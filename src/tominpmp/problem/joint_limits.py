@@ -13,7 +13,7 @@ from tominpmp.motion_limits import POSITION, VELOCITY, LimitKind, MotionLimits, 
 from tominpmp.problem.controls import control_bounds, control_kind, effort_range
 
 if TYPE_CHECKING:
-    from tominpmp.robot import Robot
+    from tominpmp.robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)

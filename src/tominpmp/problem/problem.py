@@ -19,7 +19,8 @@ from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, told_of, warn_caller
-from tominpmp.goals import Goal, passed
+from tominpmp.goals.base import Goal
+from tominpmp.goals.sets import passed
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
@@ -35,10 +36,8 @@ from tominpmp.problem.segments import (
     checked_segments,
 )
 from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
-from tominpmp.robot import Robot
-from tominpmp.robot.robot import datasheet_hint
-from tominpmp.scene import Scene
-from tominpmp.scene.scene import SceneLike, as_scene
+from tominpmp.robot.robot import Robot, datasheet_hint
+from tominpmp.scene.scene import Scene, SceneLike, as_scene
 
 # Largest number of combinations of alternative goals, which are tried one by one, and
 # of those of turns of angles over several segments.

@@ -18,13 +18,13 @@ from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, reco
 from tominpmp.checks import flag, instance, number, of_kind, of_type, optional, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals import Goal, passed
+from tominpmp.goals.base import Goal
+from tominpmp.goals.sets import passed
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
-from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Scene
-from tominpmp.scene.scene import SceneOrNone
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.scene import Scene, SceneOrNone
 
 SOME_GOAL = "a JointGoal, PositionGoal, PoseGoal or another goal"
 # A larger number of segments is rejected as a mistake.

@@ -17,12 +17,12 @@ from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.goals import Goal
+from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import among
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import joint_kinds
-from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.scene import Scene
 
 # The field of a problem that gives a state.
 FIELDS = {"start": "q_start", "goal": "goal"}

@@ -22,11 +22,13 @@ from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
 from tominpmp.dynamics import torques_of
 from tominpmp.exceptions import ProblemError, brief, told_of
-from tominpmp.goals import AllGoals, AnyGoal, Goal, JointGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.joints import JointGoal
+from tominpmp.goals.sets import AllGoals, AnyGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import joint_vector
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 
 @record

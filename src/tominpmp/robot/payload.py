@@ -36,7 +36,8 @@ from tominpmp.description.tree import (
     UrdfDescription,
 )
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief
-from tominpmp.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 
 # Products of inertia may differ by this share from those across the diagonal.
 ROUNDING = 1e-6

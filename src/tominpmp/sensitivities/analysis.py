@@ -32,7 +32,7 @@ from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.stays import without_stays
 from tominpmp.checks import instance
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion.joining import checked_motion
@@ -40,10 +40,10 @@ from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT, POSITION, LimitKind
 from tominpmp.options import Tolerances
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity, summed
 from tominpmp.sensitivities.torques import TorqueWeights
 from tominpmp.transcription.problem_functions import ProblemFunctions

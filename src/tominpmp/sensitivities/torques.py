@@ -23,10 +23,10 @@ from tominpmp.certificate.limits import (
     limits_of_joints,
 )
 from tominpmp.certificate.motion import Motion
-from tominpmp.constraints import MotorLimit, TorqueLimit
+from tominpmp.constraints.torque import MotorLimit, TorqueLimit
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.robot import Robot
 from tominpmp.robot.payload import Payload
+from tominpmp.robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)

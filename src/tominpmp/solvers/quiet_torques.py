@@ -29,7 +29,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import Partials
+from tominpmp.constraints.base import Partials
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import Objective

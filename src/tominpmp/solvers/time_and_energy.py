@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import Partials, States
+from tominpmp.constraints.base import Partials, States
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.model import Model

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import Partials
+from tominpmp.constraints.base import Partials
 from tominpmp.constraints.friction import Ways
 from tominpmp.transcription.base import StepBounds
 from tominpmp.transcription.controls import (

@@ -18,7 +18,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import JointLimit, Partials, States
+from tominpmp.constraints.base import Partials, States
+from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions

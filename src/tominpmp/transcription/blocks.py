@@ -11,13 +11,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import (
-    Constraint,
-    JointLimit,
-    Partials,
-    PathConstraint,
-    States,
-)
+from tominpmp.constraints.base import Constraint, Partials, States
+from tominpmp.constraints.joint_limits import JointLimit
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError
 from tominpmp.transcription.base import Hull, Motion, Transcription
 from tominpmp.transcription.instants import Instants

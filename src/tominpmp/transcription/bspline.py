@@ -28,7 +28,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import JointLimit, Partials, States
+from tominpmp.constraints.base import Partials, States
+from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation

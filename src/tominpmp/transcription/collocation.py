@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import Partials
+from tominpmp.constraints.base import Partials
 from tominpmp.constraints.friction import Ways
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.transcription.base import NOT_INTEGRATED, Hull, StepBounds

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints import Partials, States
+from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.friction import EFFORT_TOLERANCE, Ways, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.motion.trajectory import Trajectory, reversals

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import Constraint, PathConstraint
+from tominpmp.constraints.base import Constraint
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.torque import MotorLimit
 from tominpmp.motion.extrema import between_samples
 from tominpmp.transcription.base import Motion, Transcription

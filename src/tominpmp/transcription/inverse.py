@@ -26,7 +26,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import JointLimit
+from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.transcription.base import Hull
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.curve import SplineMotion, nodes_of

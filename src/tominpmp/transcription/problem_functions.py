@@ -11,21 +11,16 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints import (
-    ClearanceConstraint,
-    Constraint,
-    JointLimit,
-    Motors,
-    TorqueLimit,
-    TorqueOverSpeed,
-    TorqueRate,
-)
+from tominpmp.constraints.base import Constraint
+from tominpmp.constraints.clearance import ClearanceConstraint
+from tominpmp.constraints.joint_limits import JointLimit
+from tominpmp.constraints.torque import Motors, TorqueLimit, TorqueOverSpeed, TorqueRate
 from tominpmp.dynamics import Dynamics, RobotDynamics
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import MotionLimits, kinds_of
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import effort_range
 from tominpmp.problem.joint_limits import joint_limits
+from tominpmp.problem.problem import Problem
 
 # Largest padding beyond the margin [m], and its largest share of the clearance beyond
 # the margin at the ends of the motion.

@@ -16,7 +16,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.constraints import Arrival, GoalReached, JointLimit
+from tominpmp.constraints.final import Arrival, GoalReached
+from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import (
     NOT_INTEGRATED,

@@ -25,7 +25,7 @@ from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.verification.closest_approach import Approach
 from tominpmp.verification.replay import Replay, planned
 from tominpmp.verification.stages import stages_of

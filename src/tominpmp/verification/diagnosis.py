@@ -18,8 +18,8 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT, joint_kinds
 from tominpmp.options import Tolerances
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import effort_range
+from tominpmp.problem.problem import Problem
 from tominpmp.status import IterationRecord, Status
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import TIME_STEP, Replay, planned, torque_pieces

@@ -20,7 +20,7 @@ from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
 from tominpmp.motion_limits import FEEDBACK
 from tominpmp.options import Tolerances
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.limit_violations import (
     LimitViolation,

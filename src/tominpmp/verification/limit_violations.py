@@ -11,9 +11,9 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import LimitKind, joint_kinds
-from tominpmp.problem import Problem
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay

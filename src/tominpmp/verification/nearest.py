@@ -9,7 +9,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.collision.selection import links_touching
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.stopping import Stop, check
 from tominpmp.verification.closest_approach import Approach
 from tominpmp.verification.limit_violations import LimitViolation

@@ -20,7 +20,7 @@ from tominpmp.dynamics import (
     held_still,
     setting_out,
 )
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 Slope: TypeAlias = Callable[[float, Array], Array]
 Curve: TypeAlias = Callable[[float], Array]

@@ -22,8 +22,8 @@ from scipy.integrate import ODEintWarning, OdeSolver, odeint
 from tominpmp.arrays import Array, FrozenArray, IntArray, Record
 from tominpmp.checks import choice
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.plant import STILL, Plant, Slope
 from tominpmp.verification.polynomials import Pieces

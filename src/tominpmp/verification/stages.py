@@ -18,7 +18,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.extrema import least_between
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import SAME, spans_of
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.polynomials import Pieces

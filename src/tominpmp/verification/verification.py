@@ -24,7 +24,7 @@ from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.verification.feedback import (
     TIGHTER,
     Tracking,

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.exceptions import optional
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.viz import surroundings
 from tominpmp.viz.skeleton import (
     Skeleton,

@@ -13,8 +13,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.checks import instance, whole
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
-from tominpmp.scene import Sphere
+from tominpmp.problem.problem import Problem
+from tominpmp.scene.obstacles import Sphere
 from tominpmp.viz import figures, surroundings
 from tominpmp.viz.skeleton import (
     Skeleton,

@@ -26,7 +26,7 @@ from tominpmp.description.paths import checked_ending
 from tominpmp.exceptions import MissingDependency, OptionsError, warn_caller
 from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.viz import meshcat_scene
 from tominpmp.viz.shares import (
     AT_LIMIT,

@@ -14,9 +14,9 @@ from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import controls_in
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
+from tominpmp.problem.problem import Problem
 from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.status import IterationRecord
 from tominpmp.viz import figures

@@ -8,8 +8,8 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import controls_in, effort_range
+from tominpmp.problem.problem import Problem
 
 # Instants of a motion, jumps at its nodes not counted.
 INSTANTS = 160

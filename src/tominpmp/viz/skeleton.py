@@ -18,8 +18,8 @@ from tominpmp.checks import instance
 from tominpmp.collision.placements import Placements
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 from tominpmp.viz.surfaces import placed
 
 # Share of the extent of a motion below which a deviation from a plane is rounding.

@@ -23,8 +23,10 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import obstacle_shape
 from tominpmp.collision.shapes import is_mesh, mesh_arrays
 from tominpmp.exceptions import RobotLoadError, warn_caller
-from tominpmp.robot import Robot
-from tominpmp.scene import HeightField, Mesh, Obstacle, OcTree
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.grids import HeightField, OcTree
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Obstacle
 
 # Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle.
 AROUND = 40

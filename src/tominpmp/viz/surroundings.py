@@ -17,10 +17,12 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.kinematics import FrameMotions
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
 from tominpmp.robot.payload import Payload
-from tominpmp.scene import Box, HeightField, Mesh, Obstacle
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.grids import HeightField
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.obstacles import Box, Obstacle
 from tominpmp.verification.stages import Stage, stages_of
 from tominpmp.viz.surfaces import obstacle_surface, placed
 

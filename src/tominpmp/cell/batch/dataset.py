@@ -29,7 +29,7 @@ from tominpmp.files.scenario import Scenario, load_scenario
 from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import Options
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 
 # This share of the problems begins with nothing.
 FIRST = 0.125

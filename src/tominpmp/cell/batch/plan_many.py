@@ -38,8 +38,8 @@ from tominpmp.initial_guess.parallel import end_with
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 
 MOST_WORKERS = 100_000
 

@@ -20,13 +20,14 @@ from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.cell.tours.legs import LegTable
-from tominpmp.goals import Goal, Scales
+from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import FrameTarget, frame_target
 from tominpmp.goals.joints import nearest_turns
+from tominpmp.goals.place import Scales
 from tominpmp.kinematics import FrameMotions, RobotKinematics, times
 from tominpmp.least_squares import least_squares
-from tominpmp.problem import Problem
-from tominpmp.robot import Robot
+from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import Robot
 
 
 class GoalRows:

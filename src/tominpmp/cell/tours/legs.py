@@ -24,13 +24,14 @@ from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Station
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import Goal, JointGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.planner.conclusion import without_search
 from tominpmp.planner.planning import plan
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, known_names
 from tominpmp.robot.payload import Payload
 from tominpmp.solution import Solution

@@ -19,13 +19,15 @@ import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.bounds import LowerBound, lower_bound
+from tominpmp.bounds.lower_bound import lower_bound
+from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.legs import JointTimes
 from tominpmp.cell.tours.orders import exact_order
 from tominpmp.cell.tours.station import Rules, Station, least_stays
 from tominpmp.exceptions import ProblemError, TominpmpWarning
-from tominpmp.goals import Goal, JointGoal
-from tominpmp.problem import Problem
+from tominpmp.goals.base import Goal
+from tominpmp.goals.joints import JointGoal
+from tominpmp.problem.problem import Problem
 
 # Steps of the ascent on the multipliers of the 1-tree.
 ASCENT = 300

@@ -21,7 +21,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.bounds import LowerBound
+from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.configurations import Configurations, refined
 from tominpmp.cell.tours.legs import DIRECT, JointTimes, Leg, Legs, LegTable, carrying
 from tominpmp.cell.tours.lower_bound import tour_bound
@@ -40,17 +40,18 @@ from tominpmp.checks import JointsLike, flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of, warn_caller
-from tominpmp.goals import Goal, JointGoal
+from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import place_of
+from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
-from tominpmp.problem import Problem
 from tominpmp.problem.controls import effort_range
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import known_names
 from tominpmp.problem.state_checks import joint_vector, onto_limits
-from tominpmp.robot import Robot
-from tominpmp.scene import Scene
+from tominpmp.robot.robot import Robot
+from tominpmp.scene.scene import Scene
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded

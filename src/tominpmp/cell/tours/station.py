@@ -12,9 +12,9 @@ from typing import Annotated, Any, TypeAlias
 from tominpmp.arrays import Array, Record, record
 from tominpmp.checks import of_type, wrong
 from tominpmp.exceptions import ProblemError, brief, told_of
-from tominpmp.goals import Goal
+from tominpmp.goals.base import Goal
 from tominpmp.problem.segments import Dwell, Flag, Pairs, PayloadOrNone, checked_pairs
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 # More stations than this are taken for a mistake.
 MOST_STATIONS = 5_000

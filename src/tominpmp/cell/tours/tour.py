@@ -23,7 +23,7 @@ from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.files.export import export
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem import Problem
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, segments_of
 from tominpmp.sensitivities import Sensitivities, analyse
 from tominpmp.sensitivities.records import Sensitivity

@@ -45,7 +45,7 @@ from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
 from tominpmp.files import scenario
-from tominpmp.robot import Robot
+from tominpmp.robot.robot import Robot
 
 SECTIONS = (
     *(name for name in scenario.SECTIONS if name not in ("goal", "segments")),
