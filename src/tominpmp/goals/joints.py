@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
+from typing import Annotated, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -345,9 +345,3 @@ def nearest_turns(robot: Robot, rows: Iterable[Array], near: Array) -> list[Arra
     """
     goals = (JointGoal(q).wrapped(robot, near, 0.0 * near, 2) for q in rows)
     return [way for goal in goals for way in goal.ways]
-
-
-def joined_turns(goals: Sequence[Any]) -> Goal:
-    """One goal with the turns of several that differ by turns alone."""
-    found: Goal = goals[0]._by(*(q for goal in goals for q in goal.ways))
-    return found

@@ -13,9 +13,8 @@ from tominpmp.arrays import Array, Record
 from tominpmp.checks import of_kind, whole
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
-from tominpmp.goals.joints import joined_turns
 from tominpmp.goals.place import GoalResidual, Label, Place
-from tominpmp.goals.turns import MOST_WAYS
+from tominpmp.goals.turns import MOST_WAYS, joined_turns
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot.robot import Robot
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
@@ -59,3 +62,8 @@ def equivalent_positions(
         # Sums only grow, so that none of the best begins with one that is left out.
         ways = sorted(ways, key=lambda way: way[0])[:most]
     return tuple(np.array(way) for _, way in ways)
+
+
+def joined_turns(goals: Sequence[Any]) -> Any:
+    """One goal with the turns of several that differ by turns alone."""
+    return goals[0]._by(*(q for goal in goals for q in goal.ways))
