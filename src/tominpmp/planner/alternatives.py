@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.warm_start import former_motion, warm_start
+from tominpmp.initial_guess.warm_start import former_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.starts import starts
 from tominpmp.planner.work import Schedule
 from tominpmp.problem.problem import Problem
 from tominpmp.stopping import Stop
-from tominpmp.transcription.problem_functions import ProblemFunctions
+
+# Makes the schedule of a problem with one goal, with a former motion if there is one.
+Starts = Callable[[Problem, Trajectory | Samples | None], Schedule[None]]
 
 
 def candidates_of_alternatives(
-    state: PlanState, former: Trajectory | Samples | None = None
+    state: PlanState, starts: Starts, former: Trajectory | Samples | None = None
 ) -> Schedule[None]:
     """Multi-start over the goals of a set: round robin, one start per goal.
 
@@ -29,6 +32,7 @@ def candidates_of_alternatives(
 
     Args:
         state: The plan of a problem with a set of goals, or with one.
+        starts: Makes the schedule of each goal.
         former: A former motion; it goes to the goal that it ends nearest to.
 
     Raises:
@@ -36,11 +40,11 @@ def candidates_of_alternatives(
     """
     parts = state.problem.alternatives
     if len(parts) == 1:
-        yield from _starts(parts[0], former, state)
+        yield from starts(parts[0], former)
         return
     entered = None if former is None else _entered(state.problem, former)
     schedules = [
-        _starts(part, former if number == entered else None, state)
+        starts(part, former if number == entered else None)
         for number, part in enumerate(parts)
     ]
     one_place = state.problem.goal.configuration is not None
@@ -79,15 +83,6 @@ def candidates_of_alternatives(
         order = again
     if len(wrong) == len(parts):
         raise ProblemError("; ".join(wrong), "goal")
-
-
-def _starts(
-    part: Problem, former: Trajectory | Samples | None, state: PlanState
-) -> Schedule[None]:
-    """Starts for one goal, with a former motion as the first guess if there is one."""
-    system = ProblemFunctions.of(part)
-    guess = None if former is None else warm_start(system, former)
-    yield from starts(system, guess, state)
 
 
 def _entered(problem: Problem, former: Trajectory | Samples) -> int:

@@ -1,9 +1,10 @@
-"""Candidates: motions made from initial guesses, with their replays."""
+"""Candidates: motions made from initial guesses, with their replays, and on the way."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,12 +12,27 @@ from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
-from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.base import Solved
 from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
+
+
+class Kept(NamedTuple):
+    """A motion on the way.
+
+    Attributes:
+        program: Its program.
+        iterate: The motion.
+        feasible: Whether it keeps all constraints of the program.
+    """
+
+    program: Solved
+    iterate: Iterate
+    feasible: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +157,20 @@ class Candidate:
             problem, self.trajectory, options.tolerances, checker=problem.checker
         )
         return replace(self, verification=verification)
+
+
+class Fallback(NamedTuple):
+    """A motion of the plan that no replay has confirmed, for want of a better one.
+
+    Attributes:
+        candidate: The motion.
+        kept: Its iterate.
+        problem: The problem it solves, which has one goal.
+    """
+
+    candidate: Candidate
+    kept: Kept
+    problem: Problem
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate | None:

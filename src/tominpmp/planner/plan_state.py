@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
 from tominpmp.goals.base import Goal
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, best_of
+from tominpmp.planner.candidate import Candidate, Fallback, Kept, best_of
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
@@ -34,34 +34,6 @@ STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
 # Time of grace in all for the best motion once planning was interrupted [s].
 SAVING = 3.0
-
-
-class Kept(NamedTuple):
-    """A motion on the way.
-
-    Attributes:
-        program: Its program.
-        iterate: The motion.
-        feasible: Whether it keeps all constraints of the program.
-    """
-
-    program: Solved
-    iterate: Iterate
-    feasible: bool
-
-
-class Fallback(NamedTuple):
-    """A motion of the plan that no replay has confirmed, for want of a better one.
-
-    Attributes:
-        candidate: The motion.
-        kept: Its iterate.
-        problem: The problem it solves, which has one goal.
-    """
-
-    candidate: Candidate
-    kept: Kept
-    problem: Problem
 
 
 class PlanState:

@@ -18,6 +18,7 @@ is sent the candidate that came of it, and a loop in :func:`plan` that does the 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ import numpy as np
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
+from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
@@ -39,12 +41,14 @@ from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
+from tominpmp.planner.starts import starts
 from tominpmp.planner.thorough import thorough_search
 from tominpmp.planner.work import Schedule, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 @on_one_thread
@@ -146,12 +150,21 @@ def everything(
         state: The plan.
         former: A former motion to begin with.
     """
-    yield from candidates_of_alternatives(state, former)
+    yield from candidates_of_alternatives(state, partial(_starts, state), former)
     if state.incumbent is None:
         use_fallback(state, Status.FEASIBLE)
     if state.options.objective == "time":
         yield from improvements(state)
         yield from thorough_search(state)
+
+
+def _starts(
+    state: PlanState, part: Problem, former: Trajectory | Samples | None
+) -> Schedule[None]:
+    """Starts for one goal, with a former motion as the first guess if there is one."""
+    system = ProblemFunctions.of(part)
+    guess = None if former is None else warm_start(system, former)
+    yield from starts(system, guess, state)
 
 
 def _interrupted(solution: Solution) -> Solution:

@@ -6,20 +6,22 @@ import logging
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import Fallback, Kept, PlanState
+from tominpmp.planner.candidate import Candidate, Fallback, Kept
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.objective import TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.verification import LONGEST
+
+if TYPE_CHECKING:
+    from tominpmp.planner.plan_state import PlanState
 
 logger = logging.getLogger(__name__)
 
