@@ -14,14 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
+
+if TYPE_CHECKING:
+    from tominpmp.robot.robot import Robot
 
 # Slower joints are at rest [rad/s or m/s] if they accelerate by less than STEADY
 # [rad/s^2 or m/s^2]; with more they are starting or stopping.

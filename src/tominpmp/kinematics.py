@@ -7,14 +7,16 @@ state by state; everything after it is done for all states together.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import JOINTS, array
-from tominpmp.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from tominpmp.robot.robot import Robot
 
 # Lengths that scale others [m]: of an arm without any, and the farthest that a joint is
 # taken to slide, as rails of kilometres or without ends do.

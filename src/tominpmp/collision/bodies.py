@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import coal
 import numpy as np
@@ -20,11 +20,13 @@ from tominpmp.collision.shapes import (
     triangle_mesh,
 )
 from tominpmp.exceptions import SceneError
-from tominpmp.robot.robot import Robot
 from tominpmp.scene.grids import HeightField, OcTree
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
-from tominpmp.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from tominpmp.robot.robot import Robot
+    from tominpmp.scene.scene import Scene
 
 # Representation of meshes: convex pieces, one hull each, or triangles.
 Geometry = Literal["convex", "hull", "mesh"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import coal
 import numpy as np
@@ -11,9 +11,11 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.collision.broad import Pairs
-from tominpmp.collision.placements import MovingObstacles
 from tominpmp.collision.shapes import Body
 from tominpmp.stopping import check
+
+if TYPE_CHECKING:
+    from tominpmp.collision.placements import MovingObstacles
 
 # Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (GJK, distances)
 # and of the expanding polytope (EPA, depths). Coal's 1e-6 for GJK leaves errors of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from tominpmp.checks import JOINTS, array
 from tominpmp.collision.broad import BroadPhase, Joints, Pairs
 from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.placements import MovingObstacles, Placements
-from tominpmp.collision.shapes import Body
-from tominpmp.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from tominpmp.collision.shapes import Body
+    from tominpmp.robot.robot import Robot
 
 # Configurations whose distances are computed at once, which limits the memory.
 CHUNK = 1024

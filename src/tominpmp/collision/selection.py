@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Sequence
 from itertools import combinations
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.collision.query import PairDistances
 from tominpmp.collision.shapes import Body
 from tominpmp.description.model import are_neighbours
-from tominpmp.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from tominpmp.robot.robot import Robot
 
 T = TypeVar("T")
 

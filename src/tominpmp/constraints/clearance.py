@@ -7,13 +7,16 @@ obstacles is db/dT = db/dt * tau.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, IntArray, default, record
-from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.query import Derivatives
 from tominpmp.constraints.base import Constraint, Partials, States
+
+if TYPE_CHECKING:
+    from tominpmp.collision.checker import CollisionChecker
 
 # Share of the padding that may be used up between rows, for obstacles at rest and for
 # moving ones, and the tolerated violation without padding, in units of the length.

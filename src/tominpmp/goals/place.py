@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
-from tominpmp.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from tominpmp.robot.robot import Robot
 
 
 class GoalResidual(NamedTuple):
