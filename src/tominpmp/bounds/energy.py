@@ -9,6 +9,8 @@ more than :math:`|u - g|_{A^{-1}}`.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from tominpmp.arrays import Array
@@ -18,8 +20,10 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.motion_limits import EffortCurve
 from tominpmp.problem.controls import effort_range
 from tominpmp.problem.joint_limits import joint_limits
-from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 
 def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:

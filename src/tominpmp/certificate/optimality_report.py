@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tominpmp.certificate.certificate import Certificate
-from tominpmp.certificate.dual_program import DualSolution
 from tominpmp.certificate.limits import ARRIVAL, GOAL, SEGMENT, TRUST
 from tominpmp.certificate.motion import Motion
 from tominpmp.motion_limits import EFFORT, POSITION
 from tominpmp.verification.verification import Verification
+
+if TYPE_CHECKING:
+    from tominpmp.certificate.dual_program import DualSolution
 
 # Largest mean deviation of the Hamiltonian; the cost of time is 1.
 HAMILTONIAN = 0.2

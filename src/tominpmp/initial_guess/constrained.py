@@ -8,6 +8,7 @@ hold, or until a tool whose speed is limited goes straight.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.base import States
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.least_squares import each, least_squares
-from tominpmp.problem.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 # Configurations of a path that are shifted, and steps for each of them.
 PLACES, STEPS = 24, 12

@@ -13,11 +13,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tominpmp.planner.automatic_options import least_time, near_to_it
-from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, solve
@@ -29,6 +29,9 @@ from tominpmp.transcription.bends import BENDS, to_be_split
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import Gridded, split_intervals
 from tominpmp.transcription.program import NonlinearProgram
+
+if TYPE_CHECKING:
+    from tominpmp.planner.plan_state import PlanState
 
 logger = logging.getLogger(__name__)
 

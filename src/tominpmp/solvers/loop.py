@@ -22,17 +22,19 @@ import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs.program import LpSolution
 from tominpmp.solvers.iterate import Iterate, Outcome, SlpResult
-from tominpmp.solvers.objective import Objective
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
 from tominpmp.transcription.program import NonlinearProgram
+
+if TYPE_CHECKING:
+    from tominpmp.solvers.objective import Objective
 
 # Sees every record; a status ends the loop.
 Callback = Callable[[IterationRecord], Status | None]

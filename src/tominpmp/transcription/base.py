@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,8 +22,10 @@ from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
+
+if TYPE_CHECKING:
+    from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Value of the rows of a motion that could not be integrated to its end, or of those of
 # an interval whose inner stage cannot be solved for.

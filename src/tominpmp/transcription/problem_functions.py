@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,9 @@ from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.problem.controls import effort_range
 from tominpmp.problem.joint_limits import joint_limits
-from tominpmp.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 # Largest padding beyond the margin [m], and its largest share of the clearance beyond
 # the margin at the ends of the motion.

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import expm
@@ -34,7 +35,9 @@ from tominpmp.verification.replay import (
     Integrator,
     Replay,
 )
-from tominpmp.verification.stages import Stage
+
+if TYPE_CHECKING:
+    from tominpmp.verification.stages import Stage
 
 # Rate of the feedback as a multiple of that of the instability, and its least [1/s].
 FASTER = 4.0

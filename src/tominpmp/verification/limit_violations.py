@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,11 +13,13 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import LimitKind, joint_kinds
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
-from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 # Joints slower than this may stop, reverse or start at another time than in a replay
 # [rad/s or m/s]: a tenth of the tolerance of joints at rest.

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.collision.selection import links_touching
-from tominpmp.problem.problem import Problem
 from tominpmp.stopping import Stop, check
 from tominpmp.verification.closest_approach import Approach
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import Replay
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 # Near a start or a goal at the margin a trace of violation is tolerated, while no joint
 # is farther from there than this [rad or m].

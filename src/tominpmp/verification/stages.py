@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +19,13 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.extrema import least_between
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
-from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import SAME, spans_of
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 # Largest number of instants among which ends of recorded segments are searched.
 MOST_LOOKS = 20_000
