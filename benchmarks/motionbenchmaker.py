@@ -252,9 +252,10 @@ class Court:
 def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
     """Plan with the library, with default options but for effort, time and starts."""
     import tominpmp as tm
-    from tominpmp import linear_programs as lp
     from tominpmp.constraints import ClearanceConstraint
     from tominpmp.files.moveit import load_moveit
+    from tominpmp.linear_programs.highs import HighsSolver
+    from tominpmp.linear_programs.piqp import PiqpSolver
 
     files = court.case.scene_path, court.case.request_path
     limits = {
@@ -272,13 +273,8 @@ def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
         starts=arguments.starts,
     )
     watch = Stopwatch()
-    solvers = [
-        value
-        for _, value in inspect.getmembers(lp, inspect.isclass)
-        if value.__module__.startswith(lp.__name__) and hasattr(value, "solve")
-    ]
     distances, programs = Meter(), Meter()
-    with distances.on(ClearanceConstraint), programs.on(*solvers):
+    with distances.on(ClearanceConstraint), programs.on(HighsSolver, PiqpSolver):
         solution = tm.plan(problem, options)
     columns: dict[str, Any] = watch.columns()
     history = solution.history

@@ -13,7 +13,7 @@ from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
 from tominpmp import stopping
-from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.planner import coarse_search, descent
 from tominpmp.planner.candidate import Candidate

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping
 from tables import entries, field_rows, kinds
 
 import tominpmp as tm
-from tominpmp.cell.tours import Station, tour_file
+from tominpmp.cell.tours import tour_file
+from tominpmp.cell.tours.station import Station
 from tominpmp.constraints import PathConstraint
 from tominpmp.files import scenario
 from tominpmp.files.records import classes

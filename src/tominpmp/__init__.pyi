@@ -1,16 +1,14 @@
 """Where the public names of the package are; read by type checkers and at import."""
 
-from .cell.batch import (
+from .cell.batch.dataset import (
     Dataset as Dataset,
     Outcome as Outcome,
-    plan_many as plan_many,
 )
+from .cell.batch.plan_many import plan_many as plan_many
 from .bounds.lower_bound import lower_bound as lower_bound
 from .bounds.result import LowerBound as LowerBound
-from .certificate import (
-    Certificate as Certificate,
-    certify as certify,
-)
+from .certificate.certificate import Certificate as Certificate
+from .certificate.minimum_principle import certify as certify
 from .combined_robots import combine_robots as combine_robots
 from .constraints import (
     AxisFixed as AxisFixed,
@@ -125,12 +123,12 @@ from .status import (
     IterationRecord as IterationRecord,
     Status as Status,
 )
-from .cell.tours import (
+from .cell.tours.planning import plan_tour as plan_tour
+from .cell.tours.station import (
     Station as Station,
-    Tour as Tour,
     Visit as Visit,
-    plan_tour as plan_tour,
 )
+from .cell.tours.tour import Tour as Tour
 from .motion.trajectory import (
     State as State,
     Trajectory as Trajectory,

@@ -20,9 +20,9 @@ from batch_samples import QUICK, Deadly, Unsendable, problems, rail
 from command_line import invoke
 
 import tominpmp as tm
-from tominpmp.cell.batch import Progress
 from tominpmp.cell.batch.dataset import Entry
 from tominpmp.cell.batch.neighbours import rounds_of
+from tominpmp.cell.batch.plan_many import Progress
 
 
 def motions(outcomes: list[tm.Outcome]) -> list[tm.Trajectory]:

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 import tominpmp as tm
 from tests.sample_arms import Link, make_arm
 from tominpmp.constraints import States
-from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.solvers.trust_region_step import first_weight
 from tominpmp.transcription.grid import interval_shares

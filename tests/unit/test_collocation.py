@@ -8,7 +8,7 @@ from planar_samples import OBSTACLE, START, planar
 from sample_arms import DOWNWARD, make_arm, rod, slide
 
 import tominpmp as tm
-from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.solvers import loop
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions

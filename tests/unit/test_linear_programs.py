@@ -11,14 +11,9 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from tominpmp.exceptions import SolverNotFound
-from tominpmp.linear_programs import (
-    Nearly,
-    PiqpSolver,
-    available_solvers,
-    make_solver,
-)
 from tominpmp.linear_programs import piqp as piqp_module
-from tominpmp.linear_programs.piqp import PIQP_ITERATIONS
+from tominpmp.linear_programs.choice import available_solvers, make_solver
+from tominpmp.linear_programs.piqp import PIQP_ITERATIONS, Nearly, PiqpSolver
 from tominpmp.linear_programs.program import LinearProgram
 
 SOLVERS = ["highs", "piqp", "clarabel"]

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tominpmp.linear_programs import HighsSolver, Nearly, PiqpSolver
 from tominpmp.linear_programs.compressed import Compressed
-from tominpmp.linear_programs.piqp import PIQP_ITERATIONS, equation_scale
+from tominpmp.linear_programs.highs import HighsSolver
+from tominpmp.linear_programs.piqp import (
+    PIQP_ITERATIONS,
+    Nearly,
+    PiqpSolver,
+    equation_scale,
+)
 from tominpmp.linear_programs.program import LinearProgram
 
 

@@ -10,7 +10,7 @@ import pytest
 from test_linear_programs import random_program, reference
 from test_slp import Program, first_program, least_time
 
-from tominpmp.linear_programs import USUALLY, Nearly, PiqpSolver
+from tominpmp.linear_programs.piqp import USUALLY, Nearly, PiqpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, RowExchange
 from tominpmp.solvers.iterate import GROWTH, Outcome, Trial

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tominpmp.linear_programs import HighsSolver, make_solver
+from tominpmp.linear_programs.choice import make_solver
+from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.options import Options
 from tominpmp.solvers import trust_region_step
 from tominpmp.solvers.iterate import LARGEST_RADIUS, next_radius

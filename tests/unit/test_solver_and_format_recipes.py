@@ -16,8 +16,9 @@ from scipy.optimize import linprog
 
 import tominpmp as tm
 from tominpmp.files import export
-from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
+from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from tominpmp.bounds.result import USELESS, LowerBound
-from tominpmp.cell.batch import Progress, plan_many
+from tominpmp.cell.batch.plan_many import Progress, plan_many
 from tominpmp.cell.options import BatchOptions, TourOptions
-from tominpmp.cell.tours import Tour, plan_tour
+from tominpmp.cell.tours.planning import plan_tour
+from tominpmp.cell.tours.tour import Tour
 from tominpmp.cell.tours.tour_file import load_tour
 from tominpmp.cli.output_files import (
     MOTION_ENDINGS,

@@ -18,7 +18,7 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.stays import still_nodes
-from tominpmp.linear_programs import Nearly, PiqpSolver
+from tominpmp.linear_programs.piqp import Nearly, PiqpSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.problem.controls import control_kind
 from tominpmp.transcription.instants import Instants

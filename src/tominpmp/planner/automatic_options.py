@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tominpmp.exceptions import OptionsError
-from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.options import Control, Options
 from tominpmp.problem.controls import need_smooth
 from tominpmp.problem.problem import Problem

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import make_solver
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.control_period import on_ticks

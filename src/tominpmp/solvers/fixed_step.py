@@ -22,8 +22,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
+from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate, Outcome, Trial
 from tominpmp.solvers.loop import Loop, Rule

@@ -23,8 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs import LpSolver, make_solver
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LpSolution
+from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import (
     ACCEPT,

@@ -40,7 +40,7 @@ from pathlib import Path
 from typing import Any
 
 from tominpmp.arrays import Array
-from tominpmp.cell.tours import Station
+from tominpmp.cell.tours.station import Station
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
