@@ -14,7 +14,6 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner import starts
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Work
-from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
 AROUND = tm.Scene([tm.Sphere("O", radius=0.4, position=(3.0, 1.0, 0.0))])
@@ -81,7 +80,7 @@ def tries(monkeypatch, seed, finds, number, scene):
     table = Table(monkeypatch, seed, finds)
     options = tm.Options(starts=number)
     state = PlanState(reach(scene=scene), options)
-    carried_out(state, starts.starts(ProblemFunctions.of(state.problem), None, state))
+    carried_out(state, starts.starts(state, state.problem))
     return table.tried, state.best_duration
 
 

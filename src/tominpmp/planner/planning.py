@@ -26,7 +26,6 @@ import numpy as np
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
@@ -48,7 +47,6 @@ from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 @on_one_thread
@@ -150,21 +148,12 @@ def everything(
         state: The plan.
         former: A former motion to begin with.
     """
-    yield from candidates_of_alternatives(state, partial(_starts, state), former)
+    yield from candidates_of_alternatives(state, partial(starts, state), former)
     if state.incumbent is None:
         use_fallback(state, Status.FEASIBLE)
     if state.options.objective == "time":
         yield from improvements(state)
         yield from thorough_search(state)
-
-
-def _starts(
-    state: PlanState, part: Problem, former: Trajectory | Samples | None
-) -> Schedule[None]:
-    """Starts for one goal, with a former motion as the first guess if there is one."""
-    system = ProblemFunctions.of(part)
-    guess = None if former is None else warm_start(system, former)
-    yield from starts(system, guess, state)
 
 
 def _interrupted(solution: Solution) -> Solution:

@@ -25,7 +25,9 @@ from tominpmp.initial_guess.parallel import (
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.unreachable import unreachable
-from tominpmp.initial_guess.warm_start import WarmStart
+from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.motion.samples import Samples
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING
 from tominpmp.planner.candidate import Candidate
@@ -45,6 +47,7 @@ from tominpmp.planner.torque_starts import (
     torques_may_lead,
 )
 from tominpmp.planner.work import Schedule, Work, run, use_fallback
+from tominpmp.problem.problem import Problem
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import DEGREES
@@ -105,20 +108,21 @@ def usual_starts(system: ProblemFunctions, options: Options) -> tuple[int, int]:
 
 
 def starts(
-    system: ProblemFunctions, former: WarmStart | None, state: PlanState
+    state: PlanState, problem: Problem, motion: Trajectory | Samples | None = None
 ) -> Schedule[None]:
     """Begin with one guess after the other, a former motion being the first.
 
     Args:
-        system: Functions of the problem, which has one goal.
-        former: The former motion, if there is one.
         state: The plan.
+        problem: Its problem, or that with one of its goals.
+        motion: The former motion, if there is one.
 
     Raises:
         ProblemError: If no guess can be made: the goal is out of reach.
     """
-    options = state.options
-    if former is not None:
+    options, system = state.options, ProblemFunctions.of(problem)
+    if motion is not None:
+        former = warm_start(system, motion)
         candidate = yield _warm_start_work(system, former, state)
         found = candidate is not None and candidate.found
         if candidate is not None and candidate.duration >= former.duration:
