@@ -31,7 +31,7 @@ import numpy as np
 import tominpmp as tm
 from benchmarks.cell_cases import TOOLS
 from benchmarks.random_goals import load_arm, sample_problems
-from tominpmp.sensitivities import Sensitivity
+from tominpmp.sensitivities.records import Sensitivity
 
 COLUMNS = (
     "problem",

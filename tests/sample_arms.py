@@ -106,9 +106,9 @@ def make_arm(
 
     Args:
         *links: The links, from the base on.
-        effort: Effort limits, as for :func:`~tominpmp.robot.load_robot`.
+        effort: Effort limits, as for :func:`~tominpmp.load_robot`.
         gravity: Gravity [m/s^2].
-        **limits: What else :func:`~tominpmp.robot.load_robot` takes per joint.
+        **limits: What else :func:`~tominpmp.load_robot` takes per joint.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sample.urdf"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 import re
 import subprocess
@@ -234,6 +235,50 @@ def test_modules_import_each_other_in_no_circle() -> None:
         if name in seen
     }
     assert circles <= CIRCLES
+
+
+# Packages that have names of their modules for callers and files: lists of kinds, and
+# the one way to sensitivities.
+LISTS = {"tominpmp.constraints", "tominpmp.goals", "tominpmp.sensitivities"}
+# Modules from tm.plan down to one that imports no other, at the most.
+LONGEST_CHAIN = 20
+
+
+def library_imports(path: Path) -> set[tuple[str, str]]:
+    """Modules and names that a module takes from the library to run.
+
+    Imports inside functions, and for types alone, are not among them.
+    """
+    return {
+        (node.module, item.name)
+        for node in parse(path).body
+        if isinstance(node, ast.ImportFrom) and node.module
+        if node.module.startswith("tominpmp")
+        for item in node.names
+    }
+
+
+def test_names_come_from_the_modules_that_define_them() -> None:
+    """A package that handed names on would import what all of them need, for each."""
+    packages = [path for path in MODULES if path.name == "__init__.py"]
+    handing = {name_of(path) for path in packages if library_imports(path)}
+    # A module, which has the folder of its sheets.
+    assert handing == LISTS | {"tominpmp.datasheets"}
+    taken = {module for path in MODULES for module, _ in library_imports(path)}
+    assert taken & LISTS == set()
+
+
+def test_chains_of_imports_are_short() -> None:
+    """A reader of the planner goes down so many modules at the most."""
+    files = {name_of(path): path for path in MODULES}
+
+    @functools.cache
+    def height(name: str) -> int:
+        found = library_imports(files[name])
+        below = {f"{m}.{item}" if f"{m}.{item}" in files else m for m, item in found}
+        return 1 + max(map(height, below), default=0)
+
+    assert height("tominpmp.planner.planning") <= LONGEST_CHAIN
 
 
 def goal_classes() -> set[str]:

@@ -13,7 +13,8 @@ import pytest
 from command_line import invoke
 
 import tominpmp as tm
-from tominpmp.sensitivities import Sensitivities, Sensitivity, analyse
+from tominpmp.sensitivities.analysis import analyse
+from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 
 ROOT = str(Path(__file__).resolve().parents[2])
 if ROOT not in sys.path:

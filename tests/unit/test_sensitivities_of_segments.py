@@ -12,8 +12,8 @@ import pytest
 import tominpmp as tm
 from benchmarks.sensitivities import FINE
 from tests.sample_arms import make_arm, slide
-from tominpmp.sensitivities import Sensitivities, analyse
-from tominpmp.sensitivities.records import summed
+from tominpmp.sensitivities.analysis import analyse
+from tominpmp.sensitivities.records import Sensitivities, summed
 
 MASS, FORCE, LOAD, STAY = 2.0, 10.0, 3.0, 0.2
 FIRST, SECOND = 0.5, 1.0

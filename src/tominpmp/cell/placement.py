@@ -27,7 +27,7 @@ from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
-from tominpmp.sensitivities import Sensitivities
+from tominpmp.sensitivities.records import Sensitivities
 from tominpmp.solution import Solution
 
 TRANSLATIONS, ROTATIONS = ("x", "y", "z"), ("roll", "pitch", "yaw")

@@ -122,7 +122,7 @@ def find_srdf(urdf: Path) -> Path | None:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names that :func:`~tominpmp.robot.load_robot` knows on this machine."""
+    """Names that :func:`~tominpmp.load_robot` knows on this machine."""
     return tuple(sorted(_known_robots(_example_folder(), _bundled_folder())))
 
 

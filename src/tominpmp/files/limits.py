@@ -111,7 +111,7 @@ class MoveItLimits(Record):
     acceleration_scaling: float = 1.0
 
     def overrides(self, *, scaled: bool = False) -> dict[str, dict[str, float]]:
-        """Arguments for :func:`~tominpmp.robot.load_robot` and ``with_changes``.
+        """Arguments for :func:`~tominpmp.load_robot` and ``with_changes``.
 
         Args:
             scaled: Whether the speeds are scaled by ``velocity_scaling``.
@@ -160,12 +160,12 @@ def load_limited_robot(
 
     Args:
         moveit: The limits; None for those of the robot alone.
-        robot: As for :func:`~tominpmp.robot.load_robot`, or what was read of it.
+        robot: As for :func:`~tominpmp.load_robot`, or what was read of it.
         changes: Values per joint and gravity, which go before the file.
         **arguments: Its further arguments.
 
     Raises:
-        TominpmpError: As by :func:`~tominpmp.robot.load_robot`.
+        TominpmpError: As by :func:`~tominpmp.load_robot`.
     """
     if moveit is None:
         return load_robot(robot, **arguments, **changes)

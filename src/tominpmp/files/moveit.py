@@ -572,9 +572,9 @@ def load_moveit(
         request_path: YAML file with a ``MotionPlanRequest`` message.
         margin: Distance to keep from obstacles [m].
         self_collision: Whether the links keep clear of each other; None as for
-            :class:`~tominpmp.problem.Problem`.
+            :class:`~tominpmp.Problem`.
         kinematic: Whether the robot is loaded without its dynamics, as by
-            :func:`~tominpmp.robot.load_robot`; one that is loaded has to be so already.
+            :func:`~tominpmp.load_robot`; one that is loaded has to be so already.
         joint_limits: MoveIt's ``joint_limits.yaml``, whose limits go before those of
             the robot's files; accelerations that a kinematic robot needs are there. The
             request says how they are scaled.

@@ -375,7 +375,7 @@ def plan_tour(
         margin: Distance that the links keep from them [m].
         motion_limits: Limits beyond those of the robot's description.
         constraints: What else holds at all times.
-        self_collision: As for :class:`~tominpmp.problem.Problem`.
+        self_collision: As for :class:`~tominpmp.Problem`.
         may_touch: Pairs of names of links and obstacles that may touch.
         precedence: Pairs of names of stations (earlier, later), beside what the
             stations say themselves.

@@ -25,8 +25,8 @@ from tominpmp.files.export import export
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, segments_of
-from tominpmp.sensitivities import Sensitivities, analyse
-from tominpmp.sensitivities.records import Sensitivity
+from tominpmp.sensitivities.analysis import analyse
+from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.viz.figures import (
