@@ -1,1 +1,5 @@
 """Certificates of the minimum principle: costates and multipliers of a motion."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

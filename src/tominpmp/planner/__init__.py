@@ -1,1 +1,5 @@
 """Planning: the story from a problem to a motion, which begins in planning.py."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

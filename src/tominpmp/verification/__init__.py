@@ -1,1 +1,5 @@
 """Verification: independent checks of a motion, and reasons for a missing motion."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

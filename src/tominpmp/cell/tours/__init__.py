@@ -1,1 +1,5 @@
 """Tours: stations visited in the best order, with the best configurations."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
