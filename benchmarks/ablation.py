@@ -100,10 +100,10 @@ VARIANTS: dict[str, Variant] = {
         parts={"tominpmp.linear_programs.piqp.PiqpSolver.curved": False}
     ),
     "no correction": Variant(parts={f"{SOLVERS}.trust_region_step.CORRECTIONS": 0}),
-    "no light violations": Variant(
+    "no small violations": Variant(
         parts={
-            f"{PLANNER}.descent.LIGHT": 0.0,
-            f"{PLANNER}.finer_grid.LIGHT": 0.0,
+            f"{PLANNER}.descent.SMALL_VIOLATION": 0.0,
+            f"{PLANNER}.finer_grid.SMALL_VIOLATION": 0.0,
         }
     ),
     "starts not judged": Variant(

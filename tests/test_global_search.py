@@ -88,7 +88,7 @@ def test_a_coarse_motion_promises_what_the_finished_one_keeps():
     assert rough is not None
     finished = carried_out(coarse.state, coarse.finish(rough))
     assert finished is not None
-    assert finished.found
+    assert finished.confirmed
     assert finished.duration < rough.duration < 1.1 * finished.duration
     assert finished.trajectory.t.size - 1 >= 40
 

@@ -72,7 +72,7 @@ class Made:
 
     def __init__(self, duration):
         self.duration = duration
-        self.found = bool(np.isfinite(duration))
+        self.confirmed = bool(np.isfinite(duration))
 
 
 def tries(monkeypatch, seed, finds, number, scene):

@@ -33,13 +33,13 @@ def await_file(path):
 
 def until_asked(folder):
     """Say that this has begun, and wait; tell whether it was asked to end."""
-    from tominpmp.initial_guess.parallel import asked_to_stop
+    from tominpmp.initial_guess.parallel import stop_requested
 
     (folder / str(os.getpid())).touch()
     end = time.monotonic() + PATIENCE
-    while time.monotonic() < end and not asked_to_stop():
+    while time.monotonic() < end and not stop_requested():
         time.sleep(0.02)
-    return asked_to_stop()
+    return stop_requested()
 
 
 def begin_and_wait(folder):

@@ -110,7 +110,7 @@ def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     lines = list(initial_guesses(system, 2, np.random.default_rng(0)))
     best = carried_out(state, search.solve_coarse(lines[0]))
     carried_out(state, search.solve_coarse(lines[1]))
-    monkeypatch.setattr(search, "_knows", lambda shape: False)
+    monkeypatch.setattr(search, "_is_known", lambda shape: False)
 
     def judged(before, now):
         durations = [factor * best.duration for factor in (before, now)]

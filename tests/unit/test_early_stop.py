@@ -13,8 +13,8 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import descent_work
 from tominpmp.planner.first_program import first_program
-from tominpmp.planner.plan_state import Kept, PlanState
-from tominpmp.planner.work import _slowed_down, made, use_fallback
+from tominpmp.planner.plan_state import KeptIterate, PlanState
+from tominpmp.planner.work import _slowed_down, make_and_repair, use_fallback
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -91,7 +91,7 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
 
     monkeypatch.setattr(Candidate, "verified", stopped)
     use_fallback(state, tm.Status.TIME_LIMIT)
-    assert state.candidates and not state.candidates[-1].found
+    assert state.candidates and not state.candidates[-1].confirmed
 
 
 def test_starts_that_all_end_without_a_motion_leave_a_guess_slowed_down():
@@ -110,7 +110,7 @@ def test_a_guess_is_not_slowed_down_once_time_is_up():
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
     program, z = first_program(system, options, guess)
-    begun = Kept(program, Iterate.of(program, z, 1.0), False)
+    begun = KeptIterate(program, Iterate.of(program, z, 1.0), False)
     late = Deadline()
     late.end = 0.0
     with late.in_force(), pytest.raises(Stop):
@@ -128,7 +128,7 @@ def test_time_is_reserved_for_a_replay_before_one_was_timed():
     for seconds, reserve in ((0.0, 0.225), (0.01, 0.06), (0.1, 0.15), (9.0, 0.5)):
         state.replayed(seconds)
         state.keep(program, slow)
-        assert state.kept[-1].feasible
+        assert state.kept_iterates[-1].feasible
         before = state.deadline.last - state.deadline.end
         assert before == pytest.approx(0.06 * 2.0 + 0.07 + reserve)
 
@@ -146,5 +146,7 @@ def test_a_replay_may_take_the_time_that_is_kept_for_it(monkeypatch):
     monkeypatch.setattr(Candidate, "verified", verified)
     system = ProblemFunctions.of(problem)
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
-    assert made(state, descent_work(system, state.options, guess, state)).found
+    assert make_and_repair(
+        state, descent_work(system, state.options, guess, state)
+    ).confirmed
     assert ends and all(ends)

@@ -13,14 +13,14 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import initial_guesses
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
-    AtGoal,
     GoalSearch,
+    Target,
     find_configurations,
     isolated,
     solve_inverse_kinematics,
 )
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.planner.descent import EVER_SLOWER, stop_if_hopeless
+from tominpmp.planner.descent import MUCH_SLOWER, stop_if_hopeless
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -58,7 +58,7 @@ def found(problem: tm.Problem) -> tuple[ProblemFunctions, GoalSearch]:
 def test_configurations_that_leave_no_freedom_are_isolated(two: bool) -> None:
     system, search = found(turning(two))
     assert search.free
-    alone = [isolated(AtGoal(system, system.problem.goal), q) for q in search.free]
+    alone = [isolated(Target(system, system.problem.goal), q) for q in search.free]
     assert alone == [two] * len(alone)
 
 
@@ -80,7 +80,7 @@ def test_freedom_leads_out_of_a_collision() -> None:
     system = ProblemFunctions.of(problem)
     blocked = np.array([1.19337527, -1.45945531, 0.0])
     assert not is_free(system, blocked)
-    q, error = solve_inverse_kinematics(system, problem.goal, blocked, apart=True)
+    q, error = solve_inverse_kinematics(system, problem.goal, blocked, keep_clear=True)
     assert error < REACHED
     assert is_free(system, q)
     there = system.kinematics.placement(q, "tip").translation
@@ -89,7 +89,7 @@ def test_freedom_leads_out_of_a_collision() -> None:
 
 def test_its_residual_against_differences() -> None:
     system = ProblemFunctions.of(turning(False, *ELBOWS))
-    asked = AtGoal(system, system.problem.goal, apart=True)
+    asked = Target(system, system.problem.goal, keep_clear=True)
     q = np.array([1.19, -1.45, 0.01])
     value, by_q = asked.residual(q)
     assert value.size > 3
@@ -115,9 +115,9 @@ def test_iterations_that_only_become_slower_are_ended() -> None:
     def judged(duration: float, violation: float) -> Status | None:
         return stop_if_hopeless(1.0)(loop_with([record(duration, violation)]))
 
-    assert judged(0.9 * EVER_SLOWER, 0.1) is None
-    assert judged(2.0 * EVER_SLOWER, 1e-5) is None
-    assert judged(2.0 * EVER_SLOWER, 0.1) is Status.STALLED
+    assert judged(0.9 * MUCH_SLOWER, 0.1) is None
+    assert judged(2.0 * MUCH_SLOWER, 1e-5) is None
+    assert judged(2.0 * MUCH_SLOWER, 0.1) is Status.STALLED
 
 
 def record(duration: float, violation: float) -> IterationRecord:

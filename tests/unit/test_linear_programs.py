@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 from tominpmp.exceptions import SolverNotFound
 from tominpmp.linear_programs import piqp as piqp_module
 from tominpmp.linear_programs.choice import available_solvers, make_solver
-from tominpmp.linear_programs.piqp import PIQP_ITERATIONS, Nearly, PiqpSolver
+from tominpmp.linear_programs.piqp import PIQP_ITERATIONS, PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram
 
 SOLVERS = ["highs", "piqp", "clarabel"]
@@ -185,7 +185,7 @@ def test_a_share_of_the_objective_may_be_near_enough():
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
     best = reference(p).fun
     needed = PiqpSolver().solve(p).iterations
-    few = Nearly(gap=1e-9, iterations=needed - 1)
+    few = Termination(gap=1e-9, iterations=needed - 1)
     exact = PiqpSolver(few).solve(p)
     assert exact.iterations > few.iterations  # left to the simplex method
     assert p.cost @ exact.x == pytest.approx(best, abs=1e-7)

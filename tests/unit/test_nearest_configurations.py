@@ -8,9 +8,9 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, rod
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.initial_guess.inverse_kinematics import (
-    AtGoal,
+    Target,
     find_configurations,
-    led_nearer,
+    moved_nearer,
     solve_inverse_kinematics,
 )
 from tominpmp.kinematics import RobotKinematics
@@ -26,7 +26,7 @@ def test_a_configuration_is_led_to_where_the_slowest_joint_has_least_to_go():
         tm.Problem(robot, start, tm.PositionGoal("tip", place))
     )
     goal = system.problem.goal
-    (led,) = led_nearer(AtGoal(system, goal), [there])
+    (led,) = moved_nearer(Target(system, goal), [there])
     led, miss = solve_inverse_kinematics(system, goal, led)
     assert miss < 1e-6 and np.abs(led - there).max() < 2.0  # the same branch
 

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.planner.automatic_options import least_time, resolve_options
+from tominpmp.planner.automatic_options import minimum_time, resolve_options
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # The search for the best motion is looked at elsewhere.
@@ -49,7 +49,7 @@ def test_jumps_are_weighed_as_the_surroundings_ask_for(
     problem = tm.Problem(planar3r, START, REACH, scene=scene)
     options = resolve_options(problem, tm.Options(**changes))
     system = ProblemFunctions.of(problem)
-    least = least_time(system, options, 2.0, refined=refined)
+    least = minimum_time(system, options, 2.0, refined=refined)
     assert (least.jump_weight, least.squared) == expected
 
 

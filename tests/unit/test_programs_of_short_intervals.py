@@ -10,8 +10,8 @@ from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.piqp import (
     PIQP_ITERATIONS,
-    Nearly,
     PiqpSolver,
+    Termination,
     equation_scale,
 )
 from tominpmp.linear_programs.program import LinearProgram
@@ -99,7 +99,8 @@ def overlapping_limits() -> LinearProgram:
 def test_the_last_digits_of_multipliers_are_not_waited_for() -> None:
     program = overlapping_limits()
     found, exact = (
-        PiqpSolver(n).solve(program) for n in (Nearly(), Nearly(residual=1e-9))
+        PiqpSolver(n).solve(program)
+        for n in (Termination(), Termination(residual=1e-9))
     )
     assert found.iterations < exact.iterations
     assert program.cost @ found.x == pytest.approx(program.cost @ exact.x, abs=1e-6)

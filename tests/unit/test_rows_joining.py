@@ -10,7 +10,7 @@ import pytest
 from test_linear_programs import random_program, reference
 from test_slp import Program, first_program, least_time
 
-from tominpmp.linear_programs.piqp import USUALLY, Nearly, PiqpSolver
+from tominpmp.linear_programs.piqp import USUAL_TERMINATION, PiqpSolver, Termination
 from tominpmp.options import Options
 from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, RowExchange
 from tominpmp.solvers.iterate import GROWTH, Outcome, Trial
@@ -99,7 +99,7 @@ def test_rows_are_looked_for_again_once_those_that_joined_are_done():
     assert not still.due(loop, None)
     done = replace(still, joined_at=loop.state.duration)
     assert done.due(loop, None)
-    looked, status = done.look(loop, None)
+    looked, status = done.join(loop, None)
     assert status is None
     assert not looked.due(loop, None)
     assert not done.due(at_rest([1.2, 1.2, 1.2 * 2.0**0.5]), None)
@@ -135,7 +135,7 @@ def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
     monkeypatch,
 ):
     p = random_program(np.random.default_rng(2), rows=40, columns=30)
-    solver = PiqpSolver(Nearly(iterations=2))
+    solver = PiqpSolver(Termination(iterations=2))
     found = solver.solve(p)
     assert found.optimal
     assert p.cost @ found.x == pytest.approx(reference(p).fun, abs=1e-7)
@@ -143,7 +143,7 @@ def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
     assert again.optimal
     assert p.cost @ again.x <= p.cost @ found.x + 1e-9
     # The next program is tried by interior points again.
-    monkeypatch.setattr(solver, "_nearly", USUALLY)
+    monkeypatch.setattr(solver, "_termination", USUAL_TERMINATION)
     assert solver.solve(p).iterations < 60
     assert piqp.PIQP_SOLVED == solver._solver.result.info.status
 

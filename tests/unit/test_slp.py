@@ -281,9 +281,9 @@ def test_the_model_of_the_squares_is_exact():
     model = least.model(
         program, state, steps, program.linearize(z, state.values, steps)
     )
-    bend = replace(model, near=None).bend(step)
+    curvature = replace(model, proximal=None).curvature_term(step)
     change = model.value(z + step, state.values) - model.value(z, state.values)
-    assert model.gradient @ step + bend == pytest.approx(change, rel=1e-12)
+    assert model.gradient @ step + curvature == pytest.approx(change, rel=1e-12)
 
 
 def test_groups_are_as_violated_as_their_worst_row_in_any_order():

@@ -21,7 +21,7 @@ from tominpmp.initial_guess.guess import initial_guesses
 from tominpmp.initial_guess.parallel import ready, run_parallel
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.starts import Ahead, solve_alone
+from tominpmp.planner.starts import ParallelDescents, descend_in_process
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -119,15 +119,15 @@ def test_a_plan_in_two_processes_ends_in_time(
 ) -> None:
     """What processes are at when the time is used up, they hand over."""
     limit, starts = 600.0, 200
-    usual, handed = Ahead.result, []
+    usual, handed = ParallelDescents.result, []
 
-    def result(ahead: Ahead, number: int, *_: object) -> Candidate | None:
+    def result(ahead: ParallelDescents, number: int, *_: object) -> Candidate | None:
         attempt = usual(ahead, number)
         clock.advance(0.0 if handed else 1.05 * limit)
         handed.append(number)
         return attempt
 
-    monkeypatch.setattr(Ahead, "result", result)
+    monkeypatch.setattr(ParallelDescents, "result", result)
     options = tm.Options(processes=2, starts=starts, intervals=20, tolerance=1e-9)
     begin = time.monotonic()
     solution = tm.plan(reach(), options, max_planning_time=limit)
@@ -142,7 +142,7 @@ def test_a_process_without_time_ends_at_once() -> None:
     system = ProblemFunctions.of(reach())
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
     options = tm.Options(method="inverse", lp_solver="piqp", intervals=160)
-    attempt, failures = solve_alone(system, options, time.time() - 1.0, guess)
+    attempt, failures = descend_in_process(system, options, time.time() - 1.0, guess)
     assert not failures
     if attempt is not None:
         assert attempt.status is tm.Status.TIME_LIMIT
@@ -164,12 +164,12 @@ def test_processes_that_were_asked_at_the_end_of_the_time_were_not_interrupted(
 ) -> None:
     options = tm.Options(processes=2)
     state = PlanState(reach(), options)
-    source = Ahead(ProblemFunctions.of(state.problem), state, iter(()))
+    source = ParallelDescents(ProblemFunctions.of(state.problem), state, iter(()))
     source.results = {0: (ended_by_request(), []), 1: (ended_by_request(), [])}
     state.deadline.requested = asked
     with state.deadline.grace(float("inf")):
         first = source.result(0)
-        others = source.left()
+        others = source.unclaimed()
     expected = tm.Status.INTERRUPTED if asked else tm.Status.TIME_LIMIT
     assert first is not None
     assert [attempt.status for attempt in (first, *others)] == [expected] * 2

@@ -18,7 +18,7 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
 from tominpmp.certificate.motion import Motion
 from tominpmp.certificate.stays import still_nodes
-from tominpmp.linear_programs.piqp import Nearly, PiqpSolver
+from tominpmp.linear_programs.piqp import PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.problem.controls import control_kind
 from tominpmp.transcription.instants import Instants
@@ -34,7 +34,7 @@ WAYS = 100.0
 SHIFT = 1e-3
 # Relative accuracy of the predicted gain, and the iterations spent on it: where limits
 # overlap, interior points converge slowly, and simplex methods take tens of seconds.
-ROUGHLY = Nearly(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
+ROUGHLY = Termination(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
 PLACES = 4  # places in an interval at which costates may jump; even: one is the middle
 
 

@@ -143,7 +143,7 @@ def exact_switches(
     if attempt.feasible:
         # A motion that its replay does not confirm may be somewhat too fast; without
         # arcs that are about as fast, a finer grid is better.
-        limit = plan.duration * (1.0 + (LONGER if attempt.found else UNCONFIRMED))
+        limit = plan.duration * (1.0 + (LONGER if attempt.confirmed else UNCONFIRMED))
     search = Search(granted, progress, budget, limit)
     _look(search, options, without_friction(granted, plan))
     for motion in reversed(search.found):
@@ -152,7 +152,7 @@ def exact_switches(
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
         exact = Candidate.of(attempt.name, attempt.initial, result)
         exact = exact.verified(system.problem, options)
-        if exact.found:
+        if exact.confirmed:
             return exact
     return replace(attempt, history=(), remark=KEPT)
 

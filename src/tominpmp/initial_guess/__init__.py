@@ -1,1 +1,1 @@
-"""Initial guesses."""
+"""Initial guesses: paths, their timing, inverse kinematics, and warm starts."""

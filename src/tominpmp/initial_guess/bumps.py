@@ -1,9 +1,10 @@
-r"""Bumps: smooth detours from a guess, by which other local optima are reached.
+r"""Bumps: smooth detours from a guess, which lead to other local optima.
 
-A motion that goes another way round, swings or turns its elbow over differs from a
-given one by large arcs in some joints: here :math:`16\,\tau^2 (1 - \tau)^2`, which is 1
-halfway and vanishes at both ends with its derivative, times the cosine of
-:math:`k \pi \tau`, which makes two and three arcs of it.
+A motion that takes another way around an obstacle, swings or flips its elbow differs
+from a given one by large arcs in some joints. A bump is such an arc:
+:math:`16\,\tau^2 (1 - \tau)^2`, which is 1 halfway and vanishes at both ends with its
+derivative, times the cosine of :math:`k \pi \tau`, which divides it into two or three
+arcs.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Height of a bump in one joint alone [rad]: smaller ones lead back to where they come
-# from, see benchmarks/known_optima.py.
+# Height of a bump in a single joint [rad]: smaller ones lead back to the same optimum,
+# see benchmarks/known_optima.py.
 HEIGHT = 2.0
-# Standard deviations of the heights of bumps in all joints at once, in turn [rad], and
-# their shares by the number of arcs.
+# Standard deviations of the heights of random bumps in all joints, in turn [rad], and
+# their factors by the number of arcs.
 SPREADS = (0.8, 1.6, 0.3, 2.4)
 ARCS = (1.0, 0.6, 0.4)
 
@@ -32,14 +33,14 @@ def bumps(
     *,
     from_base: bool = False,
 ) -> Iterator[Guess]:
-    """Detours from a guess: of single joints both ways, the last first, then random.
+    """Detours from a guess: of single joints in both directions, then random ones.
 
     Args:
-        system: The problem; its position limits are kept.
+        system: Functions of the problem, whose position limits are kept.
         guess: The guess to which the bumps are added.
         rng: Random numbers.
-        from_base: Whether the joint nearest to the base comes first: detours of a
-            wrist hardly matter.
+        from_base: Whether the joint nearest to the base comes first, as detours of a
+            wrist hardly matter; otherwise the last joint does.
 
     Yields:
         Guesses, without end.
@@ -61,10 +62,10 @@ def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:
     """A guess with bumps.
 
     Args:
-        system: The problem.
+        system: Functions of the problem.
         guess: The guess.
-        heights: By number of arcs and joint, shape (k, n), in rad, or in shares of the
-            reach where a joint slides.
+        heights: Heights by number of arcs and joint, shape (k, n), in rad, or in shares
+            of the reach for prismatic joints.
     """
     tau = (guess.t - guess.t[0]) / (guess.t[-1] - guess.t[0])
     arc = 16.0 * tau**2 * (1.0 - tau) ** 2

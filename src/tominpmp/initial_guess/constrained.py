@@ -1,8 +1,8 @@
-"""Paths of guesses that keep the constraints on positions along the motion.
+"""Paths of guesses that satisfy the constraints on positions along the motion.
 
-A straight line in joint space keeps neither a tool upright nor its way short. Here its
-configurations are shifted, by as little as possible, until the constraints on positions
-hold, or until a tool whose speed is limited goes straight.
+A straight line in joint space neither keeps a tool upright nor its path short. Its
+configurations are therefore shifted, as little as possible, until the constraints on
+positions hold, or until a tool with a speed limit moves on a straight line.
 """
 
 from __future__ import annotations
@@ -21,18 +21,21 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Configurations of a path that are shifted, and steps for each of them.
+# Number of configurations of a path that are shifted, and of least-squares steps.
 PLACES, STEPS = 24, 12
-# Shares of straightness of a tool's path, in the order in which they are tried: not
-# every arm reaches the whole of a straight line.
+# Shares of straightness of the path of a tool, in the order of the trials: not every
+# arm reaches all points of the straight line.
 STRAIGHT = (1.0, 0.7, 0.4)
-# Shifted until values are below this share of their scale, or points this near [m].
+# Tolerance of a shifted configuration: violations as shares of their scale, distances
+# of frames as shares of the reach.
 CLOSE = 1e-4
-# Margin inside of their limits to which values are brought, as a share of the scale.
+# Margin to the limits that shifted configurations keep, as a share of the scale.
 INSIDE = 0.02
-# Largest step of a joint [rad], and between neighbours: beyond this the path jumps.
+# Largest least-squares step of a joint [rad], and largest difference of the shifts of
+# neighbouring configurations, beyond which the path jumps.
 STEP, JUMP = 0.3, 1.2
-# Bisections for the speed at which a constraint not linear in the speed is active.
+# Bisections for the speed at which a constraint becomes active that is not proportional
+# to the speed.
 BISECTIONS = 30
 
 
@@ -40,9 +43,9 @@ def path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
     """Speeds along a path at which constraints on velocities become active.
 
     Args:
-        system: The problem.
+        system: Functions of the problem.
         q: Configurations, shape (m, n).
-        first: Their derivatives by the path parameter, shape (m, n).
+        first: Derivatives of the configurations by the path parameter, shape (m, n).
 
     Returns:
         Derivatives of the path parameter by time, shape (m,); infinite where no
@@ -51,19 +54,19 @@ def path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
     top = np.full(len(q), np.inf)
     for constraint in system.problem.ready_constraints:
         if constraint.order == 1 and constraint.curable:
-            found = [_speed(constraint, *row) for row in zip(q, first, strict=True)]
-            top = np.minimum(top, found)
+            speeds = [_speed(constraint, *row) for row in zip(q, first, strict=True)]
+            top = np.minimum(top, speeds)
     return top
 
 
 def speed_used(problem: Problem, q: Array, v: Array) -> Array:
     """Largest share of a speed limit that a motion uses, at m states, shape (m,).
 
-    The limits are those of the joints and of the tools whose speed is limited.
+    Speed limits of joints and of tools are taken into account.
     """
     used = np.max(np.abs(v) / problem.robot.limits.velocity, axis=1)
-    none = np.zeros((0, q.shape[1]))
-    states = States(np.zeros(len(q)), q, v, none)
+    empty = np.zeros((0, q.shape[1]))
+    states = States(np.zeros(len(q)), q, v, empty)
     for item in problem.ready_constraints:
         if item.order == 1 and item.curable and item.window is None:
             used = np.maximum(used, item.measures(states) / item.largest)
@@ -72,82 +75,83 @@ def speed_used(problem: Problem, q: Array, v: Array) -> Array:
 
 def _speed(constraint: PathConstraint, q: Array, first: Array) -> float:
     """Speed along a path at which a constraint becomes active at one configuration."""
-    none = np.zeros(0)
+    empty = np.zeros(0)
     most = constraint.largest
-    alone = constraint.measure(q, first, none)
-    if not alone > 0.0:
+    unit = constraint.measure(q, first, empty)
+    if not unit > 0.0:
         return np.inf
-    high = most / alone
-    if abs(constraint.measure(q, high * first, none) - most) <= 1e-6 * abs(most):
+    high = most / unit
+    if abs(constraint.measure(q, high * first, empty) - most) <= 1e-6 * abs(most):
         return high  # the measure is proportional to the speed along the path
     low = 0.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        over = constraint.measure(q, middle * first, none) > most
+        over = constraint.measure(q, middle * first, empty) > most
         low, high = (low, middle) if over else (middle, high)
     return low
 
 
-def held_positions(problem: Problem) -> list[PathConstraint]:
-    """Constraints on positions that hold at all times of a motion."""
-    every = problem.ready_constraints
-    return [item for item in every if item.order == 0 and item.window is None]
+def position_constraints(problem: Problem) -> list[PathConstraint]:
+    """Constraints on positions that apply during the whole motion."""
+    constraints = problem.ready_constraints
+    return [item for item in constraints if item.order == 0 and item.window is None]
 
 
-def keeping_paths(system: ProblemFunctions, q_end: Array, keeps: bool) -> list[Array]:
-    """Paths from the start to a configuration that keep constraints on the way.
+def feasible_paths(system: ProblemFunctions, q_end: Array, keeps: bool) -> list[Array]:
+    """Paths from the start to a configuration that satisfy constraints on the way.
 
     Args:
-        system: The problem.
+        system: Functions of the problem.
         q_end: Final configuration, shape (n,).
-        keeps: Whether a straight line keeps constraints on positions.
+        keeps: Whether the straight line satisfies the constraints on positions.
 
     Returns:
-        Corners of each path, shape (m, n): a path within the constraints on positions,
-        where a straight line violates them, and a path on which tools whose speed is
-        limited go straight, or along the curve that they are to keep to. The list is
-        empty where the problem has no constraint of these kinds, or no path was found.
+        Corners of each path, shape (m, n): a path that satisfies the constraints on
+        positions, if the straight line violates them or a frame has to follow a curve;
+        and a path on which tools with a speed limit move straight, if no frame has to
+        follow a curve. The list is empty if there are no such constraints, or no path
+        was found.
     """
     problem = system.problem
-    held = held_positions(problem)
+    held = position_constraints(problem)
     line = np.linspace(problem.q_start, q_end, PLACES + 1)
-    found: list[Array | None] = []
+    paths: list[Array | None] = []
     guided = _guided(system, line, held)
     if guided or not keeps:
-        found.append(_shifted(system, line, guided, held))
+        paths.append(_shifted(system, line, guided, held))
     always = [item for item in problem.ready_constraints if item.window is None]
     fast = [item.top_speed[0] for item in always if item.top_speed is not None]
     for straight in STRAIGHT if fast and not guided else ():
         points = _straight(system, line, fast, straight)
         path = _shifted(system, line, points, held)
-        found.append(path)
+        paths.append(path)
         if path is not None:
             break
-    return [path for path in found if path is not None]
+    return [path for path in paths if path is not None]
 
 
 def _guided(
     system: ProblemFunctions, line: Array, held: Sequence[PathConstraint]
 ) -> dict[str, Array]:
-    """Points along the curves that frames are to keep to, by frame, (m, 3) [m]."""
-    found: dict[str, Array] = {}
+    """Points along the curves that frames have to follow, by frame, (m, 3) [m]."""
+    points: dict[str, Array] = {}
     for item in held:
         if item.guide is None:
             continue
         frame, between = item.guide
         places = [system.kinematics.placement(q, frame) for q in (line[0], line[-1])]
         first, last = (np.array(place.translation) for place in places)
-        found[frame] = between(first, last, len(line))
-    return found
+        points[frame] = between(first, last, len(line))
+    return points
 
 
-def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
-    """Whether a straight line to a configuration keeps constraints on positions."""
+def line_keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
+    """Whether the straight line to a configuration satisfies position constraints."""
     path = np.linspace(system.problem.q_start, q_end, PLACES + 1)
-    none = np.zeros(0)
+    empty = np.zeros(0)
     return all(
-        item.measure(q, none, none) <= item.largest + CLOSE * item.scale
-        for item in held_positions(system.problem)
+        item.measure(q, empty, empty) <= item.largest + CLOSE * item.scale
+        for item in position_constraints(system.problem)
         for q in path
     )
 
@@ -155,19 +159,19 @@ def keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
 def _straight(
     system: ProblemFunctions, line: Array, frames: Sequence[str], straight: float
 ) -> dict[str, Array]:
-    """Points of straight lines for tools, by frame, shape (m, 3) [m].
+    """Points of straight tool paths, by frame, shape (m, 3) [m].
 
-    Below a share of 1, weighted means of the straight line and of the tool's path on
-    the straight line in joint space.
+    They are means of the straight line, weighted by ``straight``, and of the path of
+    the tool along the straight line in joint space.
     """
     shares = np.linspace(0.0, 1.0, len(line))[:, None]
-    found: dict[str, Array] = {}
+    points: dict[str, Array] = {}
     for frame in frames:
         places = [system.kinematics.placement(q, frame).translation for q in line]
         bent = np.array(places)
         even = bent[0] + shares * (bent[-1] - bent[0])
-        found[frame] = bent + straight * (even - bent)
-    return found
+        points[frame] = bent + straight * (even - bent)
+    return points
 
 
 def _shifted(
@@ -176,33 +180,33 @@ def _shifted(
     points: Mapping[str, Array],
     held: Sequence[PathConstraint],
 ) -> Array | None:
-    """A line whose configurations are shifted until they are where they should be.
+    """A line whose configurations are shifted to points and into constraints.
 
     Args:
-        system: The problem.
+        system: Functions of the problem.
         line: The configurations, shape (m, n).
-        points: Where frames should be on the way, by frame, shape (m, 3) [m].
-        held: Constraints on positions that should hold.
+        points: Desired points of frames along the path, by frame, shape (m, 3) [m].
+        held: Constraints on positions to be satisfied.
 
     Returns:
-        The line; None if one of its configurations cannot be shifted so far, or jumps
-        away from its neighbour.
+        The shifted line; None if a configuration does not converge, or jumps away from
+        its neighbour.
     """
-    kinematics, reach, none = system.kinematics, system.reach, np.zeros(0)
+    kinematics, reach, empty = system.kinematics, system.reach, np.zeros(0)
 
     def residual(row: int, q: Array) -> tuple[Array, Array]:
-        """Distances of frames from their points, over the reach, and violations.
+        """Distances of frames from their points, as shares of the reach; violations.
 
-        Constraints are tightened by a small margin; where one is kept, value and
-        Jacobian are zero.
+        Constraints are tightened by a small margin. Value and Jacobian of a satisfied
+        constraint are zero.
         """
-        values, slopes = [none], [np.zeros((0, q.size))]
-        for frame, wanted in points.items():
+        values, slopes = [empty], [np.zeros((0, q.size))]
+        for frame, target in points.items():
             place = np.asarray(kinematics.placement(q, frame).translation)
-            values.append((place - wanted[row + 1]) / reach)
+            values.append((place - target[row + 1]) / reach)
             slopes.append(kinematics.jacobian(q, frame)[:3] / reach)
         for item in held:
-            value, by_q, _, _ = item.terms(q, none, none)
+            value, by_q, _, _ = item.terms(q, empty, empty)
             lower, upper = (bound[0] for bound in item.bounds(1))
             room = np.minimum(INSIDE, 0.25 * (upper - lower))
             excess = value - np.clip(value, lower + room, upper - room)
@@ -211,7 +215,7 @@ def _shifted(
         return np.concatenate(values), np.vstack(slopes)
 
     limits = system.problem.robot.limits
-    inner, left = least_squares(
+    inner, error = least_squares(
         each(residual),
         line[1:-1],
         (limits.position_lower, limits.position_upper),
@@ -220,7 +224,7 @@ def _shifted(
         reached=CLOSE,
         steps=STEPS,
     )
-    if np.any(left > CLOSE):
+    if np.any(error > CLOSE):
         return None
     out = np.concatenate([line[:1], inner, line[-1:]])
     steps = np.abs(np.diff(out, axis=0) - np.diff(line, axis=0)) / system.step_scale

@@ -1,4 +1,4 @@
-"""Initial guesses: paths over time, of which only the ends need be admissible."""
+"""Initial guesses: paths over time, which must be feasible only at their ends."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
-from tominpmp.initial_guess.constrained import keeping_paths, keeps_positions
-from tominpmp.initial_guess.inverse_kinematics import find_configurations, shut_out
-from tominpmp.initial_guess.pace import load_stretch, stretch
+from tominpmp.initial_guess.constrained import feasible_paths, line_keeps_positions
+from tominpmp.initial_guess.inverse_kinematics import all_blocked, find_configurations
+from tominpmp.initial_guess.pace import load_time_scale, time_scale
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import is_free, is_free_line, sample_paths
 from tominpmp.initial_guess.timing import time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Random configurations tried when solving inverse kinematics for a goal on a frame.
+# Number of random starts of inverse kinematics for a goal on a frame.
 KINEMATIC_STARTS = 20
-# Random configurations tried once the first ones have failed, before a goal is refused
-# that may only be hard to reach, as a pose within a narrow cone is.
+# Number of random starts in a second attempt, before a goal is refused: it may only be
+# hard to reach, for example a pose within a narrow cone.
 MORE_STARTS = 100
-# Inverse kinematics solutions that are approached on a timed straight line.
+# Most inverse kinematics solutions that are approached on a timed straight line.
 STRAIGHT_LINES = 10
 # Straight lines that come before the guess at rest. Over 33 goals the guess at rest led
 # to no shorter T than the best of three lines, at twice the planning time.
 FEW_LINES = 3
-# Durations of untimed guesses, in multiples of the least time under speed limits.
+# Durations of untimed guesses, as multiples of an estimate of the minimum time.
 DURATION_FACTOR = 2.0
-# A guess that ends with less than this share of the mean speed up to its next sample is
-# at rest there.
+# A joint is at rest at an end of a guess if its speed there is below this share of its
+# mean speed up to the next sample.
 RESTS = 0.5
 # Name of the guess that stays at the start.
 RESTING = "at rest"
 # Name of guesses along paths around obstacles.
 SAMPLED = "sampled path"
 # Name of guesses through random configurations.
-ANYWHERE = "via point"
-# Name of guesses that keep constraints on the way.
-KEEPING = "within constraints"
-# Samples of a guess.
+VIA_POINT = "via point"
+# Name of guesses that satisfy constraints on the way.
+WITHIN_CONSTRAINTS = "within constraints"
+# Number of samples of a guess.
 SAMPLES = 200
-# Sampled paths that are compared before the fastest is tried. A path takes a tenth of
-# the time of an attempt, and the fastest path leads to the best optimum: in a cage,
-# paths of 1.6 s and 2.6 s became motions of 1.2 s and 1.9 s.
+# Number of sampled paths that are compared before the fastest one is tried. A path
+# takes a tenth of the time of a descent, and the fastest path leads to the best
+# optimum: in a cage, paths of 1.6 s and 2.6 s became motions of 1.2 s and 1.9 s.
 BATCH = 2
-# A sampled path is not compared with others if its duration exceeds the straight line's
-# by this share at most.
+# A sampled path is not compared with others if its duration exceeds the duration of the
+# straight line by at most this share.
 NEAR = 0.2
 
 
@@ -61,18 +61,19 @@ class Guess:
     """A path over time.
 
     Attributes:
-        name: Name of its kind, for reports.
+        name: Name of the kind of guess, for reports.
         t: Times [s], increasing from 0, shape (m,).
         q: Configurations, shape (m, n) [rad or m].
-        timed: Whether the duration is the least for this path.
-        delay: Wait of the arm at the start [s], within the duration.
-        keeps: Whether it keeps the constraints on positions, as far as they were
-            checked.
+        timed: Whether the duration is minimal for this path.
+        delay: Time that the arm waits at the start [s], within the duration.
+        keeps: Whether the guess satisfies the constraints on positions, as far as they
+            were checked.
         blocked: Whether all configurations found for the goal are in collision.
-        inner_ends: Times at which its segments before the last end [s], without the
-            dwells there, shape (k - 1,).
-        solved: Whether it is a motion of these segments that was found before.
-        stops: Whether to plan a motion that stops at all goals before a motion that
+        inner_ends: Times at which the segments before the last one end [s], without
+            their dwells, shape (k - 1,).
+        solved: Whether the guess is a former motion that meets the goals of all
+            segments.
+        stops: Whether a motion that stops at all goals is planned before a motion that
             passes them.
     """
 
@@ -106,9 +107,9 @@ class Guess:
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n).
 
-        Between samples the interpolation is smooth and does not overshoot: on straight
-        pieces the speed would jump in the short intervals at the ends, and cubic
-        splines overshoot.
+        Between samples the interpolation is smooth and does not overshoot. With linear
+        interpolation the speed would jump in the short intervals at the ends, and cubic
+        splines would overshoot.
         """
         return np.asarray(self._curve(np.clip(times, 0.0, self.duration)))
 
@@ -117,7 +118,7 @@ class Guess:
         later = np.append(True, np.diff(self.t) > 0.0)
         t, q = self.t[later], self.q[later]
         slopes = PchipInterpolator(t, q, axis=0).derivative()(t)
-        # A joint that sets out from rest has exactly zero speed there.
+        # A joint that starts or ends at rest has exactly zero speed there.
         for end, beside in ((0, 1), (-1, -2)):
             mean = (q[beside] - q[end]) / (t[beside] - t[end])
             slow = np.abs(slopes[end]) < RESTS * np.abs(mean)
@@ -128,7 +129,7 @@ class Guess:
 def straight_guess(
     system: ProblemFunctions, q_end: Array, name: str = "straight line"
 ) -> Guess:
-    """Straight line in joint space, in minimum time where it can be timed."""
+    """Straight line in joint space, in minimum time if it can be timed."""
     start = system.problem.q_start
     if not np.any(np.abs(q_end - start) > 1e-12):
         return _untimed_guess(system, np.linspace(start, q_end, SAMPLES), name)
@@ -136,16 +137,17 @@ def straight_guess(
 
 
 def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
-    """The straight line, or the path beside it that keeps the constraints.
+    """The straight line, or the fastest path near it that satisfies constraints.
 
-    Where the line keeps the constraints on positions, the fastest of these paths.
+    If the straight line satisfies the constraints on positions, the fastest of the line
+    and these paths is taken.
     """
-    keeps = keeps_positions(system, q_end)
-    paths = keeping_paths(system, q_end, keeps)
-    found = [along_guess(system, path, KEEPING) for path in paths]
-    if keeps or not found:
-        found.insert(0, replace(straight_guess(system, q_end), keeps=keeps))
-    return min(found, key=_pace)
+    keeps = line_keeps_positions(system, q_end)
+    paths = feasible_paths(system, q_end, keeps)
+    guesses = [along_guess(system, path, WITHIN_CONSTRAINTS) for path in paths]
+    if keeps or not guesses:
+        guesses.insert(0, replace(straight_guess(system, q_end), keeps=keeps))
+    return min(guesses, key=_pace)
 
 
 def _pace(guess: Guess) -> float:
@@ -153,16 +155,16 @@ def _pace(guess: Guess) -> float:
 
 
 def along_guess(system: ProblemFunctions, corners: Array, name: str) -> Guess:
-    """Path along corners, shape (m, n), in minimum time where it can be timed."""
+    """Path along corners, shape (m, n), in minimum time if it can be timed."""
     velocity = system.problem.robot.limits.velocity
     return _along(system, RoundedPath.through(corners, velocity), name)
 
 
 def path_guess(system: ProblemFunctions, corners: Array, name: str = SAMPLED) -> Guess:
-    """Path through corners that are rounded, in minimum time where it can be timed.
+    """Path with rounded corners, in minimum time if it can be timed.
 
-    The path of the corners, shape (m, n) [rad or m], keeps clear of obstacles; the
-    rounded corners are clear of them too.
+    The polyline of the corners, shape (m, n) [rad or m], is free of collisions; the
+    corners are rounded so that they are free, too.
     """
     path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
     path = path.clear_of_obstacles(lambda q: is_free(system, q))
@@ -180,14 +182,14 @@ def _along(system: ProblemFunctions, path: RoundedPath, name: str) -> Guess:
 def _paced(
     system: ProblemFunctions, times: Array, q: Array, name: str, *, timed: bool
 ) -> Guess:
-    """A path over time, slowed down as far as limits beyond speed and torque demand."""
-    factor = stretch(system, q, float(times[-1]))
-    slower = load_stretch(system, factor * times, q)
+    """A path over time, slowed down for limits of accelerations, jerks and loads."""
+    factor = time_scale(system, q, float(times[-1]))
+    slower = load_time_scale(system, factor * times, q)
     return Guess(name, slower * factor * times, q, timed and factor == 1.0)
 
 
 def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
-    """Quadratic Bézier curve through a configuration halfway, from rest to rest."""
+    """Quadratic Bézier curve through a via point halfway, from rest to rest."""
     start, s = system.problem.q_start, _quintic()
     # Passes the configuration at s = 1/2.
     middle = 2.0 * via - 0.5 * (start + q_end)
@@ -195,7 +197,7 @@ def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
     limits = system.problem.robot.limits
     q = weights @ np.stack([start, middle, q_end])
     q = np.clip(q, limits.position_lower, limits.position_upper)
-    return _untimed_guess(system, q, ANYWHERE)
+    return _untimed_guess(system, q, VIA_POINT)
 
 
 def _quintic() -> Array:
@@ -211,7 +213,7 @@ def _untimed_guess(system: ProblemFunctions, q: Array, name: str) -> Guess:
 
 
 def _least_time(system: ProblemFunctions, q: Array) -> float:
-    """Time scale of a path: speed limits and the torque for its accelerations [s]."""
+    """Least duration of a path, estimated from speed and torque limits [s]."""
     limits, count = system.problem.robot.limits, q.shape[0]
     unit = np.linspace(0.0, 1.0, count)
     v = np.gradient(q, unit, axis=0)
@@ -221,7 +223,7 @@ def _least_time(system: ProblemFunctions, q: Array) -> float:
     hold = system.torque(q, zero, zero)
     need = system.torque(q, v, a) - hold
     if system.friction is not None:
-        # Dry friction does not shrink with the speed of the motion.
+        # Dry friction does not decrease with the speed of the motion.
         dry = system.friction * directions(v, a)
         need, hold = need - dry, hold + dry
     # Friction grows with 1/T and inertia with 1/T^2; the larger bound covers both.
@@ -241,23 +243,22 @@ def initial_guesses(
 ) -> Iterator[Guess]:
     """Initial guesses for a problem, the most promising first.
 
-    The generator is lazy. The first guesses need not be admissible: mostly the
-    optimiser drives them out of the obstacles faster than a path around them is found.
-    Sampled paths follow where there are obstacles, then paths through random via
-    points.
+    The generator is lazy. The first guesses may collide: in most cases the optimiser
+    moves them out of the obstacles faster than a path around these is found. If there
+    are obstacles, sampled paths follow, then paths through random via points.
 
     Args:
-        system: The problem.
+        system: Functions of the problem.
         count: Largest number of guesses.
         rng: Random numbers.
-        duration: Duration of the guess at rest [s]; None for that of the fastest
-            straight line.
+        duration: Duration of the guess at rest [s]; None for the duration of the
+            fastest straight line.
         deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
-        beyond: Constraints on positions that hold once the goal is reached.
+        beyond: Constraints on positions that hold from the goal on.
 
     Yields:
-        At most ``count`` guesses; not one if inverse kinematics did not reach the goal,
-        or reached it only in collisions that cannot be resolved.
+        At most ``count`` guesses. There are none if inverse kinematics did not reach
+        the goal, or reached it only in collisions that cannot be resolved.
     """
     final = system.problem.goal.configuration
     ends, blocked = _ends(system, rng, beyond) if final is None else ([final], False)
@@ -270,14 +271,14 @@ def initial_guesses(
 def _ends(
     system: ProblemFunctions, rng: np.random.Generator, beyond: Sequence[PathConstraint]
 ) -> tuple[list[Array], bool]:
-    """Configurations that reach the goal, and whether all are in collision."""
+    """Configurations that reach the goal, and whether all of them are in collision."""
     goal, blocked = system.problem.goal, list[Array]()
     for count in (KINEMATIC_STARTS, MORE_STARTS):
-        found = find_configurations(system, goal, count, rng, beyond=beyond)
-        if found.free:
-            return found.free[:STRAIGHT_LINES], False
-        blocked = found.blocked or blocked
-    if shut_out(system, blocked):
+        search = find_configurations(system, goal, count, rng, beyond=beyond)
+        if search.free:
+            return search.free[:STRAIGHT_LINES], False
+        blocked = search.blocked or blocked
+    if all_blocked(system, blocked):
         return [], True
     return blocked[:STRAIGHT_LINES], True
 
@@ -289,17 +290,18 @@ def _guesses(
     duration: float | None,
     deadline: float,
 ) -> Iterator[Guess]:
+    """Guesses to given final configurations, without end; see initial_guesses."""
     problem = system.problem
     final = problem.goal.configuration
     lines = [(line_guess(system, q), q) for q in ends]
-    lines.sort(key=lambda one: (not one[0].keeps, _pace(one[0])))
+    lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0])))
     straight, ends = zip(*lines, strict=True)
-    # Stays at the start for the given duration, or as long as the fastest line takes.
+    # A guess at rest at the start, with the given duration or that of the fastest line.
     times = np.array([0.0, duration or straight[0].duration])
     rest = Guess(RESTING, times, np.tile(problem.q_start, (2, 1)), False)
     if system.in_free_space:
         yield from straight[:FEW_LINES]
-        # The paper's initial guess, which does not even reach the goal: the linear
+        # The initial guess of the paper, which does not even reach the goal: the linear
         # programs choose the final configuration.
         yield from [rest] if final is None else []
         yield from straight[FEW_LINES:]
@@ -308,8 +310,8 @@ def _guesses(
     if system.clearance is not None:
         line = np.stack([problem.q_start, ends[0]])
         clear = is_free_line(system, *line)
-        # Where the arm itself is the only obstacle, it needs no sampled path unless it
-        # collides with itself on the straight line.
+        # In free space sampled paths are needed only if the arm collides with itself on
+        # the straight line.
         if not (system.in_free_space and clear):
             known = [line] if clear else []
             enough = (1.0 + NEAR) * straight[0].duration
@@ -335,21 +337,21 @@ def sampled_guesses(
     deadline: float = np.inf,
     enough: float = 0.0,
 ) -> Iterator[Guess]:
-    """Collision-free paths, timed; the fastest path of each batch first.
+    """Collision-free paths, timed; the fastest path of each batch comes first.
 
-    Paths like the known free paths, each of shape (m, n), are left out. The number of
-    paths depends on the obstacles. The deadline is a value of
-    :func:`time.perf_counter` [s]. A first path that takes no longer than ``enough`` [s]
-    is not compared with others.
+    Paths that are alike to the known free paths, each of shape (m, n), are left out.
+    The number of paths depends on the obstacles. The deadline is a value of
+    :func:`time.perf_counter` [s]. If the first path takes at most ``enough`` [s], it is
+    not compared with others.
     """
     paths = sample_paths(system, ends, rng, known=known, deadline=deadline)
-    made: Iterator[Guess] = (path_guess(system, path) for path in paths)
-    first = next(made, None)
+    guesses: Iterator[Guess] = (path_guess(system, path) for path in paths)
+    first = next(guesses, None)
     if first is None:
         return
     if first.timed and first.duration <= enough:
         yield first
     else:
-        made = itertools.chain([first], made)
-    while batch := list(itertools.islice(made, BATCH)):
+        guesses = itertools.chain([first], guesses)
+    while batch := list(itertools.islice(guesses, BATCH)):
         yield from sorted(batch, key=lambda guess: (not guess.timed, guess.duration))

@@ -18,49 +18,50 @@ from tominpmp.initial_guess.rrt import is_free
 from tominpmp.least_squares import damped_step, each, least_squares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
+# Most least-squares steps from a start.
 STEPS = 60
 # Longest step of a joint [rad, or shares of the length that counts as 1 rad].
 LONGEST_STEP = 0.5
-# Residuals that end the steps, and that count as zero [m, rad]; of arms shorter than a
-# metre shares of their length.
+# Residual that ends the least-squares steps, and residual up to which the goal counts
+# as reached [m, rad]; for arms shorter than a metre, shares of their length.
 TOLERANCE, REACHED = 1e-8, 1e-6
-# Two solutions closer than the first distance count as one; solutions within the second
-# of a former solution come last [rad, or shares of the length that counts as 1 rad].
+# Two solutions closer than DISTINCT count as one; solutions within SPREAD of a former
+# solution come last [rad, or shares of the length that counts as 1 rad].
 DISTINCT, SPREAD = 1e-2, 0.5
 # Starts are drawn from a box of this half width around the start of the motion [rad, or
 # shares of the length that counts as 1 rad].
 AROUND = np.pi
-# Largest number of configurations in collision that are led out of it.
-LED_OUT = 10
-# Starts are drawn from the whole of that box, and as often from this share of it around
-# the start of the motion: they mostly lead to the solutions that are reached soonest.
-# For 12 of 60 goals no solution came within 3 % of the nearest configuration without
-# these starts, for 2 with them.
+# Most configurations that are moved out of collision.
+MOST_RESOLVED = 10
+# Half of the starts are drawn from the whole box, the others from this share of it
+# around the start of the motion, as these mostly lead to the solutions that are reached
+# soonest. Without them no solution was within 3 % of the nearest configuration for 12
+# of 60 goals, with them for 2.
 NEARER = 0.4
-# Singular values of a goal's Jacobian below this share of the largest count as zero.
+# Singular values of the Jacobian of a goal below this share of the largest count as 0.
 RANK = 1e-6
-# Steps that lead solutions nearer to the start: their number, the longest step, and the
-# step that ends them [rad].
+# Steps that move solutions nearer to the start: most steps, the longest step, and the
+# step length below which they end [rad].
 STEPS_NEARER, STEP_NEARER, SHORTEST_STEP = 25, 0.2, 1e-3
-# The largest displacement counts: the sum of fourth powers stands for it. Displacements
-# below this share of the largest one are weighted as if they were that large.
+# The largest displacement of a joint is approximated by the sum of fourth powers.
+# Displacements below LEAST_SHARE of the largest one are weighted as if they had it.
 POWER, LEAST_SHARE = 4, 0.05
-# Distance beyond the required clearance to which bodies are led apart [m].
-BEYOND = 1e-3
+# Additional clearance with which configurations are moved out of collision [m].
+EXTRA_CLEARANCE = 1e-3
 
 
-class AtGoal:
-    """Conditions on the configuration in which a segment ends.
+class Target:
+    """Conditions on the final configuration of a segment: goal and constraints.
 
     Attributes:
-        scales: Amounts that count as 1 rad, of joints and of errors.
+        scales: Amounts that count as 1 rad, of joints and of residuals.
 
     Args:
         system: Kinematics and limits.
         goal: The goal.
-        alone: Whether the goal is the only condition, without constraints.
-        beyond: Constraints on positions that hold from there on.
-        apart: Whether bodies are to keep their distances, too.
+        goal_only: Whether constraints are left out.
+        beyond: Constraints on positions that hold from the goal on.
+        keep_clear: Whether clearances between bodies are conditions, too.
     """
 
     def __init__(
@@ -68,19 +69,19 @@ class AtGoal:
         system: ProblemFunctions,
         goal: Goal,
         *,
-        alone: bool = False,
+        goal_only: bool = False,
         beyond: Sequence[PathConstraint] = (),
-        apart: bool = False,
+        keep_clear: bool = False,
     ) -> None:
         self.system, self.goal = system, goal
         place = goal.place(system.kinematics, system.problem.q_start)
         self.scales = Scales.of(system.kinematics, place)
-        self.clearance = system.clearance if apart else None
+        self.clearance = system.clearance if keep_clear else None
         rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
         self.constraints = tuple(
             item
             for item in (*system.problem.ready_constraints, *beyond)
-            if not alone
+            if not goal_only
             and (item.order == 0 or rests)
             and (item.window is None or np.isinf(item.window.end))
         )
@@ -90,19 +91,19 @@ class AtGoal:
 
         Returns:
             Shapes (k,) and (k, n), with lengths of the goal in units of their scale;
-            zero where the conditions are met.
+            zero for conditions that are met.
         """
         place = self.goal.place(self.system.kinematics, q)
         value, by_q = place.residual()
         share = np.where(place.lengths, 1.0 / self.scales.lengths, 1.0)
-        every = [(share * value, share[:, None] * by_q)]
-        every += [item.excess_at_rest(q) for item in self.constraints]
+        terms = [(share * value, share[:, None] * by_q)]
+        terms += [item.excess_at_rest(q) for item in self.constraints]
         if self.clearance is not None:
-            every.append(self._overlap(self.clearance, q))
-        values, slopes = zip(*every, strict=True)
+            terms.append(self._overlap(self.clearance, q))
+        values, slopes = zip(*terms, strict=True)
         return np.concatenate(values), np.concatenate(slopes)
 
-    def missing(self, q: Array) -> float:
+    def violation(self, q: Array) -> float:
         """Norm of the violation of all conditions at a configuration [m, rad]."""
         value, _ = self.residual(q)
         place = self.goal.place(self.system.kinematics, q)
@@ -110,22 +111,22 @@ class AtGoal:
         return float(np.linalg.norm(value))
 
     def _overlap(self, clearance: ClearanceConstraint, q: Array) -> tuple[Array, Array]:
-        """Missing clearances of the collision pairs that are too close [m]."""
-        lack = clearance.length * clearance.values(q[None])[0] + BEYOND
+        """Missing clearances of collision pairs that are too close [m]; Jacobian."""
+        lack = clearance.length * clearance.values(q[None])[0] + EXTRA_CLEARANCE
         near = np.flatnonzero(lack > 0.0)
         first = np.zeros(near.size, dtype=np.int64)
-        found = clearance.derivatives_at(q[None], first, near)
-        return lack[near], clearance.length * found.gradients
+        partials = clearance.derivatives_at(q[None], first, near)
+        return lack[near], clearance.length * partials.gradients
 
 
 class GoalSearch(NamedTuple):
     """Configurations that reach a goal.
 
     Attributes:
-        free: Configurations clear of obstacles, the most promising first, each of
-            shape (n,).
+        free: Collision-free configurations, the most promising first, each of shape
+            (n,).
         blocked: Configurations in collision.
-        least: Smallest residual seen if no configuration reached the goal (else 0).
+        least: Smallest residual if no configuration reaches the goal; otherwise 0.
     """
 
     free: list[Array]
@@ -134,7 +135,7 @@ class GoalSearch(NamedTuple):
 
     @property
     def best(self) -> list[Array]:
-        """The free configurations; those in collision if there are no free ones."""
+        """The free configurations; without any, the configurations in collision."""
         return self.free or self.blocked
 
 
@@ -143,35 +144,35 @@ def solve_inverse_kinematics(
     goal: Goal,
     q: Array,
     *,
-    apart: bool = False,
+    keep_clear: bool = False,
 ) -> tuple[Array, float]:
-    """Bring the placement residual of a goal to zero within the position limits.
+    """Solve inverse kinematics for a goal, within the position limits.
 
-    Constraints that hold at all times of a problem hold there, too.
+    Constraints that hold during the whole motion are satisfied, too.
 
     Args:
         system: Kinematics and limits.
         goal: The goal.
-        q: Configuration to start from, shape (n,) [rad or m].
-        apart: Whether bodies are to keep their distances, too.
+        q: Initial configuration, shape (n,) [rad or m].
+        keep_clear: Whether clearances between bodies are satisfied, too.
 
     Returns:
-        Configuration, shape (n,), and the norm of the residual left there.
+        Configuration, shape (n,), and the norm of the remaining residual.
     """
-    asked = AtGoal(system, goal, apart=apart)
-    (q,), _ = _solved(asked, q[None])
-    return q, asked.missing(q)
+    target = Target(system, goal, keep_clear=keep_clear)
+    (q,), _ = _descend(target, q[None])
+    return q, target.violation(q)
 
 
-def _solved(asked: AtGoal, q: Array) -> tuple[Array, Array]:
-    """Configurations led to the goal, shape (m, n), and norms of their residuals."""
-    limits = asked.system.problem.robot.limits
+def _descend(target: Target, q: Array) -> tuple[Array, Array]:
+    """Configurations after least squares, shape (m, n), and norms of residuals."""
+    limits = target.system.problem.robot.limits
     return least_squares(
-        each(lambda _, q: asked.residual(q)),
+        each(lambda _, q: target.residual(q)),
         q,
         (limits.position_lower, limits.position_upper),
-        asked.scales.joints,
-        LONGEST_STEP * asked.scales.joints,
+        target.scales.joints,
+        LONGEST_STEP * target.scales.joints,
         reached=TOLERANCE,
         steps=STEPS,
     )
@@ -183,89 +184,89 @@ def find_configurations(
     count: int,
     rng: np.random.Generator,
     *,
-    alone: bool = False,
+    goal_only: bool = False,
     beyond: Sequence[PathConstraint] = (),
 ) -> GoalSearch:
     """Distinct configurations that reach a goal, from twice ``count`` starts.
 
-    Configurations that the speed limits let the arm reach soonest come first, unless
-    they are near to a former one. If all are in collision, and the goal leaves the arm
-    any freedom, a way out of collision is searched for.
+    The configurations that the arm can reach soonest at its speed limits come first,
+    unless they are close to a former one. If all of them are in collision, they are
+    moved out of collision as far as the goal leaves the arm any freedom.
 
     Returns:
-        Configurations clear of obstacles and those in collision.
+        Configurations free of collisions, and configurations in collision.
     """
     problem = system.problem
     limits = problem.robot.limits
-    asked = AtGoal(system, goal, alone=alone, beyond=beyond)
-    around = AROUND * asked.scales.joints
+    target = Target(system, goal, goal_only=goal_only, beyond=beyond)
+    around = AROUND * target.scales.joints
     low = np.maximum(limits.position_lower, problem.q_start - around)
     high = np.minimum(limits.position_upper, problem.q_start + around)
     wide = [rng.uniform(low, high) for _ in range(count)]
     near = [problem.q_start + NEARER * (q - problem.q_start) for q in wide]
-    found, nearest = _led(asked, [problem.q_start, *wide, *near])
-    if not alone:
-        movable = [q for q in found if not isolated(asked, q)]
-        found += _led(asked, led_nearer(asked, movable), found)[0]
-    ways = nearest_turns(problem.robot, found, problem.q_start)
-    if len(ways) > len(found):
-        # A mimic joint or a constraint may tell turns apart.
-        found = [q for q in ways if asked.missing(q) < REACHED] or found
+    solutions, nearest = _solutions(target, [problem.q_start, *wide, *near])
+    if not goal_only:
+        movable = [q for q in solutions if not isolated(target, q)]
+        solutions += _solutions(target, moved_nearer(target, movable), solutions)[0]
+    turned = nearest_turns(problem.robot, solutions, problem.q_start)
+    if len(turned) > len(solutions):
+        # With a mimic joint or a constraint, full turns of a joint may differ.
+        solutions = [q for q in turned if target.violation(q) < REACHED] or solutions
     weights = speed_weights(limits.velocity)
-    found.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
+    solutions.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
     clear: list[Array] = []
     others: list[Array] = []
-    for q in found:
+    for q in solutions:
         (clear if is_free(system, q) else others).append(q)
-    free, blocked = _spread(asked, clear), _spread(asked, others)
+    free, blocked = _spread(target, clear), _spread(target, others)
     if not free and system.clearance is not None:
-        apart = AtGoal(system, goal, alone=alone, beyond=beyond, apart=True)
-        movable = [q for q in blocked[:LED_OUT] if not isolated(asked, q)]
-        free = [q for q in _led(apart, movable)[0] if is_free(system, q)]
-    return GoalSearch(free, blocked, 0.0 if found else asked.missing(nearest))
+        both = Target(system, goal, goal_only=goal_only, beyond=beyond, keep_clear=True)
+        movable = [q for q in blocked[:MOST_RESOLVED] if not isolated(target, q)]
+        free = [q for q in _solutions(both, movable)[0] if is_free(system, q)]
+    return GoalSearch(free, blocked, 0.0 if solutions else target.violation(nearest))
 
 
-def _led(
-    asked: AtGoal, starts: Sequence[Array], known: Sequence[Array] = ()
+def _solutions(
+    target: Target, starts: Sequence[Array], known: Sequence[Array] = ()
 ) -> tuple[list[Array], Array]:
-    """Configurations that reach the goal from given starts, and the nearest one.
+    """Configurations that reach the goal from given starts, and the best one.
 
-    Configurations near to a known or a former one are left out. The nearest one has the
+    Configurations close to a known or a former one are left out. The best one has the
     smallest residual.
     """
-    found = list[Array]()
+    solutions = list[Array]()
     if not starts:
-        return found, asked.system.problem.q_start
-    ends, errors = _solved(asked, np.stack(starts))
+        return solutions, target.system.problem.q_start
+    ends, errors = _descend(target, np.stack(starts))
     for q, error in zip(ends, errors, strict=True):
-        if error < REACHED and not _near(asked, q, [*known, *found], DISTINCT):
-            found.append(q)
-    return found, np.asarray(ends[np.argmin(errors)])
+        if error < REACHED and not _near(target, q, [*known, *solutions], DISTINCT):
+            solutions.append(q)
+    return solutions, np.asarray(ends[np.argmin(errors)])
 
 
-def led_nearer(asked: AtGoal, found: Sequence[Array]) -> list[Array]:
-    """Lead configurations along the self-motion to where the slowest joint moves least.
+def moved_nearer(target: Target, solutions: Sequence[Array]) -> list[Array]:
+    """Move configurations by self-motion to where they are reached soonest.
 
-    Damped least squares end anywhere on the self-motion manifold of a goal, which has
-    as many dimensions as the goal leaves joints free. The fastest motion mostly ends
-    near the point of the manifold that speed limits let the arm reach soonest, within
-    the branch.
+    Damped least squares end anywhere on the self-motion manifold of a goal, whose
+    dimension is the number of degrees of freedom that the goal leaves. The fastest
+    motion mostly ends near the point of its branch that the arm reaches soonest at its
+    speed limits, which minimises the largest displacement in time.
 
-    The method takes Newton steps for the sum of the powers, with the goal linearised.
+    The method takes Newton steps for a sum of powers, with the goal linearised.
 
     Args:
-        asked: Conditions on the configurations.
-        found: Configurations that reach the goal, each of shape (n,) [rad or m].
+        target: Conditions on the configurations.
+        solutions: Configurations that reach the goal, each of shape (n,) [rad or m].
 
     Returns:
-        As many configurations, near to some that reach the goal.
+        The moved configurations, in the same order; they reach the goal only nearly.
     """
-    problem = asked.system.problem
+    problem = target.system.problem
     limits, start = problem.robot.limits, problem.q_start
     low, high = limits.position_lower, limits.position_upper
-    weights, scale = speed_weights(limits.velocity), asked.scales.joints
-    out, rows = np.array(found), np.arange(len(found))
-    residual = each(lambda _, q: asked.residual(q))
+    weights, scale = speed_weights(limits.velocity), target.scales.joints
+    out, rows = np.array(solutions), np.arange(len(solutions))
+    residual = each(lambda _, q: target.residual(q))
     for _ in range(STEPS_NEARER):
         if not rows.size:
             break
@@ -275,12 +276,12 @@ def led_nearer(asked: AtGoal, found: Sequence[Array]) -> list[Array]:
         largest = np.maximum(share.max(axis=1, keepdims=True), 1e-12)
         share = np.maximum(share / largest, LEAST_SHARE)
         unit = 1.0 / (weights * share ** (POWER / 2 - 1))
-        # If the objective were a weighted square, the full way would be the step.
-        way = (q - start) / (POWER - 1)
-        step = _step(value, slope, unit, way)
+        # The Newton step for a sum of powers is this share of the displacement.
+        excess = (q - start) / (POWER - 1)
+        step = _step(value, slope, unit, excess)
         pinned = ((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))
         if np.any(pinned):
-            step = _step(value, slope, unit * ~pinned, way * ~pinned)
+            step = _step(value, slope, unit * ~pinned, excess * ~pinned)
         far = np.max(np.abs(step) / scale, axis=1)
         step *= np.minimum(1.0, STEP_NEARER / np.maximum(far, 1e-12))[:, None]
         out[rows] = np.clip(q + step, low, high)
@@ -288,51 +289,51 @@ def led_nearer(asked: AtGoal, found: Sequence[Array]) -> list[Array]:
     return list(out)
 
 
-def _step(value: Array, slope: Array, unit: Array, way: Array) -> Array:
-    """Steps that undo most of a displacement, with zero linearised residual.
+def _step(value: Array, slope: Array, unit: Array, excess: Array) -> Array:
+    """Steps that undo a displacement as far as possible, with zero linear residual.
 
     Args:
         value: The residual, shape (m, k).
-        slope: Its derivatives, shape (m, k, n).
-        unit: Displacements of equal weight, shape (m, n); zero for joints that stay.
-        way: Displacement that the steps are to undo as far as they can, shape (m, n).
+        slope: Derivatives of the residual, shape (m, k, n).
+        unit: Displacements of equal weight, shape (m, n); zero for fixed joints.
+        excess: The displacement, shape (m, n).
     """
-    left = value - (slope @ way[:, :, None])[:, :, 0]
-    return damped_step(left, slope, unit, np.zeros(len(value))) - way
+    residual = value - (slope @ excess[:, :, None])[:, :, 0]
+    return damped_step(residual, slope, unit, np.zeros(len(value))) - excess
 
 
-def isolated(asked: AtGoal, q: Array) -> bool:
-    """Whether a configuration is the only one around that reaches the goal."""
-    _, by_q = asked.goal.place_residual(asked.system.kinematics, q)
-    values = np.linalg.svd(by_q * asked.scales.joints, compute_uv=False)
+def isolated(target: Target, q: Array) -> bool:
+    """Whether no self-motion is possible at a configuration that reaches the goal."""
+    _, by_q = target.goal.place_residual(target.system.kinematics, q)
+    values = np.linalg.svd(by_q * target.scales.joints, compute_uv=False)
     return values.size == q.size and bool(values[-1] > RANK * values[0])
 
 
-def shut_out(system: ProblemFunctions, blocked: Sequence[Array]) -> bool:
-    """Whether the goal can be reached in collision only.
+def all_blocked(system: ProblemFunctions, blocked: Sequence[Array]) -> bool:
+    """Whether the goal can only be reached in collision.
 
-    It can where each configuration is the only one around, and its bodies violate the
-    margins themselves, not only the padding beyond them.
+    This holds if no self-motion is possible at any of the configurations, and all of
+    them violate the margins themselves, not only the padding beyond these.
     """
     problem = system.problem
     if not blocked or problem.checker.moving:
         return False
     margins = problem.checker.margins(problem.margin)
-    asked = AtGoal(system, problem.goal)
+    target = Target(system, problem.goal)
     return all(
-        isolated(asked, q) and not problem.checker.is_free(q, margins) for q in blocked
+        isolated(target, q) and not problem.checker.is_free(q, margins) for q in blocked
     )
 
 
-def _near(asked: AtGoal, q: Array, others: list[Array], distance: float) -> bool:
-    apart = (np.abs(q - other) / asked.scales.joints for other in others)
-    return any(float(one.max()) <= distance for one in apart)
+def _near(target: Target, q: Array, others: list[Array], distance: float) -> bool:
+    apart = (np.abs(q - other) / target.scales.joints for other in others)
+    return any(float(difference.max()) <= distance for difference in apart)
 
 
-def _spread(asked: AtGoal, found: list[Array]) -> list[Array]:
-    """Put configurations that are near to a former one last."""
+def _spread(target: Target, solutions: list[Array]) -> list[Array]:
+    """Move configurations that are close to a former one to the end."""
     first: list[Array] = []
     last: list[Array] = []
-    for q in found:
-        (last if _near(asked, q, first, SPREAD) else first).append(q)
+    for q in solutions:
+        (last if _near(target, q, first, SPREAD) else first).append(q)
     return first + last

@@ -1,8 +1,8 @@
-"""Duration of a guess under limits of accelerations, jerks and torque rates.
+"""Duration of a guess under limits of accelerations, jerks, torque rates and loads.
 
-A path is timed by speeds and torques alone. Where limits of accelerations, jerks or
-torque rates dominate, as they do the more the shorter the motion is, programs that
-begin with that duration are badly scaled: the guess is then stretched to the duration
+Paths are timed only by limits of speeds and torques. Limits of accelerations, jerks or
+torque rates matter the more, the shorter a motion is. If they dominate, programs that
+begin with the timed duration are badly scaled: the guess is then scaled to the duration
 that these limits allow.
 """
 
@@ -17,9 +17,10 @@ from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# A larger mean speed means that the joint has no effective limits [rad/s or m/s].
+# A joint with a larger mean speed is considered to have no effective limits [rad/s or
+# m/s].
 FASTEST = 2000.0
-# Largest factor by which a guess is slowed for a load, and bisections for the factor.
+# Largest time-scaling factor of a guess for a load, and bisections for the factor.
 SLOWEST, BISECTIONS = 10.0, 6
 
 
@@ -29,29 +30,29 @@ def least_duration(system: ProblemFunctions, q: Array) -> float:
     The path is given by configurations, shape (m, n). The estimate tends to be too
     short; it is 0 without limits of accelerations, jerks or torque rates.
     """
-    way, zero = np.ptp(q, axis=0), np.zeros((1, q.shape[1]))
-    load = system.dynamics.inverse(q[:1], zero, way[None])
+    span, zero = np.ptp(q, axis=0), np.zeros((1, q.shape[1]))
+    load = system.dynamics.inverse(q[:1], zero, span[None])
     load = np.abs(load - system.dynamics.inverse(q[:1], zero, zero))[0]
-    change, found = {"a": way, "j": way, "du": load}, [0.0]
+    change, times = {"a": span, "j": span, "du": load}, [0.0]
     for item in joint_limits(system.problem.robot, system.motion_limits):
         if item.kind.of in change:
             # Distance from rest to rest under a bang-bang derivative of this order.
             order = item.kind.order
-            way = 4.0 * 8.0 ** (order - 2) * change[item.kind.of] / item.upper
-            found.append(float(np.max(way)) ** (1.0 / order))
-    return max(found)
+            power = 4.0 * 8.0 ** (order - 2) * change[item.kind.of] / item.upper
+            times.append(float(np.max(power)) ** (1.0 / order))
+    return max(times)
 
 
-def stretch(system: ProblemFunctions, q: Array, duration: float) -> float:
-    """Factor by which a guess should take longer.
+def time_scale(system: ProblemFunctions, q: Array, duration: float) -> float:
+    """Time-scaling factor of a guess for limits beyond speeds and torques.
 
     Args:
-        system: The problem.
-        q: Its configurations, shape (m, n).
-        duration: Its duration under limits of speeds and torques [s].
+        system: Functions of the problem.
+        q: Configurations of the guess, shape (m, n).
+        duration: Duration of the guess under limits of speeds and torques [s].
 
     Raises:
-        ProblemError: If nothing limits the motion in practice.
+        ProblemError: If no limit is effective for the motion.
     """
     factor = max(1.0, least_duration(system, q) / duration)
     speed = np.ptp(q, axis=0) / (factor * duration)
@@ -61,16 +62,17 @@ def stretch(system: ProblemFunctions, q: Array, duration: float) -> float:
     return factor
 
 
-def load_stretch(system: ProblemFunctions, t: Array, q: Array) -> float:
-    """Factor by which a guess has to take longer for its loads to stay in place.
+def load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
+    """Time-scaling factor of a guess for loads that are held by contact.
 
     Args:
-        system: The problem.
+        system: Functions of the problem.
         t: Times of the guess [s], shape (m,).
-        q: Its configurations, shape (m, n).
+        q: Configurations of the guess, shape (m, n).
 
     Returns:
-        The factor; 1 where no load is carried, or slowing does not cure the violation.
+        The factor; 1 without such loads, or if slowing down does not remove the
+        violation.
     """
     held = [
         item
@@ -82,31 +84,32 @@ def load_stretch(system: ProblemFunctions, t: Array, q: Array) -> float:
     v = np.gradient(q, t, axis=0)
     a = np.gradient(v, t, axis=0)
 
-    def kept(factor: float) -> bool:
+    def feasible(factor: float) -> bool:
         return all(
             np.max(item.value_rows(q, v / factor, a / factor**2)) <= 0.0
             for item in held
         )
 
     low, high = 1.0, SLOWEST
-    if kept(low) or not kept(high):
+    if feasible(low) or not feasible(high):
         return 1.0
     for _ in range(BISECTIONS):
         middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if kept(middle) else (middle, high)
+        low, high = (low, middle) if feasible(middle) else (middle, high)
     return high
 
 
 def _unlimited(
-    system: ProblemFunctions, joint: int, way: float, duration: float
+    system: ProblemFunctions, joint: int, span: float, duration: float
 ) -> ProblemError:
+    """Error for a joint that no limit keeps from moving arbitrarily fast."""
     robot = system.problem.robot
     unit = "m" if prismatic_joints(robot)[joint] else "rad"
     limits = robot.limits
     bounds = control_bounds(robot, system.problem.motion_limits)
     effort = max(abs(bound[joint]) for bound in bounds)
     return ProblemError(
-        f"robot: joint {robot.joint_names[joint]!r} would go {way:.3g} {unit} in "
+        f"robot: joint {robot.joint_names[joint]!r} would go {span:.3g} {unit} in "
         f"{duration:.1e} s, as its limits of velocity ({limits.velocity[joint]:.3g} "
         f"{unit}/s) and {control_kind(robot).name} ({effort:.3g}) hardly limit it: a "
         "time-optimal motion needs limits. Expected those of the arm as velocity= and "

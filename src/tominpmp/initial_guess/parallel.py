@@ -1,9 +1,9 @@
-"""Parallel processes: work spread over them, with results as they come.
+"""Parallel processes: distribute work, and yield results in order of completion.
 
-The processes are those of loky, on which joblib builds. ``joblib.Parallel`` itself
-would be one more dependency and not shorter: it neither asks processes at work to stop
-nor waits for what they have found by then. Processes of :mod:`concurrent.futures`
-outlive a parent that was killed: seen with "spawn", "fork" and "forkserver".
+The worker processes come from loky, on which joblib builds. ``joblib.Parallel`` itself
+would be a further dependency and no shorter: it neither requests busy workers to stop
+nor waits for their results. Processes of :mod:`concurrent.futures` outlive a parent
+that was killed: seen with "spawn", "fork" and "forkserver".
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from tominpmp.stopping import Stop, check, grace, seconds_to_end
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-# Idle processes are kept this long for the next call [s]; to start one takes seconds.
+# Idle workers are kept this long for the next call [s], as starting one takes seconds.
 KEEP = 120.0
-# They are still counted on within this time [s].
+# Workers are assumed to be available within this time after a call [s].
 READY = 0.9 * KEEP
-# Longest waits for results [s]: of processes that were asked to stop, and of processes
-# at the end of the time.
+# Longest waits for results [s]: of workers that were requested to stop, and of workers
+# at the time limit.
 GRACE = 4.0
 LATE = 1.0
 # Periods of the checks for a request to stop, and for a living parent [s].
 TICK, PULSE = 0.1, 0.25
-# Numerical libraries take one thread a process.
+# Numerical libraries use one thread per process.
 THREADS = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -55,28 +55,31 @@ def run_parallel(
 ) -> Iterator[tuple[int, Result]]:
     """Apply a function to items in several processes.
 
-    Items are only taken from the iterable when a process is free (or will be next), so
-    that it may be a generator that computes them; it runs in this process. Results
-    yielded before an interruption (Ctrl-C), an exception or the time limit are the
-    caller's to keep. Busy processes are asked to stop then, and when the caller stops
-    iterating, and killed if they do not; a function that heeds :func:`asked_to_stop`
-    still has its result yielded. Processes end with this one, however it ends.
+    Items are taken from the iterable only when a process is free or will be next. It
+    may therefore be a generator that computes them, which runs in this process. The
+    caller keeps the results that were yielded before an interruption (Ctrl-C), an
+    exception or the time limit. Busy processes are then requested to stop, as they are
+    when the caller stops iterating, and killed if they do not. The result of a function
+    that returns on :func:`stop_requested` is still yielded. Processes end with this
+    one, however it ends.
 
     Args:
-        function: Function of an item. Processes keep their copy of it during a call,
-            so it should forget what it did with other items: results must not depend
-            on which process made them. Both must be picklable.
+        function: Function of an item. A process keeps its copy of the function during a
+            call, so that the function must not keep a state between items: results must
+            not depend on the process that makes them. Function and items must be
+            picklable.
         items: Arguments of the function.
-        processes: Number of processes, at least 1; with 1 it runs in this process.
-        seconds: Time after which results are no longer waited for [s]; a function that
-            watches its own time should end before.
+        processes: Number of processes, at least 1; with 1 the function runs in this
+            process.
+        seconds: Time limit for results [s]; a function with a time limit of its own
+            should end before.
 
     Yields:
         Number of the item and its result, in order of completion.
 
     Raises:
         Exception: The first exception that the function raised.
-        Stop: If this process was asked to stop.
+        Stop: If a stop of this process was requested.
     """
     deadline = time.perf_counter() + seconds
     if processes == 1:
@@ -85,55 +88,56 @@ def run_parallel(
                 return
             yield number, function(item)
         return
-    crew = _Crew(processes, function)
+    pool = _WorkerPool(processes, function)
     numbered = enumerate(items)
     try:
         while True:
-            # One more than there are processes, so that no process waits for an item.
-            wanted = processes + 1 - len(crew.pending)
-            for following in itertools.islice(numbered, wanted):
-                crew.submit(*following)
-            if not crew.pending:
+            # One item is submitted in advance, so that no process waits for an item.
+            free = processes + 1 - len(pool.pending)
+            for task in itertools.islice(numbered, free):
+                pool.submit(*task)
+            if not pool.pending:
                 return
-            done = crew.wait(deadline + LATE)
+            done = pool.wait(deadline + LATE)
             if not done:
                 return
-            yield from crew.results(done)
+            yield from pool.results(done)
     except (Stop, KeyboardInterrupt):
-        crew.ask()
-        # At the end of the time processes end by themselves, without further grace.
+        pool.request_stop()
+        # Near the deadline workers end by themselves: the grace period is shorter.
         patience = min(GRACE, seconds_to_end())
         end = time.perf_counter() + patience
         with grace(patience):
-            while crew.pending and (done := crew.wait(end)):
-                yield from crew.results(done)
+            while pool.pending and (done := pool.wait(end)):
+                yield from pool.results(done)
         raise
     finally:
-        crew.dismiss()
+        pool.release()
 
 
 _idle_since = -math.inf
-# Whether the processes of the last call are being ended.
+# Whether the workers of the last call are being killed.
 _ending = False
 
 
 def ready() -> bool:
-    """Whether processes of a former call are still there, and wait for work."""
+    """Whether idle workers of a former call are still available."""
     return time.perf_counter() - _idle_since < READY
 
 
-class _Crew:
-    """Processes at work; idle processes are kept for the next call."""
+class _WorkerPool:
+    """Worker processes of a call; idle workers are kept for the next call."""
 
     def __init__(self, processes: int, function: Callable[[Any], Any]) -> None:
-        # Takes a while, and most plans run in this process.
+        # The import takes a while, and most plans run in a single process.
         from loky import get_reusable_executor
         from loky.backend.reduction import dumps
 
         global _ending
-        self._asking = _event()
-        self._asking.clear()
-        # To make others in their place would take the order to end them back.
+        self._stop_event = _shared_stop_event()
+        self._stop_event.clear()
+        # New workers must not take the place of workers that are still being killed, as
+        # this would revoke the kill.
         ending, _ending = _ending, False
         self._executor = get_reusable_executor(
             max_workers=processes,
@@ -141,20 +145,20 @@ class _Crew:
             kill_workers=ending,
             env=THREADS,
             initializer=_prepare,
-            initargs=(os.getpid(), self._asking),
+            initargs=(os.getpid(), self._stop_event),
         )
         self.pending: dict[Future[Any], int] = {}
         self._function = uuid.uuid4().hex, bytes(dumps(function))
 
     def submit(self, number: int, item: Any) -> None:
-        """Give an item to the next process that is free."""
+        """Submit an item to the next free worker."""
         self.pending[self._executor.submit(_apply, *self._function, item)] = number
 
     def wait(self, until: float) -> set[Future[Any]]:
-        """Futures that are done; the set is empty at the end of the time [s].
+        """Wait for completed futures; the set is empty at the deadline ``until`` [s].
 
         Raises:
-            Stop: If this process was asked to stop.
+            Stop: If a stop of this process was requested.
         """
         while True:
             done, _ = wait(self.pending, TICK, return_when=FIRST_COMPLETED)
@@ -163,20 +167,20 @@ class _Crew:
             check()
 
     def results(self, done: set[Future[Any]]) -> Iterator[tuple[int, Any]]:
-        """Results of futures that are done, in the order of their items."""
+        """Results of completed futures, in the order of their items."""
         for future in sorted(done, key=lambda f: self.pending[f]):
             yield self.pending.pop(future), future.result()
 
-    def ask(self) -> None:
-        """Ask all processes to stop; items not begun are cancelled."""
+    def request_stop(self) -> None:
+        """Request all workers to stop; pending items are cancelled."""
         for future in list(self.pending):
             if future.cancel():
                 del self.pending[future]
-        self._asking.set()
+        self._stop_event.set()
 
-    def dismiss(self) -> None:
-        """Release the processes for other work, or kill them if they do not finish."""
-        self.ask()
+    def release(self) -> None:
+        """Release the workers for other calls, or kill them if they do not finish."""
+        self.request_stop()
         if self.pending:
             wait(self.pending, min(LATE, seconds_to_end()))
         global _idle_since, _ending
@@ -187,29 +191,29 @@ class _Crew:
 
 
 @cache
-def _event() -> Any:
-    """Event that asks the processes to stop; shared, so that these can be kept."""
+def _shared_stop_event() -> Any:
+    """Stop event of the workers; common to all calls, so that workers can be kept."""
     from loky.backend import get_context
 
     return get_context("loky").Event()
 
 
-_asked: Callable[[], bool] | None = None
+_stop_is_set: Callable[[], bool] | None = None
 
 
-def asked_to_stop() -> bool:
-    """Whether this process of :func:`run_parallel` was asked to stop."""
-    return _asked is not None and _asked()
+def stop_requested() -> bool:
+    """Whether a stop of this worker of :func:`run_parallel` was requested."""
+    return _stop_is_set is not None and _stop_is_set()
 
 
 _copy: tuple[str, Callable[[Any], Any]] | None = None
 
 
 def _apply(key: str, pickled: bytes, item: Any) -> Any:
-    """The result for an item, in a process of :func:`run_parallel`.
+    """The result for an item, in a worker of :func:`run_parallel`.
 
-    The function is kept for the next item: to read the meshes of an arm again may take
-    longer than to plan.
+    The function is kept for the next item, as loading the meshes of an arm again may
+    take longer than planning.
     """
     global _copy
     if _copy is None or _copy[0] != key:
@@ -218,23 +222,23 @@ def _apply(key: str, pickled: bytes, item: Any) -> Any:
     return _copy[1](item)
 
 
-def _prepare(parent: int, asking: Any) -> None:
-    """Prepare a process for its work."""
-    global _asked
-    # Ctrl-C is left to the process that waits for the results.
+def _prepare(parent: int, stop_event: Any) -> None:
+    """Initialise a worker: its signals, its stop event, and its parent."""
+    global _stop_is_set
+    # Ctrl-C is handled by the process that waits for the results.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _asked = asking.is_set
+    _stop_is_set = stop_event.is_set
     end_with(parent)
 
 
 def end_with(parent: int) -> None:
-    """Let this process end when its parent does, where systems tell who that is."""
+    """Let this process end with its parent, on systems that report the parent."""
     if hasattr(os, "getppid") and os.name == "posix":
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent has gone, even if it was killed."""
+    """End this process once its parent has ended, even if that was killed."""
     while os.getppid() == parent:
         time.sleep(PULSE)
     os._exit(1)

@@ -1,13 +1,14 @@
 r"""Paths in joint space: straight pieces with rounded corners.
 
-Along the polyline the derivative q'(s) jumps at every corner. Here it passes from one
-piece to the next within a stretch of half width r to both sides of the corner, by the
-smooth step
+Along a polyline the derivative q'(s) jumps at every corner. On a rounded path it
+changes from one piece to the next within an interval of half width r around the corner,
+by the smooth step
 
 .. math:: \sigma(u) = \tfrac12 + \tfrac34 u - \tfrac14 u^3, \quad u = (s - s_c) / r
 
-so that q'' is continuous. As the step is odd about its middle, the path is the polyline
-again outside of the stretch; it leaves it by 3/16 r times the jump at most.
+so that q'' is continuous. As the step is odd about its middle, the path coincides with
+the polyline outside of the interval; inside, it deviates by at most 3/16 r times the
+jump.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ import numpy as np
 
 from tominpmp.arrays import Array
 
-# Joint displacement between two samples of a rounded corner that is checked [rad or m].
+# Joint displacement between two collision checks on a rounded corner [rad or m].
 CHECK_STEP = 0.05
-# Largest number of halvings of a rounding that meets an obstacle.
+# Most halvings of a rounding that collides.
 HALVINGS = 5
-# Corners closer than this, as a share of the path, count as one.
+# Corners closer than this, as a share of the path, are merged.
 SHORTEST = 1e-6
 
 
 def speed_weights(velocity: Array) -> Array:
-    """Weights by which displacements of the joints take equal time, shape (n,).
+    """Weights that convert displacements of joints to times at speed limits, (n,).
 
-    A joint without a speed limit counts as the slowest of the others.
+    A joint without a speed limit counts like the slowest of the other joints.
     """
     finite = np.isfinite(velocity)
     weights = np.divide(1.0, velocity, out=np.zeros_like(velocity), where=finite)
@@ -45,7 +46,7 @@ class RoundedPath:
     Attributes:
         corners: Corners of the polyline, shape (m, n) [rad or m].
         s: Path parameter of the corners, shape (m,).
-        radii: Half widths, in s, of the rounded stretches, shape (m,); 0 at both ends.
+        radii: Half widths, in s, of the rounded corners, shape (m,); 0 at both ends.
     """
 
     corners: Array
@@ -56,11 +57,11 @@ class RoundedPath:
     def through(cls, corners: Array, velocity: Array) -> RoundedPath:
         """Path with the widest roundings that do not overlap.
 
-        The pieces have shares of s in proportion to the time that they take at the
-        speed limits; the speed need not change much at the corners then.
+        The pieces have shares of s in proportion to their times at the speed limits, so
+        that the path speed changes little at the corners.
 
         Args:
-            corners: Shape (m, n); repeated corners are left out.
+            corners: Corners, shape (m, n); repeated corners are left out.
             velocity: Speed limits, shape (n,) [rad/s or m/s], possibly infinite.
         """
         weights = speed_weights(velocity)
@@ -71,15 +72,15 @@ class RoundedPath:
         s[-1] = 1.0
         steps = np.diff(s)
         room = 0.5 * steps
-        room[0], room[-1] = steps[0], steps[-1]  # nothing else is rounded there
+        room[0], room[-1] = steps[0], steps[-1]  # both ends of the path are not rounded
         radii = np.zeros_like(s)
         radii[1:-1] = np.minimum(room[:-1], room[1:])
         return cls(corners, s, radii)
 
     def clear_of_obstacles(self, is_free: Callable[[Array], bool]) -> RoundedPath:
-        """Path whose roundings are narrowed until they meet no obstacle.
+        """Path whose roundings are narrowed until they are collision-free.
 
-        A corner that stays in collision keeps its narrowest rounding.
+        A corner that remains in collision keeps its narrowest rounding.
         """
         radii = self.radii.copy()
         speeds = np.abs(self._slopes).max(axis=1)
@@ -88,8 +89,8 @@ class RoundedPath:
             for _ in range(HALVINGS):
                 path = replace(self, radii=radii)
                 count = 2 + int(2.0 * radii[k] * speed / CHECK_STEP)
-                stretch = np.linspace(-1.0, 1.0, count + 1)
-                q, _, _ = path.evaluate(self.s[k] + radii[k] * stretch)
+                u = np.linspace(-1.0, 1.0, count + 1)
+                q, _, _ = path.evaluate(self.s[k] + radii[k] * u)
                 if all(is_free(row) for row in q):
                     break
                 radii[k] *= 0.5
@@ -101,7 +102,7 @@ class RoundedPath:
         return np.asarray(np.diff(self.corners, axis=0) / np.diff(self.s)[:, None])
 
     def evaluate(self, s: Array) -> tuple[Array, Array, Array]:
-        """Configurations and their derivatives q' and q'' by s, shapes (k, n)."""
+        """Configurations q and their derivatives q' and q'' by s, shapes (k, n)."""
         slopes = self._slopes
         piece = np.searchsorted(self.s, s, side="right") - 1
         piece = np.clip(piece, 0, len(slopes) - 1)
@@ -121,12 +122,12 @@ class RoundedPath:
         return q, first, second
 
     def grid(self, points: int, corner_points: int) -> Array:
-        """Grid of s for timing: finer at the ends and in the rounded corners."""
-        # Near the ends s grows with the square of time: spacing that is even in time.
+        """Grid of s for timing, finer at the ends and in the rounded corners."""
+        # Near the ends s grows with the square of time: the spacing is even in time.
         whole = 0.5 * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, points)))
-        stretch = np.linspace(-1.0, 1.0, corner_points)
+        u = np.linspace(-1.0, 1.0, corner_points)
         inner = slice(1, -1)
-        corners = self.s[inner, None] + self.radii[inner, None] * stretch
+        corners = self.s[inner, None] + self.radii[inner, None] * u
         s = np.sort(np.concatenate([whole, np.clip(corners, 0.0, 1.0).ravel()]))
         apart = np.diff(s, append=2.0) > SHORTEST
         apart[-1] = True

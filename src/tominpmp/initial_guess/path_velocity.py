@@ -1,11 +1,11 @@
 """Path-velocity decomposition: when to wait on a path for moving obstacles.
 
-A path is given, and moving obstacles cross it, or constraints forbid a part of it for
-a part of the motion. Whether the arm is free depends on the path parameter and on the
-time: in the plane of these two, the curve that arrives first is sought by going,
-waiting and going back (path-velocity decomposition, Kant and Zucker, 1986). The arm
-never goes faster than on the timed path it follows, and the time of waiting is part of
-the motion: T counts from the start.
+Moving obstacles may cross a given path, or constraints may forbid a part of it during
+a time window. Whether the arm is free then depends on the path parameter and on time.
+In the plane of these two, a search over moving forwards, waiting and moving backwards
+finds the curve that arrives first (path-velocity decomposition, Kant and Zucker, 1986).
+The arm never moves faster than on the timed path that it follows. The waiting time is
+part of the motion: T counts from the start.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, Window
-from tominpmp.initial_guess.guess import ANYWHERE, SAMPLED, Guess, initial_guesses
+from tominpmp.initial_guess.guess import SAMPLED, VIA_POINT, Guess, initial_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Number of places on the path, and the shortest time between two [s].
+# Number of places on the path, and the shortest time step between two places [s].
 PLACES = 60
 SHORTEST = 5e-3
-# Configurations that are checked for one path, at most.
+# Most collision checks for a path.
 CHECKS = 30_000
-# Longest duration of a motion that waits, in multiples of the duration of the path, and
-# a lower bound on it [s].
+# Longest duration of a motion that waits: PATIENCE times the duration of the path, but
+# at least LONG [s].
 PATIENCE = 10.0
 LONG = 10.0
 # Tolerated violation of constraints on positions, as a share of their scale.
-KEPT = 1e-6
-# Margin of obstacles at rest, which disables them: waiting does not avoid them [m].
+TOLERATED = 1e-6
+# Margin of obstacles at rest, which disables them, as waiting does not avoid them [m].
 ANY_DEPTH = -1e6
-# A cautious passage keeps this share of the reach free beside the margin.
-CAUTION = 0.02
+# Additional clearance of a cautious passage, as a share of the reach.
+CAUTIOUS_MARGIN = 0.02
 # Number of guesses without moving obstacles that come first, and the instants at which
-# moving obstacles are frozen for later guesses, as shares of the time of a motion.
+# moving obstacles are frozen for later guesses, as shares of the duration of a motion.
 WITHOUT_MOVING = 4
 MOMENTS = (0.5, 0.25, 0.75, 1.0)
 
@@ -50,20 +50,20 @@ def guesses_of(
     duration: float | None = None,
     deadline: float = np.inf,
 ) -> Iterator[Guess]:
-    """Initial guesses for a problem, which wait for moving obstacles.
+    """Initial guesses for a problem, which may wait for moving obstacles.
 
     For the arguments see :func:`~tominpmp.initial_guess.guess.initial_guesses`.
     """
-    passes = system.problem.scene.moving or _passing(system)
+    passes = system.problem.scene.moving or _windowed_constraints(system)
     make = waiting_guesses if passes else initial_guesses
-    made = make(system, count, rng, duration, deadline)
-    yield from itertools.islice(made, count)
+    guesses = make(system, count, rng, duration, deadline)
+    yield from itertools.islice(guesses, count)
 
 
-def _passing(system: ProblemFunctions) -> list[PathConstraint]:
-    """Constraints on positions that hold during a part of the motion."""
-    every = system.problem.ready_constraints
-    return [item for item in every if item.order == 0 and item.window is not None]
+def _windowed_constraints(system: ProblemFunctions) -> list[PathConstraint]:
+    """Constraints on positions that apply during a time window of the motion."""
+    constraints = system.problem.ready_constraints
+    return [item for item in constraints if item.order == 0 and item.window is not None]
 
 
 def waiting_guesses(
@@ -75,17 +75,17 @@ def waiting_guesses(
 ) -> Iterator[Guess]:
     """Initial guesses among moving obstacles, the most promising first, without end.
 
-    Guesses for the scene without its moving obstacles come first, each beside the same
-    path with a timing that waits for the obstacles. Then paths follow that are free
-    where the obstacles are frozen at an instant. For the arguments see
+    Guesses for the scene without its moving obstacles come first, each together with
+    the same path timed so that it waits for the obstacles. Paths follow that are free
+    if the obstacles are frozen at an instant. For the arguments see
     :func:`~tominpmp.initial_guess.guess.initial_guesses`; ``count`` limits each of the
     two kinds.
     """
-    alone = initial_guesses(system.resting(), count, rng, duration, deadline)
+    static = initial_guesses(system.resting(), count, rng, duration, deadline)
     first: Guess | None = None
-    for guess in itertools.islice(alone, WITHOUT_MOVING):
-        if guess.name == ANYWHERE:
-            alone = itertools.chain([guess], alone)
+    for guess in itertools.islice(static, WITHOUT_MOVING):
+        if guess.name == VIA_POINT:
+            static = itertools.chain([guess], static)
             break
         first = guess if first is None else first
         yield from _with_passages(system, guess)
@@ -94,49 +94,49 @@ def waiting_guesses(
     for share in MOMENTS if system.problem.scene.moving else ():
         still = system.resting(share * first.duration)
         for guess in initial_guesses(still, count, rng, duration, deadline):
-            if guess.name == ANYWHERE:
+            if guess.name == VIA_POINT:
                 break
-            if guess.name == SAMPLED:  # the straight lines are known from above
+            if guess.name == SAMPLED:  # the straight lines are those from above
                 yield from _with_passages(system, guess)
                 break
-    for guess in alone:
+    for guess in static:
         yield from _with_passages(system, guess)
 
 
 def _with_passages(system: ProblemFunctions, guess: Guess) -> Iterator[Guess]:
-    """A guess, beside its path with a timing that waits, if a timing is found.
+    """A guess, and its path with a timing that waits, if such a timing is found.
 
-    The guess that waits is admissible, or nearly, while the optimiser may drive a
-    motion that goes through an obstacle to either side of it, or fail: the guess that
-    waits comes first where obstacles move. Where constraints hold for a while, the
-    optimiser mostly succeeds from the original guess.
+    The guess that waits is nearly feasible. From the original guess, which passes
+    through an obstacle, the optimiser may move to either side of the obstacle, or fail.
+    Among moving obstacles the guess that waits therefore comes first. For constraints
+    with a time window the optimiser mostly succeeds from the original guess.
     """
-    passed = let_pass(system, guess)
-    passages = [] if passed is None or passed is guess else [passed]
+    waiting = with_waiting(system, guess)
+    passages = [] if waiting is None or waiting is guess else [waiting]
     if not system.problem.scene.moving:
         yield from (guess, *passages)
         return
     yield from (*passages, guess)
-    slower = let_pass(system, guess, CAUTION)
+    slower = with_waiting(system, guess, CAUTIOUS_MARGIN)
     if slower is not None and slower.duration > (*passages, guess)[0].duration:
         yield slower
 
 
-def let_pass(
+def with_waiting(
     system: ProblemFunctions, guess: Guess, caution: float = 0.0
 ) -> Guess | None:
     """Traverse the path of a guess, waiting for moving obstacles and constraints.
 
     Args:
-        system: Clearance, margin, and constraints that hold for a while.
+        system: Clearance, margin, and constraints with a time window.
         guess: A path over time.
-        caution: Distance to keep beyond the margin, as a share of the reach.
+        caution: Additional distance beyond the margin, as a share of the reach.
 
     Returns:
         The guess that arrives first on the grid of places and times; the same guess if
-        its path is free, and None if no timing is free.
+        it need not wait, and None if no timing is free.
     """
-    clearance, holding = system.clearance, _passing(system)
+    clearance, holding = system.clearance, _windowed_constraints(system)
     watched = clearance if clearance is not None and clearance.moving else None
     if watched is None and not holding:
         return guess
@@ -148,7 +148,7 @@ def let_pass(
     if watched is not None:
         checker, far = watched.checker, watched.margin + caution * system.reach
         margin = np.where(checker.moving_pairs, far, ANY_DEPTH)
-    places = _passage(_Plane(q, step, windows, checker, margin))
+    places = _passage(_PathTimePlane(q, step, windows, checker, margin))
     if places is None:
         return None
     if places.size == count + 1:
@@ -160,25 +160,25 @@ def let_pass(
 
 
 def _forbidden(item: PathConstraint, q: Array) -> tuple[Window, BoolArray]:
-    """When a constraint holds, and the places of a path that it forbids meanwhile."""
+    """The time window of a constraint, and the places of a path that it forbids."""
     assert item.window is not None  # noqa: S101
     rest = np.zeros(q.shape[1])
-    lacks = [bool(item.lack(place, rest, KEPT)) for place in q]
+    lacks = [bool(item.lack(place, rest, TOLERATED)) for place in q]
     return item.window, np.array(lacks)
 
 
 @dataclass(eq=False)
-class _Plane:
-    """Which places on a path are free at which times.
+class _PathTimePlane:
+    """The plane of places on a path and times: which of its points are free.
 
     Attributes:
         q: Configurations at the places, shape (places, n).
-        step: Time between two of the times [s].
-        windows: When constraints hold, and the places that they forbid meanwhile, shape
+        step: Time step [s].
+        windows: Time windows of constraints, and the places that these forbid, shape
             (places,).
-        checker: Checker of moving obstacles; None without any.
-        margin: Margins of its pairs, shape (pairs,) [m].
-        checks: How many configurations were checked.
+        checker: Collision checker of moving obstacles; None without any.
+        margin: Margins of the collision pairs, shape (pairs,) [m].
+        checks: Number of configurations checked so far.
     """
 
     q: Array
@@ -189,11 +189,11 @@ class _Plane:
     checks: int = 0
 
     def free(self, places: BoolArray, number: int) -> BoolArray:
-        """The places, of given ones, that are free at a time counted in steps."""
+        """The mask of given places that are free at a time counted in steps."""
         time = number * self.step
         out = places.copy()
         for window, forbidden in self.windows:
-            # The window is widened by a step, to cover the time between the steps.
+            # The window is widened by a step, to cover the time between two steps.
             if window.begin - self.step < time < window.end + self.step:
                 out &= ~forbidden
         if self.checker is None:
@@ -204,15 +204,15 @@ class _Plane:
         return out
 
     def ends(self, number: int) -> bool:
-        """Whether the arm may stay at the end from a time on, counted in steps."""
+        """Whether the arm may remain at the end from a time on, counted in steps."""
         time = number * self.step
         return all(
             time >= window.end or not places[-1] for window, places in self.windows
         )
 
 
-def _passage(plane: _Plane) -> IntArray | None:
-    """Place at each step of the passage that arrives first; None without a passage."""
+def _passage(plane: _PathTimePlane) -> IntArray | None:
+    """The place at each step of the earliest passage; None without a passage."""
     here = np.zeros(len(plane.q), dtype=bool)
     here[0] = True
     reached = [here]
@@ -225,13 +225,13 @@ def _passage(plane: _Plane) -> IntArray | None:
         if not here.any() or len(reached) > most or plane.checks > CHECKS:
             return None
         reached.append(here)
-    # Back from the end, as long as possible without waiting: the arm waits at first.
+    # Traced back from the end with as few waits as possible: the arm waits early.
     place = len(plane.q) - 1
-    found = [place]
+    passage = [place]
     for before in reversed(reached[:-1]):
         for other in (place - 1, place, place + 1):
             if 0 <= other < len(plane.q) and before[other]:
                 place = other
                 break
-        found.append(place)
-    return np.array(found[::-1], dtype=np.int64)
+        passage.append(place)
+    return np.array(passage[::-1], dtype=np.int64)

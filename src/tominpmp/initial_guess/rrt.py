@@ -1,13 +1,13 @@
 """Paths around obstacles: RRT-Connect with balanced trees, and shortcuts.
 
 Two trees of configurations grow from both ends of a path until they meet (RRT-Connect,
-Kuffner and LaValle, 2000). It is always the smaller tree that grows (balanced trees,
-Kuffner and LaValle, 2005): a goal among obstacles has few ways out of it, and a tree in
-the open takes all collision checks where the trees take turns. Of the Fetch's problems
-in cages and shelves, 25 of 25 searches found a path in 15 000 checks on average; where
-trees took turns, 10 of 25 did in 40 000.
+Kuffner and LaValle, 2000). The smaller tree is always the one that grows (balanced
+trees, Kuffner and LaValle, 2005): few ways lead out of a goal among obstacles, and if
+the trees took turns, the tree in the open would use up all collision checks. For a
+Fetch in cages and shelves, 25 of 25 searches found a path in 15 000 checks on average;
+with trees that took turns, 10 of 25 did in 40 000.
 
-Distances in the trees are about those in time: joints that are slow count more.
+Distances in the trees approximate times: slow joints have a larger weight.
 """
 
 from __future__ import annotations
@@ -23,36 +23,36 @@ from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
 # Longest branches of the trees [rad of a joint of median speed].
 REACH = 0.75
-# Random configurations towards which a tree grows at once.
+# Number of random configurations towards which a tree grows at once.
 BATCH = 16
-# Distance of the configurations that are checked on a branch, and on a shortcut, which
-# cuts a corner as far as checks allow [rad].
+# Spacing of collision checks on a branch, and on a shortcut, which cuts corners as far
+# as the checks allow [rad].
 RESOLUTION, FINE = 0.05, 0.0125
-# Collision checks for a path, before it is shortened.
+# Most collision checks for a path, before it is shortened.
 CHECKS = 80_000
 # Distances beyond both ends to which joints without narrow limits are sampled, in turn
-# [rad]: most ways out of narrow ends are near them.
+# [rad]: most ways out of narrow ends are close to these.
 MARGINS = (np.pi, 1.0)
-# Shortcuts that are tried on a path; half of them are shortcuts of one joint.
+# Number of shortcuts tried on a path; half of them are shortcuts of a single joint.
 SHORTCUTS = 120
-# Weight of the motion of all joints in the length of a path, beside the time that its
-# slowest joint takes.
+# Weight of the displacements of all joints in the length of a path, relative to the
+# displacement of the slowest joint.
 ALL_JOINTS = 0.05
-# Points at which two paths are compared, and the distance below which they are alike
-# [rad].
+# Number of points at which two paths are compared, and the distance below which the
+# paths are alike [rad].
 SAMPLES = 24
 NEAR = 0.3
-# Tries in a row without a new path that end the search, beside one for each end; a try
-# that finds no path at all counts as so many: more checks of one try find more paths
-# than more tries.
+# The search ends after TRIES consecutive tries without a new path, plus one per end. A
+# try that finds no path at all counts FAILED times: more checks in one try find more
+# paths than more tries do.
 TRIES, FAILED = 4, 3
 
-#: Tells of configurations, shape (m, n), one after the other whether each is free.
+#: Yields for configurations, shape (m, n), one after the other whether each is free.
 Check = Callable[[Array], Iterator[bool]]
 
 
-class _Enough(Exception):
-    """Raised where the collision checks of a path, or the time, are used up."""
+class _BudgetSpent(Exception):
+    """Raised once the collision checks of a path, or the time, are used up."""
 
 
 def is_free(system: ProblemFunctions, q: Array) -> bool:
@@ -61,7 +61,7 @@ def is_free(system: ProblemFunctions, q: Array) -> bool:
 
 
 def check_of(system: ProblemFunctions) -> Check:
-    """A collision check of configurations, shape (m, n), one after the other."""
+    """The collision check of a problem, for configurations of shape (m, n)."""
     checker = system.problem.checker
 
     def pieces(q: Array) -> Iterator[bool]:
@@ -71,7 +71,7 @@ def check_of(system: ProblemFunctions) -> Check:
         return clearance.checker.each_free(q, clearance.margin)
 
     def hulls(q: Array) -> Iterator[bool]:
-        # Convex pieces are not needed where the links are clear as one hull each.
+        # Convex pieces need not be checked if the convex hulls of the links are clear.
         for row in q:
             yield checker.hulls_clear(row, PADDING) or next(pieces(row[None]))
 
@@ -87,37 +87,37 @@ def sample_paths(
     checks: int = CHECKS,
     deadline: float = np.inf,
 ) -> Iterator[Array]:
-    """Paths that differ, from the start of a problem to given ends in turn.
+    """Distinct paths from the start of a problem to given ends in turn.
 
-    Paths that can be shifted into each other lead to the same motion: on the Panda
-    among shelves and tables their optima agreed to 0.1 % in all of 15 cases.
+    Homotopic paths lead to the same motion: on the Panda among shelves and tables their
+    optima agreed to 0.1 % in all of 15 cases.
 
     Args:
         system: Start, limits and clearance.
         ends: Final configurations, each of shape (n,) [rad or m].
-        rng: Random numbers; the paths depend on them alone unless time runs out.
-        known: Free paths; paths like them are left out; each of shape (m, n).
-        checks: Collision checks for each path.
+        rng: Random numbers; the paths depend only on them unless time runs out.
+        known: Known free paths, each of shape (m, n); paths alike to them are left out.
+        checks: Most collision checks for each path.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
 
     Yields:
         Corners of a path, shape (m, n). The search is lazy.
     """
-    found = list(known)
+    paths = list(known)
     ends = [q for q in ends if is_free(system, q)]
-    in_vain = number = 0
-    while ends and in_vain < TRIES + len(ends):
+    failures = number = 0
+    while ends and failures < TRIES + len(ends):
         if time.perf_counter() > deadline:
             return
         end = ends[number % len(ends)]
         number += 1
         seed = int(rng.integers(1, 2**31))
         path = sample_path(system, end, seed, checks, deadline)
-        in_vain += FAILED if path is None else 1
-        if path is None or any(alike(system, path, other) for other in found):
+        failures += FAILED if path is None else 1
+        if path is None or any(alike(system, path, other) for other in paths):
             continue
-        in_vain = 0
-        found.append(path)
+        failures = 0
+        paths.append(path)
         yield path
 
 
@@ -128,13 +128,13 @@ def sample_path(
     checks: int = CHECKS,
     deadline: float = np.inf,
 ) -> Array | None:
-    """A path that keeps clear of obstacles, shortened.
+    """A collision-free path, shortened.
 
     Args:
         system: Start, limits and clearance.
         q_end: Final configuration, shape (n,) [rad or m].
         seed: Seed of the random numbers.
-        checks: Largest number of collision checks before the path is shortened.
+        checks: Most collision checks before the path is shortened.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
 
     Returns:
@@ -146,7 +146,7 @@ def sample_path(
     space = _Space(system, q_end, checks, deadline)
     try:
         path = _connected(space, rng)
-    except _Enough:
+    except _BudgetSpent:
         return None
     corners = _shortened(space, path, rng) * space.unit
     corners[0], corners[-1] = q_start, q_end
@@ -154,12 +154,12 @@ def sample_path(
 
 
 class _Space:
-    """The space in which a path is sought, and its collision checks.
+    """The scaled joint space of a search, with a budget of collision checks.
 
     Args:
         system: Start, limits and clearance.
         q_end: Final configuration, shape (n,) [rad or m].
-        checks: Collision checks after which :class:`_Enough` is raised.
+        checks: Number of collision checks after which :class:`_BudgetSpent` is raised.
         deadline: When it is raised, as a value of :func:`time.perf_counter` [s].
 
     Attributes:
@@ -167,7 +167,7 @@ class _Space:
             reach of the arm; less for joints slower than the median.
         ends: Both ends, shape (2, n), in these units.
         lower: Lower bounds of a batch of random configurations, shape (BATCH, n).
-        upper: Upper bounds.
+        upper: Upper bounds of the batch.
     """
 
     def __init__(
@@ -184,28 +184,28 @@ class _Space:
         self.lower = np.maximum(low, self.ends.min(axis=0) - beyond)
         self.upper = np.minimum(high, self.ends.max(axis=0) + beyond)
         self._radian = scale / self.unit
-        self._check, self._left, self._deadline = check_of(system), checks, deadline
+        self._check, self._budget, self._deadline = check_of(system), checks, deadline
 
     def each_free(self, points: Array) -> Iterator[bool]:
-        """Whether each of some points, shape (m, n), is free.
+        """Yield for each point, shape (m, n), whether it is free.
 
         Raises:
-            _Enough: If the collision checks or the time are used up.
+            _BudgetSpent: If the collision checks or the time are used up.
         """
         if time.perf_counter() > self._deadline:
-            raise _Enough
+            raise _BudgetSpent
         for free in self._check(points * self.unit):
-            self._left -= 1
-            if self._left < 0:
-                raise _Enough
+            self._budget -= 1
+            if self._budget < 0:
+                raise _BudgetSpent
             yield free
 
     def is_free_along(self, corners: Array, spacing: float = RESOLUTION) -> bool:
-        """Whether a polyline, shape (m, n), is free after its first corner.
+        """Whether a polyline, shape (m, n), is free; its first corner is not checked.
 
         Args:
             corners: The polyline.
-            spacing: Distance of the configurations that are checked [rad].
+            spacing: Spacing of the collision checks [rad].
         """
         steps = np.diff(corners, axis=0)
         lengths = np.linalg.norm(steps / (spacing * self._radian), axis=1)
@@ -214,23 +214,23 @@ class _Space:
         place = np.arange(piece.size) - np.repeat(np.cumsum(counts) - counts, counts)
         share = (place + 1.0) / counts[piece]
         points = corners[piece] + share[:, None] * steps[piece]
-        return all(self.each_free(points[_far_first(len(points))]))
+        return all(self.each_free(points[_bisection_order(len(points))]))
 
     def allow(self, checks: int) -> None:
         """Allow this many collision checks from now on."""
-        self._left = checks
+        self._budget = checks
 
 
 @lru_cache(maxsize=1024)
-def _far_first(count: int) -> IntArray:
-    """Indices of points along a line: the last one, then middles of stretches."""
-    found, stretches = [count - 1], [(0, count - 1)]
-    for begin, end in stretches:
+def _bisection_order(count: int) -> IntArray:
+    """Indices of points along a line in bisection order: the last, then midpoints."""
+    order, intervals = [count - 1], [(0, count - 1)]
+    for begin, end in intervals:
         if begin < end:
             middle = (begin + end) // 2
-            found.append(middle)
-            stretches += [(begin, middle), (middle + 1, end)]
-    return np.array(found)
+            order.append(middle)
+            intervals += [(begin, middle), (middle + 1, end)]
+    return np.array(order)
 
 
 class _Tree:
@@ -256,25 +256,25 @@ class _Tree:
         return len(self) - 1
 
     def nearest(self, q: Array) -> IntArray:
-        """Indices of the nodes that are nearest to configurations, shape (m, n)."""
-        own = self.q
-        squares = np.einsum("ij,ij->i", own, own) - 2.0 * q @ own.T
+        """Indices of the nodes nearest to given configurations, shape (m, n)."""
+        nodes = self.q
+        squares = np.einsum("ij,ij->i", nodes, nodes) - 2.0 * q @ nodes.T
         return np.asarray(np.argmin(squares, axis=1))
 
     def to_root(self, index: int) -> list[Array]:
         """Configurations from a node to the root."""
-        found = []
+        branch = []
         while index >= 0:
-            found.append(self._q[index])
+            branch.append(self._q[index])
             index = self.parents[index]
-        return found
+        return branch
 
 
 def _connected(space: _Space, rng: np.random.Generator) -> Array:
     """A path between both ends, shape (m, n), in units of the space.
 
     Raises:
-        _Enough: If the collision checks or the time are used up.
+        _BudgetSpent: If the collision checks or the time are used up.
     """
     if space.is_free_along(space.ends):
         return space.ends
@@ -284,25 +284,25 @@ def _connected(space: _Space, rng: np.random.Generator) -> Array:
             here, there = there, here
         nodes = here.nearest(targets := rng.uniform(space.lower, space.upper))
         begin = here.q[nodes]
-        way = targets - begin
-        length = np.linalg.norm(way, axis=1)
-        end = begin + np.minimum(1.0, REACH / length)[:, None] * way
+        step = targets - begin
+        length = np.linalg.norm(step, axis=1)
+        end = begin + np.minimum(1.0, REACH / length)[:, None] * step
         for k in np.flatnonzero(list(space.each_free(end))).tolist():
             if not space.is_free_along(np.stack([begin[k], end[k]])):
                 continue
             node = here.add(end[k], int(nodes[k]))
-            met = _reached(space, there, end[k])
+            met = _extended(space, there, end[k])
             if met is not None:
                 path = [*reversed(here.to_root(node)), *there.to_root(met)[1:]]
                 forward = np.array_equal(path[0], space.ends[0])
                 return np.array(path if forward else path[::-1])
 
 
-def _reached(space: _Space, tree: _Tree, target: Array) -> int | None:
-    """Grow a branch of a tree straight to a configuration; None if it is blocked.
+def _extended(space: _Space, tree: _Tree, target: Array) -> int | None:
+    """Extend a tree on a straight line to a configuration.
 
     Returns:
-        The node at the configuration.
+        The node at the configuration; None if the line is blocked.
     """
     node = int(tree.nearest(target[None])[0])
     while True:
@@ -317,13 +317,13 @@ def _reached(space: _Space, tree: _Tree, target: Array) -> int | None:
 
 
 def _length(corners: Array) -> float:
-    """Length of a polyline: time of the slowest joint, and a little of all joints."""
+    """Length of a polyline: by its slowest joint, with a small weight of all joints."""
     steps = np.abs(np.diff(corners, axis=0))
     return float(np.sum(np.max(steps, axis=1)) + ALL_JOINTS * np.sum(steps))
 
 
 def _shortened(space: _Space, path: Array, rng: np.random.Generator) -> Array:
-    """A path with shortcuts of all joints, or of one (Geraerts and Overmars, 2007)."""
+    """Shortcuts of a path in all joints, or in one (Geraerts and Overmars, 2007)."""
     n = path.shape[1]
     space.allow(CHECKS)
     try:
@@ -349,20 +349,20 @@ def _shortened(space: _Space, path: Array, rng: np.random.Generator) -> Array:
         for k in range(len(path) - 2, 0, -1):
             if space.is_free_along(path[[k - 1, k + 1]], FINE):
                 path = np.delete(path, k, axis=0)
-    except _Enough:
+    except _BudgetSpent:
         pass
     return path
 
 
-def is_free_line(system: ProblemFunctions, one: Array, other: Array) -> bool:
+def is_free_line(system: ProblemFunctions, begin: Array, end: Array) -> bool:
     """Whether the straight line between two configurations is free."""
-    length = float(np.linalg.norm((other - one) / system.step_scale))
+    length = float(np.linalg.norm((end - begin) / system.step_scale))
     shares = np.linspace(0.0, 1.0, 2 + int(length / RESOLUTION))
-    return all(check_of(system)(one + shares[:, None] * (other - one)))
+    return all(check_of(system)(begin + shares[:, None] * (end - begin)))
 
 
 def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
-    """Whether two paths are near, or homotopic by a straight shift.
+    """Whether two paths are close to each other, or homotopic by a straight shift.
 
     Args:
         system: Clearance and scales.
@@ -370,8 +370,8 @@ def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
         other: Corners, shape (k, n).
 
     Returns:
-        True also for paths of one homotopy class, as far as a straight shift between
-        points at equal shares of their lengths tells.
+        Whether they are. Homotopy is only tested by a straight shift between points at
+        equal shares of the lengths of the paths.
     """
     one, other = (_resampled(path / system.step_scale) for path in (one, other))
     if np.max(np.abs(one - other)) < NEAR:

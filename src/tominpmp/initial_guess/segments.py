@@ -1,7 +1,7 @@
-"""Initial guesses for motions of several segments: from goal to goal, at rest there.
+"""Initial guesses for motions of several segments, which stop at each goal.
 
-Each segment begins where the one before it ends. The stops at the goals do not bind the
-optimiser: of a guess only the ends need be admissible.
+Each segment begins where the previous one ends. The optimiser need not keep the stops:
+a guess must be feasible only at its ends.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.constrained import held_positions
+from tominpmp.initial_guess.constrained import position_constraints
 from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
 from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.problem.problem import Problem
@@ -35,12 +35,13 @@ def segmented_guesses(
     """Guesses through the goals of all segments; see :func:`initial_guesses`.
 
     The first guess joins the first guesses of all segments, the second guess their
-    second guesses, as long as every segment has one. If accelerations are continuous,
-    each guess comes twice where goals are passed, to pass them at once and to stop
-    there first: which leads to the better motion is not known beforehand.
+    second guesses, as long as every segment has one. If accelerations are continuous
+    and goals are passed without a stop, each guess comes twice: for a motion that
+    passes the goals at once, and for one that first stops there. Which of them leads to
+    the better motion is not known beforehand.
     """
     share = None if duration is None else duration / len(system.parts)
-    twice = smooth and at_rest_on_the_way(system) is not system
+    twice = smooth and with_stops(system) is not system
     for number in range(count):
         known = number % 2 and twice
         if not known:
@@ -58,81 +59,84 @@ def _guess(
     duration: float | None,
     deadline: float,
 ) -> Guess | None:
-    """One guess; None if a goal cannot be reached."""
-    found: list[Guess] = []
+    """The guess of a number, from 0; None if a goal cannot be reached."""
+    pieces: list[Guess] = []
     q = system.problem.q_start
     for place, part in enumerate(system.parts):
-        alone = _from(part, q)
+        single = _rest_to_rest(part, q)
         if part.problem.scene.moving:
-            guesses = waiting_guesses(alone, number + 2, rng, duration, deadline)
+            guesses = waiting_guesses(single, number + 2, rng, duration, deadline)
         else:
-            ahead = following(system, place)
+            ahead = constraints_after(system, place)
             guesses = initial_guesses(
-                alone, number + 2, rng, duration, deadline, beyond=ahead
+                single, number + 2, rng, duration, deadline, beyond=ahead
             )
-        # A guess that rests at its start does not lead on to the next segment.
+        # A guess at rest at the start does not lead to the start of the next segment.
         moving = (g for g in guesses if g.name != RESTING or len(system.parts) == 1)
-        made = [*itertools.islice(moving, number + 1)]
-        if not made:
+        first = [*itertools.islice(moving, number + 1)]
+        if not first:
             return None
-        found.append(made[-1])
-        final = alone.problem.goal.configuration
-        q = made[-1].q[-1] if final is None else final
-    t, positions, begin = [np.zeros(1)], [found[0].q[:1]], 0.0
-    for guess in found:
+        pieces.append(first[-1])
+        final = single.problem.goal.configuration
+        q = first[-1].q[-1] if final is None else final
+    t, positions, begin = [np.zeros(1)], [pieces[0].q[:1]], 0.0
+    for guess in pieces:
         t.append(begin + guess.t[1:])
         positions.append(guess.q[1:])
         begin += guess.duration
     return Guess(
-        found[0].name if len({guess.name for guess in found}) == 1 else "segments",
+        pieces[0].name if len({guess.name for guess in pieces}) == 1 else "segments",
         np.concatenate(t),
         np.concatenate(positions),
-        all(guess.timed for guess in found),
-        inner_ends=np.cumsum([guess.duration for guess in found])[:-1],
+        all(guess.timed for guess in pieces),
+        inner_ends=np.cumsum([guess.duration for guess in pieces])[:-1],
     )
 
 
-def following(system: ProblemFunctions, place: int) -> list[PathConstraint]:
+def constraints_after(system: ProblemFunctions, place: int) -> list[PathConstraint]:
     """Constraints on positions that hold from the end of a segment on.
 
     Args:
-        system: The functions of the problem.
+        system: Functions of the problem.
         place: Number of the segment, from 0.
     """
     if place + 1 >= len(system.parts):
         return []
-    return held_positions(system.parts[place + 1].problem)
+    return position_constraints(system.parts[place + 1].problem)
 
 
-def unreached(
+def first_unreached(
     system: ProblemFunctions, rng: np.random.Generator
 ) -> tuple[int, ProblemFunctions]:
-    """The first segment whose goal no guess reaches from the end of the segment before.
+    """The first segment whose goal no guess reaches from the end of the previous one.
 
     Returns:
-        The number of the segment, from 0, and its functions.
+        Number of the segment, from 0, and its functions.
+
+    Raises:
+        ProblemError: If guesses reach the goals of all segments.
     """
     q = system.problem.q_start
     for number, part in enumerate(system.parts):
-        alone, ahead = _from(part, q), following(system, number)
-        guess = next(initial_guesses(alone, 1, rng, beyond=ahead), None)
+        single, ahead = _rest_to_rest(part, q), constraints_after(system, number)
+        guess = next(initial_guesses(single, 1, rng, beyond=ahead), None)
         if guess is None:
-            return number, alone
+            return number, single
         q = guess.q[-1]
     raise ProblemError("segments: no guess of a motion through their goals", "segments")
 
 
-def at_rest_on_the_way(system: ProblemFunctions) -> ProblemFunctions:
-    """The problem with a stop at the goals of all segments; itself if all have one."""
-    parts = [_from(part, part.problem.q_start) for part in system.parts]
-    goals = zip(parts, system.parts, strict=True)
-    if all(one.problem.goal is other.problem.goal for one, other in goals):
+def with_stops(system: ProblemFunctions) -> ProblemFunctions:
+    """The problem with a stop at every goal; the same if every goal is a stop."""
+    parts = [_rest_to_rest(part, part.problem.q_start) for part in system.parts]
+    pairs = zip(parts, system.parts, strict=True)
+    if all(stopped.problem.goal is part.problem.goal for stopped, part in pairs):
         return system
     return replace(system, parts=tuple(parts))
 
 
-def _from(part: ProblemFunctions, q: Array) -> ProblemFunctions:
-    """The functions of a segment that begins and ends at rest."""
+def _rest_to_rest(part: ProblemFunctions, q: Array) -> ProblemFunctions:
+    """The functions of a segment from a configuration, beginning and ending at rest."""
     problem: Problem = copy.copy(part.problem)
     goal = problem.goal.stopped
     object.__setattr__(problem, "q_start", q)

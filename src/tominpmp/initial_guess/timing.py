@@ -1,10 +1,11 @@
 r"""Time-optimal timing of paths in joint space.
 
 On q(s) the torque is m(s) s'' + b(s) s'^2 + d(s) s' + g(s). With x = s'^2 the largest
-controllable x is found backwards from the end and followed forwards (reachability
-analysis after Pham and Pham, 2018). Viscous friction enters with s', so that the
-constraints are not linear in (s'', x); they are therefore evaluated on a table of x.
-Dry friction is a torque that depends only on the direction of a joint along the path.
+controllable x is computed backwards from the end, and a forward pass follows it
+(reachability analysis after Pham and Pham, 2018). Viscous friction enters with s', so
+that the constraints are not linear in (s'', x); they are therefore evaluated on a table
+of x. Dry friction is a torque that depends only on the direction of a joint along the
+path.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 POINTS = 120  # grid points of s
 CORNER_POINTS = 9  # grid points added at each rounded corner
-SPEEDS = 160  # table entries of x at each of them
-# Grid points and table entries of a straight line, on which no joint reverses: a finer
-# table takes twice as long, and leads to no fewer programs.
+SPEEDS = 160  # table entries of x at each grid point
+# Grid points and table entries for a straight line, on which no joint reverses: a finer
+# table takes twice as long, and does not lead to fewer programs.
 LINE_POINTS, LINE_SPEEDS = 64, 96
 
 
@@ -49,7 +50,7 @@ class PathTiming:
         return float(self.t[-1])
 
     def position(self, times: Array) -> Array:
-        """Configurations at times, shape (k, n); s'' is constant on each step."""
+        """Configurations at times, shape (k, n); s'' is constant on each interval."""
         index = np.searchsorted(self.t, times, side="right") - 1
         index = np.clip(index, 0, self.t.size - 2)
         step = times - self.t[index]
@@ -64,12 +65,12 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
 
     Args:
         system: Dynamics and limits.
-        path: The path; its corners are to be rounded, for a sharp corner would have to
+        path: The path. Its corners should be rounded, as a sharp corner would have to
             be passed at rest.
 
     Returns:
-        The timing; None if torque limits do not let the arm stand at a point of the
-        path.
+        The timing; None if torque limits do not allow the arm to rest at some point of
+        the path.
     """
     limits = system.problem.robot.limits
     bounds = control_bounds(system.problem.robot, system.problem.motion_limits)
@@ -95,7 +96,7 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
     top = np.minimum(top, 2.0 * np.sqrt(max(float(push.max()), 0.0)))
     if not (np.all(top > 0.0) and np.all(np.isfinite(top))):
         return None
-    # Quadratic spacing: resolution where the motion begins and ends.
+    # Quadratic spacing gives resolution where the motion begins and ends.
     table = top[:, None] ** 2 * np.linspace(0.0, 1.0, speeds) ** 2
     lower, upper = _acceleration_range(m, b, d, g, table, bounds)
     return _integrate(path, s, table, lower, upper)
@@ -109,12 +110,12 @@ def _acceleration_range(
     table: Array,
     bounds: tuple[Array, Array],
 ) -> tuple[Array, Array]:
-    """Smallest and largest s'' on the table, shapes (points, speeds)."""
+    """Smallest and largest feasible s'' on the table, shapes (points, speeds)."""
     weakest, strongest = bounds
     middle, half = 0.5 * (strongest + weakest), 0.5 * (strongest - weakest)
     idle = np.abs(m) < 1e-12
     inverse = 1.0 / np.where(idle, 1.0, m)
-    # Each joint bounds s'' to an interval about the s'' of its middle torque.
+    # Each joint bounds s'' to an interval around the s'' of its middle torque.
     x = table[:, None, :]
     need = (
         ((middle - g) * inverse)[..., None]
@@ -122,7 +123,8 @@ def _acceleration_range(
         - (d * inverse)[..., None] * np.sqrt(x)
     )
     room = (half * np.abs(inverse))[..., None]
-    # An idle joint leaves s'' free, or excludes every s'' if its torque is not enough.
+    # A joint that does not move leaves s'' free, or excludes every s'' if its torque
+    # does not suffice.
     free = np.where(np.abs(need) > room, -np.inf, np.inf)
     room = np.where(idle[..., None], free, room)
     with np.errstate(invalid="ignore"):
@@ -132,6 +134,7 @@ def _acceleration_range(
 def _integrate(
     path: RoundedPath, s: Array, table: Array, lower: Array, upper: Array
 ) -> PathTiming | None:
+    """Backward pass for controllable x, forward pass for the fastest x; then times."""
     count, steps = s.size, np.diff(s)
     controllable = np.zeros(count)
     allowed = lower <= upper
@@ -146,14 +149,14 @@ def _integrate(
         )
         if not reachable[0]:
             return None
-        # The set is an interval from rest; the first failure ends it.
+        # The controllable set is an interval from rest: the first failure ends it.
         reached = reachable.size if reachable.all() else int(np.argmin(reachable))
         last = reached - 1
         controllable[i] = _refine(last, table[i], brake, target, step)
     x = np.zeros(count)
     for i in range(count - 1):
         step = steps[i]
-        # Trapezoidal rule, for the speed ahead that suits its own largest s''.
+        # Trapezoidal rule, for the next speed that fits the largest s'' there.
         target = x[i] + step * float(np.interp(x[i], table[i], upper[i]))
         push = -0.5 * upper[i + 1]
         beyond = table[i + 1] + 2.0 * step * push > target

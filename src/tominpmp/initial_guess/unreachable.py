@@ -1,4 +1,4 @@
-"""Goals that no configuration was found to reach: what to say of them."""
+"""Errors for goals that no configuration was found to reach: their likely reason."""
 
 from __future__ import annotations
 
@@ -10,46 +10,49 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
-from tominpmp.initial_guess.inverse_kinematics import AtGoal, find_configurations
-from tominpmp.initial_guess.segments import following, unreached
+from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
+from tominpmp.initial_guess.segments import constraints_after, first_unreached
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemError:
-    """Error for a goal that no configuration was found to reach."""
+    """Error for a goal that no configuration was found to reach.
+
+    Its reason is, in this order, collision, a constraint, or the distance to the goal.
+    """
     where, beyond = "", list[PathConstraint]()
     if system.parts:
-        number, reached = unreached(system, rng)
-        beyond = following(system, number)
+        number, part = first_unreached(system, rng)
+        beyond = constraints_after(system, number)
         where = f"segment {number + 1} of {len(system.parts)}: "
-        system = reached
+        system = part
     goal = system.problem.goal
-    found = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, beyond=beyond)
-    if found.blocked:
-        return ProblemError(f"{where}goal: {_collision(system, found.blocked)}", "goal")
-    held = _against_constraints(system, rng, beyond)
-    if held:
-        return ProblemError(f"{where}goal: {held}", "goal")
+    ik = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, beyond=beyond)
+    if ik.blocked:
+        return ProblemError(f"{where}goal: {_collision(system, ik.blocked)}", "goal")
+    reason = _against_constraints(system, rng, beyond)
+    if reason:
+        return ProblemError(f"{where}goal: {reason}", "goal")
     frame = goal.frame_name
-    what = "reaches it" if frame is None else f"brings frame {frame!r} there"
+    verb = "reaches it" if frame is None else f"brings frame {frame!r} there"
     return ProblemError(
-        f"{where}goal: no configuration within the position limits {what}; the nearest "
-        f"one found misses it by {found.least:.4g} (m, rad)",
+        f"{where}goal: no configuration within the position limits {verb}; the nearest "
+        f"one found misses it by {ik.least:.4g} (m, rad)",
         "goal",
     )
 
 
 def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
-    """What is in the way of configurations that reach a goal.
+    """The collision of configurations that reach a goal, as a sentence.
 
-    Told of the one that overlaps least.
+    It names the deepest contact of the configuration whose overlap is smallest.
     """
     problem = system.problem
     margins = problem.checker.margins(problem.margin)
     contacts = [(problem.checker.closest(q, margins, None), q) for q in blocked]
     contact, q = max(
         ((contact, q) for contact, q in contacts if contact is not None),
-        key=lambda one: one[0].distance - one[0].margin,
+        key=lambda pair: pair[0].distance - pair[0].margin,
     )
     depth = f"lack {contact.lack:.4g} m of room"
     return (
@@ -64,16 +67,17 @@ def _against_constraints(
     rng: np.random.Generator,
     beyond: Sequence[PathConstraint],
 ) -> str:
-    """What keeps configurations that reach a goal from being allowed; may be nothing.
+    """The constraint that configurations reaching a goal violate, as a sentence.
 
-    Told of the one that breaks the constraints least.
+    It names the worst constraint of the configuration that violates constraints least.
+    Empty if there are no constraints, or no configuration reaches the goal.
     """
     goal = system.problem.goal
-    items = AtGoal(system, goal, beyond=beyond).constraints
+    items = Target(system, goal, beyond=beyond).constraints
     if not items:
         return ""
-    found = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, alone=True)
-    reached = [*found.free, *found.blocked]
+    ik = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, goal_only=True)
+    reached = [*ik.free, *ik.blocked]
     if not reached:
         return ""
 
@@ -81,12 +85,12 @@ def _against_constraints(
         each = [
             (float(np.abs(item.excess_at_rest(q)[0]).max()), item) for item in items
         ]
-        return max(each, key=lambda one: one[0])
+        return max(each, key=lambda pair: pair[0])
 
     q = min(reached, key=lambda q: worst(q)[0])
-    item, none = worst(q)[1], np.zeros_like(q)
-    # Of loads it tells why they are not held.
-    why = item.lack(q, none, 0.0).removeprefix(f"the {item.name} ")
+    item, rest = worst(q)[1], np.zeros_like(q)
+    # For loads this is the reason why they are not held.
+    why = item.lack(q, rest, 0.0).removeprefix(f"the {item.name} ")
     return (
         f"no configuration was found that reaches it and keeps the {item.name}: in the "
         f"nearest one it {why or 'is beyond its limit'}, at q = "

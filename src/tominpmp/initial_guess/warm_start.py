@@ -1,9 +1,9 @@
-"""Warm starts: a former motion as the guess for a problem that is much like its own.
+"""Warm starts: a former motion as the guess for a similar problem.
 
-The motion is entered where it passes closest to the new start, and each of its segments
-is bent to its new ends by the cubic polynomial that takes up the differences in
-position and velocity: its torques change as little as they can. A motion of one segment
-that fits the transcription is taken over to the last bit, interval by interval.
+The guess begins where the former motion passes closest to the new start. Each segment
+is bent to its new ends by a cubic polynomial that takes up the differences in position
+and velocity, so that its torques change as little as possible. A motion of one segment
+that fits the transcription is adopted exactly, interval by interval.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.stages import with_segments
 
-# Samples where only the shape of the motion matters.
+# Number of samples of the shape of a motion.
 SAMPLES = 400
-# A motion is entered on the way if it passes the new start this much closer than it
-# begins, before this share of its duration.
+# The guess begins at a later state of the motion if that is closer to the new start
+# than the first state by the factor CLOSER, and before the share LATEST of the
+# duration.
 CLOSER = 0.5
 LATEST = 0.95
-# Weight of a difference in velocity, in shares of the duration.
+# Weight of differences in velocity, as a share of the duration.
 SPEED_WEIGHT = 0.1
 # Least duration of a segment [s].
 LEAST_DURATION = 1e-9
-# Grids of this many times the intervals asked for are not taken over.
+# A grid with more than this multiple of the requested intervals is not adopted.
 FINEST = 4
-# A spline on a finer grid than the one asked for keeps at most this many times the
-# intervals.
+# A spline on a finer grid keeps at most this multiple of the requested intervals.
 FINER = 2
-# Samples an interval for fitting splines.
+# Samples per interval for fitting splines.
 FIT = 8
 
 
@@ -62,55 +62,55 @@ class WarmStart(Guess):
 
     Attributes:
         trajectory: The motion, without its inverse dynamics.
-        torque: Its torques [N m or N] at times of the guess, shape (k,) to (k, n).
-        held: Whether its torques are held on the intervals.
+        torque: Torques of the motion [N m or N] at times of the guess, (k,) to (k, n).
+        torques_held: Whether the torques are constant on each interval.
         entry: Time of the motion at which the guess begins [s].
         begins: Times of the motion at which the segments begin [s], shape (k,).
-        bends: Polynomials added to the positions of the segments: coefficients of the
+        cubics: Polynomials added to the positions of the segments: coefficients of the
             powers 0 to 3 of the share of the duration, shape (4, k, n).
-        box: Lower and upper position limits, shape (n,) each.
-        halved: Whether intervals are halved at once where its controls bend, unless its
-            grid is finer than the one asked for.
+        limits: Lower and upper position limits, shape (n,) each.
+        halved: Whether intervals are halved at once where the controls bend, unless the
+            grid is finer than requested.
     """
 
     trajectory: Trajectory
     torque: Callable[[Array], Array]
-    held: bool
+    torques_held: bool
     entry: float
     begins: Array
-    bends: Array
-    box: tuple[Array, Array]
+    cubics: Array
+    limits: tuple[Array, Array]
     halved: bool = False
 
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n)."""
         k = np.searchsorted(self.inner_ends, times)
         since = times - np.concatenate([[0.0], self.inner_ends])[k]
-        share, bends = (since / self.durations[k])[:, None], self.bends[:, k]
-        added = bends[0] + share * (bends[1] + share * (bends[2] + share * bends[3]))
-        own = np.clip(self.begins[k] + since, 0.0, self.trajectory.duration)
-        return np.asarray(np.clip(self.trajectory(own).q + added, *self.box))
+        share, c = (since / self.durations[k])[:, None], self.cubics[:, k]
+        added = c[0] + share * (c[1] + share * (c[2] + share * c[3]))
+        there = np.clip(self.begins[k] + since, 0.0, self.trajectory.duration)
+        return np.asarray(np.clip(self.trajectory(there).q + added, *self.limits))
 
     @property
     def unchanged(self) -> bool:
-        """Whether the guess equals the former motion, from the entry on."""
-        return not np.any(np.abs(self.bends) > 1e-9)
+        """Whether the guess equals the former motion after its entry."""
+        return not np.any(np.abs(self.cubics) > 1e-9)
 
     @property
     def continuous(self) -> bool:
         """Whether its accelerations are continuous."""
-        return not self.held and self.trajectory.degree > 2
+        return not self.torques_held and self.trajectory.degree > 2
 
     def remainder(self, system: ProblemFunctions) -> Trajectory | None:
-        """The former motion from the entry on; None if the guess was bent.
+        """The former motion after its entry; None if the guess was bent.
 
         Torques follow from the inverse dynamics of the new problem, unless the motion
-        is given by its torques.
+        is defined by its torques.
         """
         motion = self.trajectory
-        if not self.unchanged or (self.held and self.entry > 0.0):
+        if not self.unchanged or (self.torques_held and self.entry > 0.0):
             return None
-        if self.held:
+        if self.torques_held:
             return motion
         inverse, a = system.motor_dynamics.inverse, motion.a
         if self.entry > 0.0:
@@ -124,15 +124,15 @@ class WarmStart(Guess):
 
     @property
     def nodes(self) -> Array:
-        """Times of the nodes from the entry on [s]."""
+        """Times of the nodes after the entry [s]."""
         t = self.trajectory.t - self.entry
         later = t[t > 1e-9 * self.duration]
         return np.concatenate([[0.0], later])
 
     def grid(self, intervals: int) -> Array | None:
-        """Nodes of the motion, its longest intervals halved until they suffice [s].
+        """Nodes of the motion, with its longest intervals halved, if necessary [s].
 
-        None where its own nodes are too many or too close.
+        None if the motion has too many nodes, or nodes that are too close.
         """
         nodes = self.nodes
         h = np.diff(nodes)
@@ -147,7 +147,7 @@ class WarmStart(Guess):
     def inverse_program(
         self, system: ProblemFunctions, intervals: int, kind: str
     ) -> tuple[NonlinearProgram, Array]:
-        """Program in constant accelerations, and the motion as its iterate."""
+        """Program with constant accelerations, and the motion as its iterate."""
         T, motion = self.duration, self.trajectory
         nodes = self.grid(intervals)
         if nodes is None or motion.degree != 2:
@@ -157,45 +157,46 @@ class WarmStart(Guess):
             return _program(transcription, z)
         transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
         z = transcription.interpolated(np.array([T]), self.position)
-        of: Gridded = transcription
+        gridded: Gridded = transcription
         z = transcription.within_limits(z)
         if self.halved and nodes.size - 1 <= intervals:
-            of, z = split_intervals(of, z, to_be_split(of, z))
-        return _program(of, z)
+            gridded, z = split_intervals(gridded, z, to_be_split(gridded, z))
+        return _program(gridded, z)
 
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
     ) -> tuple[NonlinearProgram, Array]:
-        """Program in a B-spline, and the spline nearest to the motion as iterate."""
-        own = np.diff(self.nodes)[:, None] / self.duration
+        """B-spline program, and the spline that fits the motion best as its iterate."""
+        lengths = np.diff(self.nodes)[:, None] / self.duration
         finer = self._finer(intervals)
         shares = interval_shares(kind, finer or intervals, sudden=system.sudden)
-        even = finer is None or own.min() >= SHORTEST * own.mean()
-        if own.shape == shares.shape and even:
-            shares = own
+        even = finer is None or lengths.min() >= SHORTEST * lengths.mean()
+        if lengths.shape == shares.shape and even:
+            shares = lengths
         transcription = BSplineTranscription(system, shares, degree)
-        # As many samples in each interval, however short: each has a control point.
+        # Every interval has the same number of samples, however short it is, as each
+        # has a control point.
         starts = nodes_of(shares[:-1, 0])
         fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
-        wanted = self.position(fit * self.duration)
-        z = transcription.fitted(fit, wanted, self.duration)
+        positions = self.position(fit * self.duration)
+        z = transcription.fitted(fit, positions, self.duration)
         return _program(transcription, z)
 
     def _finer(self, intervals: int) -> int | None:
-        """Number of intervals of a spline whose grid is finer than the one asked for.
+        """Number of intervals of a spline whose grid is finer than requested, or None.
 
-        A coarse grid would lose the gain of a fine grid; the finest grids are left to
+        A coarser grid would lose the gain of a fine grid. Even finer grids are left to
         the refinement of the new motion, whose controls bend elsewhere.
         """
-        own = self.nodes.size - 1
-        if not self.continuous or own <= intervals:
+        count = self.nodes.size - 1
+        if not self.continuous or count <= intervals:
             return None
-        return min(own, FINER * intervals)
+        return min(count, FINER * intervals)
 
     def lifted_program(
         self, system: ProblemFunctions, intervals: int, kind: str
     ) -> tuple[NonlinearProgram, Array]:
-        """Program in states and torques, and the motion as its iterate."""
+        """Collocation program, and the motion as its iterate."""
         T, nodes = self.duration, self.grid(intervals)
         if nodes is None:
             nodes = T * nodes_of(interval_shares(kind, intervals)[:, 0])
@@ -203,8 +204,8 @@ class WarmStart(Guess):
         q = self.position(nodes)
         if not self.unchanged:
             return _program(transcription, transcription.start(q, np.array([T])))
-        own = np.clip(self.entry + nodes, 0.0, self.trajectory.duration)
-        x = np.hstack([q, self.trajectory(own).v])
+        there = np.clip(self.entry + nodes, 0.0, self.trajectory.duration)
+        x = np.hstack([q, self.trajectory(there).v])
         u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
         return _program(transcription, transcription.pack(x, u, np.array([T])))
 
@@ -214,7 +215,7 @@ class WarmStart(Guess):
         return net_torque(system, self.torque(times), v)
 
     def torque_program(self, system: ProblemFunctions, shares: Array) -> Array:
-        """Iterate of the shooting methods: torques and the duration."""
+        """Initial iterate of the shooting methods: torques and duration."""
         ends = self.duration * nodes_of(shares[:, 0])
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
         z = torque_shares(system, u).ravel()
@@ -228,10 +229,10 @@ def _program(
 
 
 def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmStart:
-    """Take a former motion as a guess.
+    """A former motion as a guess.
 
     Args:
-        system: The problem that it is to warm-start.
+        system: Functions of the problem to be warm-started.
         motion: The motion, of the same joints.
 
     Returns:
@@ -248,7 +249,7 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         plain, arrivals[0], problem.q_start, system.v_start, system.step_scale
     )
     begins[0] = entry
-    # Where an arm rests at a goal from the first, it arrives at once.
+    # A segment whose goal is met from its beginning has zero duration.
     durations = np.maximum(arrivals - begins, LEAST_DURATION)
     first, last = plain(begins), plain(arrivals)
     p, s = np.zeros((2, 2, begins.size, system.n))
@@ -259,10 +260,10 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         s[1, k] = 0.0 if v_goal is None else v_goal - last.v[k]
     p[0, 1:], s[0, 1:] = p[1, :-1], s[1, :-1]
     (p0, p1), (s0, s1) = p, durations[:, None] * s
-    bends = np.stack(
+    cubics = np.stack(
         [p0, s0, 3.0 * (p1 - p0) - 2.0 * s0 - s1, 2.0 * (p0 - p1) + s0 + s1]
     )
-    bends[np.abs(bends) < 1e-12] = 0.0
+    cubics[np.abs(cubics) < 1e-12] = 0.0
     ends = np.cumsum(durations)
     times = np.linspace(0.0, ends[-1], SAMPLES)
     guess = WarmStart(
@@ -274,11 +275,11 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         solved=bool(np.all(np.abs(p) <= 1e-9)),
         trajectory=plain,
         torque=lambda t: trajectory(np.minimum(entry + t, trajectory.duration)).u,
-        held=trajectory.inverse_dynamics is None,
+        torques_held=trajectory.inverse_dynamics is None,
         entry=entry,
         begins=begins,
-        bends=bends,
-        box=(limits.position_lower, limits.position_upper),
+        cubics=cubics,
+        limits=(limits.position_lower, limits.position_upper),
     )
     return replace(guess, q=guess.position(times))
 
@@ -286,8 +287,8 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
 def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
     """A former motion, checked, with the ends of the segments of a problem.
 
-    Without recorded ends its segments end where it meets the goals of the problem, or
-    comes nearest.
+    Without recorded ends, the segments end where the motion meets the goals of the
+    problem, or is nearest to them.
 
     Raises:
         ProblemError: If the motion has other joints, or the argument is no motion.
@@ -306,7 +307,10 @@ def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
 
 
 def _entry(motion: Trajectory, T: float, q: Array, v: Array, scale: Array) -> float:
-    """Time up to T of the state closest to a given one [s]; 0 unless far closer."""
+    """Time before T at which the motion is closest to a state [s].
+
+    It is 0 unless the motion is much closer there than at its beginning.
+    """
 
     def distance(times: Array) -> Array:
         state = motion(times)
@@ -319,13 +323,13 @@ def _entry(motion: Trajectory, T: float, q: Array, v: Array, scale: Array) -> fl
     if best == 0:
         return 0.0
     step = times[1]
-    found = minimize_scalar(
+    closest = minimize_scalar(
         lambda t: float(distance(np.array([t]))[0]),
         bounds=(times[best] - step, min(times[best] + step, T)),
         method="bounded",
         options={"xatol": 1e-9 * T},
     )
-    entry = float(found.x)
-    if entry > LATEST * T or found.fun > CLOSER * far[0]:
+    entry = float(closest.x)
+    if entry > LATEST * T or closest.fun > CLOSER * far[0]:
         return 0.0
     return entry

@@ -1,6 +1,6 @@
-"""Linear programs: one record, a few solvers. The only package that knows them.
+"""Linear programs and their solvers; no other package imports such a solver.
 
-Some of them take a convex curvature of the objective, too.
+Some of the solvers also accept a convex quadratic term of the objective.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Which solvers there are, by their names."""
+"""Choice of a solver of linear programs by its name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def make_solver(name: str) -> LpSolver:
         name: "highs", "piqp" or a name that qpsolvers knows.
 
     Raises:
-        SolverNotFound: If it is not installed.
+        SolverNotFound: If the solver is not installed.
     """
     if name == "highs":
         return HighsSolver()

@@ -1,8 +1,9 @@
-"""Compressed sparse matrices as arrays: cut, stacked and split without SciPy's checks.
+"""Compressed sparse matrices as arrays: selected and stacked without SciPy's checks.
 
 A plan builds thousands of programs of a few hundred rows. Each operation on such a
-matrix takes SciPy 20 to 150 us, most of it for checks of what is known here; masks and
-cumulative sums of its entries take a few, and SciPy gets the result alone.
+matrix takes SciPy 20 to 150 us, most of it for checks of properties that are known
+here. Masks and cumulative sums of the entries take a few us, and only the result is
+made a SciPy matrix.
 """
 
 from __future__ import annotations
@@ -15,18 +16,18 @@ from numpy.typing import NDArray
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 
-# What SciPy and solvers take without a copy.
+# Index type that SciPy and the solvers accept without a copy.
 Index = np.int32
 Indices = NDArray[np.int32]
 
 
 class Compressed(NamedTuple):
-    """Entries of a sparse matrix, line after line: its rows, or else its columns.
+    """Compressed sparse matrix whose lines are either its rows or its columns.
 
     Attributes:
-        data: The entries, shape (k,).
-        places: Where each is on its line, shape (k,).
-        starts: Where each line begins among the entries, and the end, shape (m + 1,).
+        data: The entries, line by line, shape (k,).
+        places: Index of each entry on its line, shape (k,).
+        starts: Index of the first entry of each line, and k, shape (m + 1,).
         width: Number of places on a line.
     """
 
@@ -37,18 +38,19 @@ class Compressed(NamedTuple):
 
     @classmethod
     def of(cls, matrix: sp.csr_matrix | sp.csc_matrix) -> Compressed:
-        """The entries of a matrix by its rows, or by its columns if it has them so."""
+        """A matrix of SciPy: lines are rows in format CSR, columns in format CSC."""
         width = matrix.shape[1] if matrix.format == "csr" else matrix.shape[0]
         places, starts = matrix.indices, matrix.indptr
         return cls(matrix.data, places.astype(Index, copy=False), starts, width)
 
     @classmethod
     def of_table(cls, data: Array, places: IntArray, width: int) -> Compressed:
-        """Lines of as many entries each, those that are zero left out.
+        """Lines with up to w entries each; zeros are left out.
 
         Args:
             data: Entries, shape (m, w).
-            places: Where they are, in ascending order, shape (m, w); -1 for nowhere.
+            places: Their places in ascending order, shape (m, w); -1 to leave an entry
+                out.
             width: Number of places on a line.
         """
         used = (data != 0.0) & (places >= 0)
@@ -64,15 +66,15 @@ class Compressed(NamedTuple):
     def chosen(
         self, places: BoolArray | None = None, lines: BoolArray | None = None
     ) -> Compressed:
-        """Some of the places, of some of the lines; None for all."""
+        """The matrix of chosen lines and places, by masks; None for all of them."""
         used, starts, width, where = None, self.starts, self.width, self.places
         if places is not None:
             used = places[where]
             where = (np.cumsum(places, dtype=Index) - Index(1))[where]
             width = int(np.count_nonzero(places))
         if lines is not None:
-            mine = np.repeat(lines, np.diff(starts))
-            used = mine if used is None else used & mine
+            chosen = np.repeat(lines, np.diff(starts))
+            used = chosen if used is None else used & chosen
         if used is None:
             return self
         starts = _ends(used)[starts]
@@ -81,32 +83,33 @@ class Compressed(NamedTuple):
         return Compressed(self.data[used], where[used], starts, width)
 
     def followed_by(self, *others: Compressed) -> Compressed:
-        """With further lines behind its own."""
-        parts = (self, *others)
-        counts = np.concatenate([np.diff(part.starts) for part in parts])
+        """The matrix with the lines of others appended."""
+        blocks = (self, *others)
+        counts = np.concatenate([np.diff(block.starts) for block in blocks])
         return Compressed(
-            np.concatenate([part.data for part in parts]),
-            np.concatenate([part.places for part in parts]),
+            np.concatenate([block.data for block in blocks]),
+            np.concatenate([block.places for block in blocks]),
             _ends(counts),
             self.width,
         )
 
     def times(self, factors: Array) -> Compressed:
-        """With the entries of each place multiplied by a factor."""
+        """The matrix with the entries at each place multiplied by a factor."""
         return self._replace(data=self.data * factors[self.places])
 
     def reach(self, most: Array) -> Array:
-        """Largest sums of the lines, shape (m,), where places have some size at most.
+        """Largest products of the lines with a bounded vector, shape (m,).
 
         Args:
-            most: The sizes, shape (width,).
+            most: Largest absolute values of the components of the vector, shape
+                (width,).
         """
         sizes = np.abs(self.data) * most[self.places]
         sums = np.bincount(self.lines, sizes, minlength=self.starts.size - 1)
         return np.asarray(sums, dtype=np.float64)
 
     def largest(self) -> Array:
-        """Largest size of an entry at each place, shape (width,)."""
+        """Largest absolute value of the entries at each place, shape (width,)."""
         out = np.zeros(self.width)
         np.maximum.at(out, self.places, np.abs(self.data))
         return out
@@ -125,11 +128,11 @@ class Compressed(NamedTuple):
 def sorted_in(
     lines: IntArray, places: IntArray, data: Array, count: int, width: int
 ) -> Compressed:
-    """Entries in any order of their lines, and in the order of their places.
+    """Sort entries into lines; on each line they are already in order.
 
     Args:
         lines: The line of each entry, shape (k,).
-        places: Where each is on it, ascending among those of one line, shape (k,).
+        places: Place of each entry, ascending among the entries of a line, shape (k,).
         data: The entries, shape (k,).
         count: Number of lines.
         width: Number of places on a line.
@@ -140,7 +143,7 @@ def sorted_in(
 
 
 def _ends(counts: NDArray[Any]) -> Indices:
-    """Zero, and the sums of all counts up to each, shape (m + 1,)."""
+    """Zero, followed by the cumulative sums of the counts, shape (m + 1,)."""
     out = np.zeros(counts.size + 1, dtype=Index)
     np.cumsum(counts, out=out[1:])
     return out

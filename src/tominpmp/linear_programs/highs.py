@@ -1,4 +1,4 @@
-"""HiGHS, called directly: qpsolvers' interface cannot hand over a basis."""
+"""HiGHS, called directly, as the interface of qpsolvers cannot pass a basis on."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from tominpmp.stopping import check, due, seconds_left
 
 
 def _interrupt(event: Any) -> None:
-    """End a run of HiGHS when it is time to stop."""
+    """Interrupt a run of HiGHS once a stop is due."""
     if due():
         event.interrupt()
 
 
 class HighsSolver(LpSolver):
-    """HiGHS' bounded dual simplex, warm started (Huangfu and Hall, 2018).
+    """Bounded dual simplex of HiGHS, warm started (Huangfu and Hall, 2018).
 
-    Programs of many columns, of which no basis is known, are solved by its interior
-    points and a crossover to a basis (Schork and Gondzio, 2020): 2 to 10 times as fast.
+    Programs with many columns and no known basis are solved by its interior-point
+    method and a crossover to a basis (Schork and Gondzio, 2020): 2 to 10 times as fast.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,8 @@ class HighsSolver(LpSolver):
         highs.setOptionValue("threads", 1)
         highs.setOptionValue("primal_feasibility_tolerance", 1e-9)
         highs.setOptionValue("dual_feasibility_tolerance", 1e-9)
-        # Asked after each pivot; the time limit is for what comes before the first.
+        # The callback is called after each pivot; before the first one, during presolve
+        # and factorisation, only the time limit applies.
         highs.cbSimplexInterrupt += _interrupt
         highs.cbIpmInterrupt += _interrupt
         self._highs = highs
@@ -41,7 +42,7 @@ class HighsSolver(LpSolver):
         self._basis: highspy.HighsBasis | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
-        """Solve a program from the basis of the last one."""
+        """Solve a program, warm started from the basis of the last one."""
         matrix = program.matrix
         lp = highspy.HighsLp()
         lp.num_row_, lp.num_col_ = matrix.shape
@@ -64,7 +65,7 @@ class HighsSolver(LpSolver):
         return self._run()
 
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
-        """Solve again; the basis stays dual feasible, so that a few pivots do."""
+        """Solve again: as the basis remains dual feasible, a few pivots suffice."""
         indices = np.arange(row_lower.size, dtype=np.int32)
         self._highs.changeRowsBounds(row_lower.size, indices, row_lower, row_upper)
         return self._run()
@@ -72,7 +73,7 @@ class HighsSolver(LpSolver):
     def _run(self, method: str = "simplex") -> LpSolution:
         begin = time.perf_counter()
         self._highs.setOptionValue("solver", method)
-        # Its limit counts all runs of the same object.
+        # The time limit of HiGHS counts all runs of the same object.
         limit = self._highs.getRunTime() + seconds_left()
         self._highs.setOptionValue("time_limit", limit)
         self._highs.run()
@@ -92,13 +93,13 @@ class HighsSolver(LpSolver):
 def _carried(
     basis: highspy.HighsBasis, old: LinearProgram, new: LinearProgram
 ) -> highspy.HighsBasis:
-    """The basis of a program for the next one; rows that are new are basic in it."""
+    """The basis of a program carried over to the next one; new rows are basic."""
     rows = dict(zip(old.row_keys.tolist(), basis.row_status, strict=True))
-    before = dict(zip(old.column_keys.tolist(), basis.col_status, strict=True))
+    cols = dict(zip(old.column_keys.tolist(), basis.col_status, strict=True))
     basic = highspy.HighsBasisStatus.kBasic
     at_lower = highspy.HighsBasisStatus.kLower
     carried = highspy.HighsBasis()
     carried.row_status = [rows.get(key, basic) for key in new.row_keys.tolist()]
-    carried.col_status = [before.get(key, at_lower) for key in new.column_keys.tolist()]
+    carried.col_status = [cols.get(key, at_lower) for key in new.column_keys.tolist()]
     carried.valid = True
     return carried

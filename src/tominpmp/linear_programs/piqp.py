@@ -18,42 +18,44 @@ from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import HUGE, MANY_COLUMNS, LpSolver
 from tominpmp.stopping import check, seconds_left
 
-# Iterations of PIQP at most. It needs 18 to 30; where it has not ended by then, it
-# seldom does before its own limit of 250, and the simplex method is faster; not for
-# programs of many columns: those get a second chance with refined linear systems,
-# which is dearer an iteration.
+# Most iterations of PIQP, which usually needs 18 to 30. If it has not converged within
+# this limit, it seldom does before its default limit of 250, and the simplex method is
+# faster. This does not hold for programs with many columns: these are tried a second
+# time with iterative refinement of the linear systems, which costs more per iteration.
 PIQP_ITERATIONS = 60
-# Where rounding keeps it from the last digits it stands still with the solution: rows
-# are kept to the first, and multipliers to the second.
+# If rounding prevents convergence to the last digits, PIQP stalls at the solution. It
+# is accepted up to these residuals of rows and of multipliers.
 NEARLY_ROWS, NEARLY_DUALS = 1e-6, 1e-3
-# What is asked for, of rows and of multipliers, in units of the limits.
+# Requested residual of rows and of multipliers, in units of the limits.
 RESIDUAL = 1e-7
-# Passes of equilibration, after ours of equations: rows are in units of their limits.
-# Two of them took 4 % more iterations for the same T (128 goals).
+# Passes of equilibration by PIQP: equations are scaled here already, and other rows are
+# in units of their limits. Two passes took 4 % more iterations for the same T (128
+# goals).
 PIQP_SCALINGS = 0
-# What regularises equations in the end: with less of it rounding grows.
+# Final regularisation of equations: with less of it rounding errors grow.
 PIQP_LAST = 1e-10
-# How nearly multipliers prove that a program has no solution, in versions of PIQP that
-# take their word for it (0.7 on). At their 1e-4 the last steps towards a solution did:
-# 21 of 1059 programs of a Panda were called infeasible, and are solved from 1e-6 down.
+# Tolerance of the proof, by multipliers, that a program is infeasible, in versions of
+# PIQP that test it (0.7 and later). With their default of 1e-4 the last steps towards a
+# solution met it: 21 of 1059 programs of a Panda were called infeasible, which are
+# solved with 1e-6 and below.
 PIQP_PROOF = 1e-10
 
-# Systems are factorised stage by stage where coefficients are at most this share of all
-# that rows might have.
+# Systems are factorised stage by stage if the density of the matrix is at most this.
 STAGED, STAGED_SHARE = piqp.KKTSolver.sparse_multistage, 0.1
 
 
 @dataclass(frozen=True)
-class Nearly:
-    """When an interior point is near enough to a solution, and how long to wait for it.
+class Termination:
+    """Termination of the interior-point method: tolerances and iteration limit.
 
     Attributes:
-        gap: Duality gap that will do, in units of the objective.
-        share: The same as a share of the objective; the larger of both counts.
-        iterations: Iterations at most.
-        residual: Residual that is asked for. Rows are kept much better than that when
-            the gap has closed; multipliers of limits that overlap are not, and waiting
-            for their last digits took more than half of all iterations.
+        gap: Sufficient duality gap, in units of the objective.
+        share: Sufficient duality gap, as a share of the objective; the larger of both
+            counts.
+        iterations: Iteration limit.
+        residual: Requested residual. Rows are satisfied much better once the gap has
+            closed. Multipliers of overlapping limits are not, and more than half of all
+            iterations would be spent on their last digits.
     """
 
     gap: float = 2e-5
@@ -62,57 +64,58 @@ class Nearly:
     residual: float = 1e-4
 
 
-USUALLY = Nearly()
+USUAL_TERMINATION = Termination()
 
 
 def factorisation(program: LinearProgram, equations: bool) -> Any:
-    """How PIQP factorises its linear systems for a program.
+    """The method by which PIQP factorises the linear systems of a program.
 
-    Stage by stage where that has two thirds of the time and the same iterations and
-    solutions: curvature in all unknowns, nothing but inequalities, and these of few
-    unknowns each. Where nothing bends, or there are equations, rounding spoils it.
+    Factorisation stage by stage takes two thirds of the time, with the same iterations
+    and solutions, if all unknowns have curvature and all rows are inequalities of few
+    unknowns each. Without curvature, or with equations, rounding errors spoil it.
 
     Args:
         program: The program.
-        equations: Whether it has any.
+        equations: Whether the program has equations.
     """
     matrix = program.matrix
-    few = matrix.nnz <= STAGED_SHARE * matrix.shape[0] * matrix.shape[1]
-    staged = program.curvature is not None and not equations and few
+    sparse = matrix.nnz <= STAGED_SHARE * matrix.shape[0] * matrix.shape[1]
+    staged = program.curvature is not None and not equations and sparse
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 
 def in_order(matrix: sp.csc_matrix) -> sp.csc_matrix:
-    """A matrix with its columns in the order of rows.
+    """A matrix with the entries of each column in the order of rows.
 
-    Products of sparse matrices have them in any order, and PIQP writes beside its
-    memory then.
+    Products of sparse matrices have unsorted entries, with which PIQP would write
+    outside its memory.
 
     Args:
-        matrix: By columns.
+        matrix: The matrix, by columns.
     """
     return matrix if matrix.has_sorted_indices else matrix.sorted_indices()
 
 
 def equation_scale(equations: Compressed) -> Array:
-    """Factors that make the largest coefficient of equations one at most, shape (m,).
+    """Factors that scale the largest coefficient of each equation to 1, shape (m,).
 
-    Second differences over short intervals have coefficients of 1e10.
+    Equations with smaller coefficients are not scaled. Second differences over short
+    intervals have coefficients of 1e10.
 
     Args:
-        equations: By columns.
+        equations: The equations, by columns.
     """
     return np.asarray(1.0 / np.maximum(1.0, equations.largest()))
 
 
 @cache
 def _staged_works() -> bool:
-    """Whether this PIQP was built with what it takes, which not all are."""
-    one, bound = sp.identity(2, format="csc"), np.ones(2)
+    """Whether this build of PIQP supports factorisation stage by stage."""
+    unit, bound = sp.identity(2, format="csc"), np.ones(2)
     solver = piqp.SparseSolver()
     solver.settings.verbose = False
     solver.settings.kkt_solver = STAGED
-    solver.setup(one, bound, None, None, one, -bound, bound, -bound, bound)
+    solver.setup(unit, bound, None, None, unit, -bound, bound, -bound, bound)
     return bool(solver.solve() == piqp.PIQP_SOLVED)
 
 
@@ -120,13 +123,13 @@ class PiqpSolver(LpSolver):
     """PIQP, a proximal interior-point method (Schwan, Jiang, Kuhn, Jones, 2023).
 
     Args:
-        nearly: When a solution will do that it does not get to the last digits of.
+        termination: Tolerances and iteration limit.
     """
 
     curved = True
 
-    def __init__(self, nearly: Nearly = USUALLY) -> None:
-        self._nearly = nearly
+    def __init__(self, termination: Termination = USUAL_TERMINATION) -> None:
+        self._termination = termination
         solver = piqp.SparseSolver()
         solver.settings.verbose = False
         solver.settings.check_duality_gap = True
@@ -141,17 +144,17 @@ class PiqpSolver(LpSolver):
         self._equal: BoolArray = np.zeros(0, dtype=bool)
         self._pace, self._stages_fail = 0.0, False
         self._program: LinearProgram | None = None
-        self._other: HighsSolver | None = None
+        self._simplex: HighsSolver | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
-        """Solve a program; interior points have no warm start."""
+        """Solve a program; the interior-point method has no warm start."""
         begin = time.perf_counter()
-        self._program, self._other = program, None
+        self._program, self._simplex = program, None
         self._set_up(program)
-        found = self._run(begin)
-        if found.optimal:
-            return found
-        return self._solve_by_simplex(begin, found.iterations)
+        solution = self._run(begin)
+        if solution.optimal:
+            return solution
+        return self._solve_by_simplex(begin, solution.iterations)
 
     def _set_up(self, program: LinearProgram) -> None:
         self._equal = equal = program.row_lower == program.row_upper
@@ -159,9 +162,9 @@ class PiqpSolver(LpSolver):
         self._scale = np.zeros(0)
         if equal.any():
             matrix = Compressed.of(program.matrix)
-            others, own = matrix.chosen(~equal).columns(), matrix.chosen(equal)
-            self._scale = equation_scale(own)
-            equations = own.times(self._scale).columns()
+            others, equal_rows = matrix.chosen(~equal).columns(), matrix.chosen(equal)
+            self._scale = equation_scale(equal_rows)
+            equations = equal_rows.times(self._scale).columns()
         settings = self._solver.settings
         settings.kkt_solver = piqp.KKTSolver.sparse_ldlt
         if not self._stages_fail:
@@ -180,10 +183,10 @@ class PiqpSolver(LpSolver):
         )
 
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
-        """Solve again, with the symbolic factorisation kept."""
+        """Solve again with other row bounds; the symbolic factorisation is kept."""
         begin = time.perf_counter()
-        if self._other is not None:
-            return self._other.resolve(row_lower, row_upper)
+        if self._simplex is not None:
+            return self._simplex.resolve(row_lower, row_upper)
         equal, program = self._equal, self._program
         assert program is not None  # noqa: S101
         self._program = replace(program, row_lower=row_lower, row_upper=row_upper)
@@ -196,16 +199,16 @@ class PiqpSolver(LpSolver):
 
     def _run(self, begin: float) -> LpSolution:
         assert self._program is not None  # noqa: S101
-        spent = self._try(begin, self._nearly.residual)
+        spent = self._try(begin, self._termination.residual)
         if not self._solved and self._solver.settings.kkt_solver == STAGED:
-            # Without pivots between stages, coefficients of 1e9 beside those of one may
-            # leave no number, or wrong ones; the other programs of the same motion have
-            # them, too.
+            # Without pivoting between stages, coefficients of 1e9 next to others of 1
+            # may lead to NaN or wrong numbers. Other programs of the same motion have
+            # such coefficients, too.
             self._stages_fail = True
             self._set_up(self._program)
-            spent += self._try(begin, self._nearly.residual)
+            spent += self._try(begin, self._termination.residual)
             self._stages_fail = self._solved
-        if not self._solved and (self._ended or self._program.cost.size > MANY_COLUMNS):
+        if not self._solved and (self._exact or self._program.cost.size > MANY_COLUMNS):
             spent += self._try(begin, RESIDUAL, refined=True)
         result = self._solver.result
         duals = np.zeros(self._equal.size)
@@ -221,7 +224,7 @@ class PiqpSolver(LpSolver):
         )
 
     def _try(self, begin: float, residual: float, *, refined: bool = False) -> int:
-        """Iterate; returns how often."""
+        """Run PIQP; returns the number of iterations."""
         settings = self._solver.settings
         settings.eps_abs = settings.eps_rel = residual
         settings.iterative_refinement_always_enabled = refined
@@ -234,41 +237,41 @@ class PiqpSolver(LpSolver):
 
     @property
     def _solved(self) -> bool:
-        """Whether there is a solution, but for the last digits."""
+        """Whether the last run has reached a solution, up to its last digits."""
         result = self._solver.result
-        info, nearly = result.info, self._nearly
+        info, termination = result.info, self._termination
         if not np.all(np.isfinite(result.x)) or info.primal_res > NEARLY_ROWS:
             return False
-        gap = max(nearly.gap, nearly.share * abs(info.primal_obj))
-        near = info.duality_gap <= gap and info.dual_res <= NEARLY_DUALS
-        return self._ended or bool(near)
+        gap = max(termination.gap, termination.share * abs(info.primal_obj))
+        nearly = info.duality_gap <= gap and info.dual_res <= NEARLY_DUALS
+        return self._exact or bool(nearly)
 
     @property
-    def _ended(self) -> bool:
-        """Whether it found what it was asked for."""
+    def _exact(self) -> bool:
+        """Whether the last run has converged to the requested residual."""
         return bool(self._solver.result.info.status == piqp.PIQP_SOLVED)
 
     def _solve_by_simplex(self, begin: float, spent: int) -> LpSolution:
-        """Leave the program, and what follows from it, to the simplex method."""
-        self._other, program = HighsSolver(), self._program
+        """Solve the program, and later changes of its bounds, by the simplex method."""
+        self._simplex, program = HighsSolver(), self._program
         assert program is not None  # noqa: S101
-        found = self._other.solve(program)
-        seconds = time.perf_counter() - begin
-        return replace(found, iterations=spent + found.iterations, seconds=seconds)
+        solution = self._simplex.solve(program)
+        iterations, seconds = spent + solution.iterations, time.perf_counter() - begin
+        return replace(solution, iterations=iterations, seconds=seconds)
 
     def _limit(self) -> None:
-        """Bound the iterations by the time that is left: PIQP has no limit on time."""
+        """Limit the iterations by the remaining time, as PIQP has no time limit."""
         settings, left = self._solver.settings, seconds_left()
-        settings.max_iter = self._nearly.iterations
+        settings.max_iter = self._termination.iterations
         if np.isinf(left):
             return
         if self._pace == 0.0:
-            # Iterations alike in time: the first tells how many there may be.
+            # All iterations take the same time: the first one is timed.
             begin = time.perf_counter()
             settings.max_iter = 1
             self._solver.solve()
             self._pace = time.perf_counter() - begin
             check()
             left = seconds_left()
-        allowed = int(min(left / max(self._pace, 1e-9), self._nearly.iterations))
+        allowed = int(min(left / max(self._pace, 1e-9), self._termination.iterations))
         settings.max_iter = max(allowed, 1)

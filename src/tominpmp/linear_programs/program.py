@@ -1,4 +1,4 @@
-"""Linear programs and their solutions, as solvers take and give them."""
+"""Linear programs and their solutions: input and output of the solvers."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ class LinearProgram:
         row_upper: Shape (m,).
         lower: Shape (n,).
         upper: Shape (n,).
-        row_keys: Names of the rows, which tie the bases of successive programs, (m,).
-        column_keys: Names of the columns, shape (n,).
-        curvature: P, positive semidefinite, shape (n, n): x^T P x / 2 is added to the
-            objective by solvers that are ``curved``; None for none.
-        accuracy: A duality gap of the objective that is none to whoever asks.
+        row_keys: Keys of the rows, shape (m,). They identify the rows in successive
+            programs, so that a basis can be carried over.
+        column_keys: Keys of the columns, shape (n,).
+        curvature: P, positive semidefinite, shape (n, n). Solvers that are ``curved``
+            add x^T P x / 2 to the objective; None without curvature.
+        accuracy: Duality gap below which the program counts as solved.
     """
 
     cost: Array
@@ -40,7 +41,7 @@ class LinearProgram:
 
     @property
     def curved(self) -> sp.csc_matrix:
-        """Its curvature, zero if there is none."""
+        """The curvature, which is zero if the program has none."""
         size = self.cost.size
         return sp.csc_matrix((size, size)) if self.curvature is None else self.curvature
 
@@ -50,13 +51,13 @@ class LpSolution:
     """Outcome of a linear program.
 
     Attributes:
-        optimal: Whether it was solved.
+        optimal: Whether the program was solved.
         x: Solution, shape (n,); meaningless unless optimal.
-        row_duals: Sensitivity of the optimum to the bound that is active, shape (m,):
-            positive at an upper bound, negative at a lower one.
+        row_duals: Multipliers of the rows, shape (m,): sensitivity of the optimum to
+            the active bound, positive at an upper bound, negative at a lower one.
         iterations: Simplex pivots or interior-point iterations.
         seconds: Time taken [s].
-        curved: Whether the curvature of the program was heeded, if it has any.
+        curved: Whether the solver took the curvature, if there is any, into account.
     """
 
     optimal: bool

@@ -1,4 +1,4 @@
-"""What a solver of linear programs does."""
+"""Interface of the solvers of linear programs."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from abc import ABC, abstractmethod
 from tominpmp.arrays import Array
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 
-# Bounds beyond this are none, for solvers that have no infinity.
+# Value that stands for infinite bounds in solvers without an infinity.
 HUGE = 1e30
-# Programs of more columns take a simplex method thousands of pivots and seconds.
+# Programs with more columns take a simplex method thousands of pivots, and seconds.
 MANY_COLUMNS = 1000
 
 
@@ -17,14 +17,14 @@ class LpSolver(ABC):
     """A solver of a sequence of related linear programs.
 
     Attributes:
-        curved: Whether it heeds the curvature of a program.
+        curved: Whether the solver takes the curvature of a program into account.
     """
 
     curved: bool = False
 
     @abstractmethod
     def solve(self, program: LinearProgram) -> LpSolution:
-        """Solve a program, warm started from the last one where that is possible."""
+        """Solve a program, warm started from the last one if the method allows it."""
 
     @abstractmethod
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:

@@ -1,4 +1,4 @@
-"""All other solvers, through qpsolvers by their names."""
+"""All other solvers, called by their names through qpsolvers."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import HUGE, LpSolver
 from tominpmp.stopping import check, seconds_left
 
-# What these solvers call their limit on time [s].
+# Name of the time limit among the settings of these solvers [s].
 TIME_LIMITS = dict.fromkeys(("clarabel", "highs", "osqp"), "time_limit")
 TIME_LIMITS["scs"] = "time_limit_secs"
 
 
 class QpsolversSolver(LpSolver):
-    """Any solver that qpsolvers knows.
+    """Any solver that qpsolvers supports.
 
     Attributes:
-        name: Its name there.
+        name: Name of the solver in qpsolvers.
     """
 
     curved = True
@@ -33,15 +33,15 @@ class QpsolversSolver(LpSolver):
         self._program: LinearProgram | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
-        """Solve a program from scratch; by the simplex method where this one fails."""
+        """Solve a program from scratch; if that fails, by the simplex method."""
         self._program = program
-        found = self.resolve(program.row_lower, program.row_upper)
-        return found if found.optimal else HighsSolver().solve(program)
+        solution = self.resolve(program.row_lower, program.row_upper)
+        return solution if solution.optimal else HighsSolver().solve(program)
 
     def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
         """Solve the last program from scratch with other row bounds."""
         assert self._program is not None  # noqa: S101
-        import qpsolvers  # takes longer to import than most plans take
+        import qpsolvers  # the import takes longer than most plans
 
         begin = time.perf_counter()
         program, name = self._program, self.name

@@ -1,4 +1,4 @@
-"""Planning for sets of goals of which any will do."""
+"""Planning for a set of alternative goals, any of which may be met."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tominpmp.planner.work import Schedule
 from tominpmp.problem.problem import Problem
 from tominpmp.stopping import Stop
 
-# Makes the schedule of a problem with one goal, with a former motion if there is one.
+# Makes the schedule of starts for a problem with one goal and a former motion, or None.
 Starts = Callable[[Problem, Trajectory | Samples | None], Schedule[None]]
 
 
@@ -25,18 +25,18 @@ def candidates_of_alternatives(
 ) -> Schedule[None]:
     """Multi-start over the goals of a set: round robin, one start per goal.
 
-    The goals that might be reached soonest come first. As long as there is no motion,
-    a start may take no more than its share of the planning time: one goal may be out of
-    reach, and that is not always known at once. Goals that no motion could reach faster
-    than the best one so far are left out.
+    The goals with the smallest lower bounds come first. As long as there is no
+    incumbent, a start may take only its share of the planning time: a goal may be out
+    of reach, and that is not always known at once. Goals whose lower bound is not
+    below the duration of the incumbent are left out.
 
     Args:
-        state: The plan of a problem with a set of goals, or with one.
-        starts: Makes the schedule of each goal.
-        former: A former motion; it goes to the goal that it ends nearest to.
+        state: The plan of a problem with one goal or a set of goals.
+        starts: Makes the schedule of starts for each goal.
+        former: A former motion as warm start, for the goal that it ends nearest to.
 
     Raises:
-        ProblemError: If none of the goals can be reached at all.
+        ProblemError: If no goal can be reached at all.
     """
     parts = state.problem.alternatives
     if len(parts) == 1:
@@ -59,7 +59,8 @@ def candidates_of_alternatives(
         for place, i in enumerate(order):
             if bounds[i] >= state.best_duration:
                 continue
-            # Of one goal the nearest turns are the likely ones.
+            # Alternatives of one configuration differ by full turns of joints, of which
+            # the nearest ones are the likely ones.
             rivals = len(order) - place + len(again)
             state.share(min(rivals, 2) if one_place else rivals)
             try:
@@ -74,7 +75,7 @@ def candidates_of_alternatives(
                 state.stopped(stop)
                 if state.ended:
                     raise
-                continue  # its share of the time is used up
+                continue  # the share of the time is used up
             except ProblemError as error:
                 wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
                 continue
@@ -86,7 +87,7 @@ def candidates_of_alternatives(
 
 
 def _entered(problem: Problem, former: Trajectory | Samples) -> int:
-    """The alternative of a problem that a former motion is nearest to."""
+    """Index of the alternative whose goal is nearest to the end of a former motion."""
     parts = problem.alternatives
     nearest = problem.alternative_of(former_motion(problem, former))
     goals = [[phase.goal for phase in part.phases] for part in (nearest, *parts)]

@@ -1,4 +1,4 @@
-"""Options left open: the method, control and solver that fit a problem, and weights."""
+"""Automatic options: the method, control, solver and weights that fit a problem."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from tominpmp.problem.problem import Problem
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Weight of the jumps of the controls, as a share of the duration of the guess. Their
-# total variation costs less than 0.1 % of T in free space, and halves the iterations
-# (benchmarks/random_goals.py). Of their squares ten times as much costs 0.1 % of T on
-# problems of MotionBenchMaker; a tenth brings 0.05 %, with a quarter more variation.
+# Weight of the jumps of the controls, as a share of the duration of the guess. With the
+# total variation it costs less than 0.1 % of T in free space, and halves the iterations
+# (benchmarks/random_goals.py). With squared jumps ten times this weight costs 0.1 % of
+# T on problems of MotionBenchMaker; a tenth of it gains 0.05 %, and torques vary a
+# quarter more.
 JUMPS_SHARE = 1e-4
-# Methods that shoot: their torques are constant over the intervals of a fixed grid.
+# Shooting methods: their torques are constant over the intervals of a fixed grid.
 SHOOTING = ("adjoint", "penalty")
 
 
@@ -29,7 +30,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     """
     robot = problem.robot
     method = options.method
-    _check_together(problem, options)
+    _check_combinations(problem, options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
     if method == "inverse" and robot.passive_joints:
@@ -57,12 +58,12 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     return replace(options, method=method, lp_solver=lp_solver, control=control)
 
 
-def near_to_it(options: Options, radius: float, iterations: int) -> Options:
-    """Options for a warm start near an optimum: small trust region, few steps.
+def warm_start_options(options: Options, radius: float, iterations: int) -> Options:
+    """Options for a warm start near an optimum: small trust region, few iterations.
 
     Args:
         options: Options of the plan.
-        radius: Share of the usual trust region.
+        radius: Trust-region radius, as a share of the usual one.
         iterations: Upper limit of the iterations.
     """
     return replace(
@@ -72,26 +73,27 @@ def near_to_it(options: Options, radius: float, iterations: int) -> Options:
     )
 
 
-def least_time(
+def minimum_time(
     system: ProblemFunctions,
     options: Options,
     duration: float,
     *,
     refined: bool = False,
 ) -> MinimumTime:
-    """The least time, with a weight on the jumps of the controls.
+    """The objective of minimum time, with a weight on the jumps of the controls.
 
-    Torques that nothing holds would jump for less than the clock of a controller. Among
-    obstacles it is the squares of the jumps that count: programs are a third as large
-    as with their total variation, and descents end sooner. In free space, where torques
-    jump from one limit to the other, squares would cost up to 0.3 % of T.
+    Without the weight, torques that the minimum time leaves free would chatter faster
+    than a controller can follow. Among obstacles the squares of the jumps are weighted:
+    programs are a third as large as with the total variation, and descents end sooner.
+    In free space, where torques jump from one limit to the other, squared jumps would
+    cost up to 0.3 % of T.
 
     Args:
         system: Functions of the problem.
-        options: Options of the plan, which may give the weight of the total variation.
+        options: Options of the plan, which may set the weight of the total variation.
         duration: Duration of the motion [s].
-        refined: Whether the grid is finer than that of the search: proximal steps keep
-            controls quiet enough there, if nothing is in the way.
+        refined: Whether the grid is finer than the grid of the search. In free space
+            the proximal term then suffices to keep controls quiet.
     """
     free = system.in_free_space
     if options.smoothing is not None or (free and refined):
@@ -100,11 +102,11 @@ def least_time(
     return MinimumTime.of(options, JUMPS_SHARE * duration, squared=squared)
 
 
-def _check_together(problem: Problem, options: Options) -> None:
-    """Refuse options that do not go with the problem, or with each other.
+def _check_combinations(problem: Problem, options: Options) -> None:
+    """Refuse options that conflict with the problem or with each other.
 
     Raises:
-        OptionsError: If there is one.
+        OptionsError: If there is a conflict.
     """
     robot, period, weight = problem.robot, options.control_period, options.energy_weight
     inverse, followed = ("auto", "inverse"), ("auto", "grid", None)
@@ -117,12 +119,12 @@ def _check_together(problem: Problem, options: Options) -> None:
                 "control_period",
             )
         reason = f"control_period is {period:g} s, without switches between ticks"
-        _check_known(options, reason, refine=followed)
+        _check_values(options, reason, refine=followed)
     if problem.segments:
         reason = "the problem has several segments"
-        _check_known(options, reason, method=inverse, refine=followed, slack=(None,))
+        _check_values(options, reason, method=inverse, refine=followed, slack=(None,))
     if weight:
-        _check_known(
+        _check_values(
             options,
             f"energy_weight is {weight:g}",
             method=(*inverse, "collocation"),
@@ -131,7 +133,7 @@ def _check_together(problem: Problem, options: Options) -> None:
             slack=(None,),
         )
     if robot.kinematic:
-        _check_known(
+        _check_values(
             options,
             "a kinematic robot has no torques",
             method=inverse,
@@ -141,16 +143,16 @@ def _check_together(problem: Problem, options: Options) -> None:
         )
 
 
-def _check_known(options: Options, reason: str, **known: tuple[object, ...]) -> None:
-    """Refuse values of options other than those that are known.
+def _check_values(options: Options, reason: str, **known: tuple[object, ...]) -> None:
+    """Refuse values of options that are not among the allowed ones.
 
     Args:
         options: The options.
-        reason: Why others are refused.
-        **known: The values that are known, by the names of their options.
+        reason: Why other values are refused.
+        **known: The allowed values, by the names of their options.
 
     Raises:
-        OptionsError: If there is one; says the reason.
+        OptionsError: If an option has another value; the message has the reason.
     """
     for name, allowed in known.items():
         value = getattr(options, name)
@@ -166,7 +168,7 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
     """Control parameterisation that fits the problem and the method.
 
     Raises:
-        OptionsError: If there is none.
+        OptionsError: If no control parameterisation fits.
     """
     control = options.control
     smooth = need_smooth(problem.robot, problem.motion_limits)
@@ -190,9 +192,9 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
         return control
     if smooth:
         return "linear"
-    # Torques that switch are read off accelerations that jump. Else "auto" is left to
-    # the descents: linear ones where torques rule a motion. Those of a kinematic robot
-    # are constant between jumps.
+    # Exact switches are read off piecewise constant accelerations, and motions of a
+    # kinematic robot have these. Otherwise each descent resolves "auto" by its guess:
+    # accelerations are linear if torque limits rule the motion.
     jumps = method != "inverse" or options.refine == "switching"
     jumps = jumps or problem.robot.kinematic
     return "constant" if jumps else "auto"

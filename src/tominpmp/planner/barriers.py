@@ -1,9 +1,10 @@
-"""Barriers: joints that cannot pass whatever the others do, so that no motion exists.
+"""Barriers: positions that a joint would have to pass in collision.
 
-The distance of some pairs depends on one joint alone: that of the first link of an arm
-to an obstacle, or to its base. A joint passes all positions between those at the start
-and at the goal (intermediate value theorem), so a pair of that kind that overlaps at
-one of them is a proof, which the failure of any number of starts is not.
+The distance of some collision pairs depends on a single joint: for example the distance
+of the first link of an arm from an obstacle, or from its base. A joint passes all
+positions between its start and its goal (intermediate value theorem). If such a pair
+overlaps at one of these positions, no motion exists. This is a proof, in contrast to
+the failure of any number of starts.
 """
 
 from __future__ import annotations
@@ -17,22 +18,22 @@ from tominpmp.collision.checker import Contact
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem.problem import Problem
 
-# Positions of a joint that are looked at between start and goal.
+# Positions of a joint that are checked between start and goal.
 PLACES = 128
-# Lack of clearance of a barrier beyond the lack that motions are forgiven [m].
+# A barrier lacks at least this much more clearance than is tolerated in motions [m].
 DEEP = 1e-4
 
 
 @dataclass(frozen=True)
 class Barrier:
-    """A pair of bodies that a joint cannot pass.
+    """A collision pair that blocks the path of a joint.
 
     Attributes:
         joint: Name of the joint.
-        position: Where the pair lacks most room [rad or m].
+        position: Position of the joint with the least clearance [rad or m].
         unit: Unit of the position.
-        contact: The pair, and how near its bodies are there.
-        segment: Number of the segment, from 1; None if there is one alone.
+        contact: The collision pair, with its distance at this position.
+        segment: Number of the segment, from 1; None if the problem has a single one.
     """
 
     joint: str
@@ -42,7 +43,7 @@ class Barrier:
     segment: int | None = None
 
     def __str__(self) -> str:
-        """A sentence."""
+        """A sentence for the user."""
         where = "" if self.segment is None else f" on segment {self.segment}"
         return (
             f"No motion exists: joint {self.joint!r} has to pass {self.position:.4g} "
@@ -52,21 +53,21 @@ class Barrier:
 
 
 def find_barrier(problem: Problem, forgiven: float) -> Barrier | None:
-    """Look for a barrier to all motions; None if there is no proof of one.
+    """Look for a barrier that blocks all motions; None if no barrier is proved.
 
-    Every way to meet the goal must be barred. Goals on a frame, and obstacles that
-    move, prove nothing.
+    Every alternative of the goal must be blocked. With goals on a frame, or with moving
+    obstacles, nothing can be proved.
 
     Args:
         problem: The problem.
-        forgiven: Lack of clearance that a motion is forgiven [m].
+        forgiven: Lack of clearance that is tolerated in a motion [m].
     """
-    found = [_barred(part, forgiven) for part in problem.alternatives]
-    return found[0] if all(found) else None
+    barriers = [_barred(part, forgiven) for part in problem.alternatives]
+    return barriers[0] if all(barriers) else None
 
 
 def _barred(problem: Problem, forgiven: float) -> Barrier | None:
-    """The barrier for one way to meet the goal, of the first segment that has one."""
+    """The barrier for one alternative of the goal, on its first blocked segment."""
     begin: Array | None = problem.q_start
     many = len(problem.phases) > 1
     for number, phase in enumerate(problem.phases):
@@ -83,7 +84,7 @@ def _barred(problem: Problem, forgiven: float) -> Barrier | None:
 def _between(
     problem: Problem, begin: Array, end: Array, forgiven: float, segment: int | None
 ) -> Barrier | None:
-    """The barrier between two configurations, if there is one."""
+    """The barrier between two configurations; None if there is none."""
     checker, robot = problem.checker, problem.robot
     joint = checker.lone_joints
     pairs = np.flatnonzero((joint >= 0) & (begin != end)[joint])
@@ -91,11 +92,11 @@ def _between(
         return None
     q = np.linspace(begin, end, PLACES)
     instants = np.repeat(np.arange(PLACES), pairs.size)
-    every = np.tile(pairs, PLACES)
+    each = np.tile(pairs, PLACES)
     margins = problem.margins
-    distances = checker.measured(q, instants, every, margins[every])
-    worst = int(np.argmin(distances - margins[every]))
-    pair = int(every[worst])
+    distances = checker.measured(q, instants, each, margins[each])
+    worst = int(np.argmin(distances - margins[each]))
+    pair = int(each[worst])
     contact = checker.contact(pair, float(distances[worst]), float(margins[pair]))
     if contact.lack <= forgiven + DEEP:
         return None

@@ -1,4 +1,4 @@
-"""Candidates: motions made from initial guesses, with their replays, and on the way."""
+"""Candidates: the motions of initial guesses, their replays, and kept iterates."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
 
 
-class Kept(NamedTuple):
-    """A motion on the way.
+class KeptIterate(NamedTuple):
+    """An intermediate motion of a candidate, kept in case the candidate is cut short.
 
     Attributes:
-        program: Its program.
-        iterate: The motion.
-        feasible: Whether it keeps all constraints of the program.
+        program: The nonlinear program.
+        iterate: The motion as an iterate of the program.
+        feasible: Whether the iterate keeps all constraints of the program.
     """
 
     program: Solved
@@ -42,18 +42,19 @@ class Candidate:
     Attributes:
         name: Name of the guess.
         status: How the iteration ended.
-        feasible: Whether the motion keeps all constraints.
+        feasible: Whether the motion keeps all constraints of its program.
         trajectory: The best motion.
-        initial: The motion it began with.
+        initial: The initial motion.
         violations: Largest violation by kind of constraint.
-        history: One record an iteration.
-        verification: Replay of the torques, if the motion is feasible.
-        remark: A sentence for the user, if there is something to say.
-        layout: How the motion was parameterised; None where only torques are.
+        history: Records, one per iteration.
+        verification: Replay of the torques; None without a replay.
+        remark: A sentence for the user; may be empty.
+        layout: Parameterisation of the motion; None for shooting methods, whose only
+            unknowns are torques, and for motions from elsewhere.
         clearance_rows: Whether its program had clearance rows.
-        dropped: Whether a rule of its iteration has given it up.
-        coarser: The motion on a coarser grid that it was refined from; None for others.
-        row_times: Times of the rows of distances in its program [s], by their block.
+        dropped: Whether a stop rule has given the candidate up.
+        coarser: The candidate on a coarser grid that was refined; None without one.
+        row_times: Times of the distance rows in its program [s], by block.
     """
 
     name: str
@@ -73,7 +74,7 @@ class Candidate:
 
     @classmethod
     def of(cls, name: str, initial: Trajectory, result: SlpResult) -> Candidate:
-        """Candidate from the motion it began with and the outcome of a solver."""
+        """Candidate from its initial motion and the result of the solver."""
         program = result.program
         feasible = result.best is not None
         iterate = result.iterate if result.best is None else result.best
@@ -104,7 +105,7 @@ class Candidate:
 
     @property
     def violation(self) -> float:
-        """Largest violation."""
+        """Largest constraint violation."""
         return max(self.violations.values(), default=0.0)
 
     def after(self, former: Candidate) -> Candidate:
@@ -115,42 +116,42 @@ class Candidate:
         return replace(self, initial=former.initial, history=history)
 
     @property
-    def found(self) -> bool:
-        """Whether the motion keeps all constraints of its program, and its replay."""
+    def confirmed(self) -> bool:
+        """Whether the program and the replay of the motion keep all limits."""
         confirmed = self.verification is not None and self.verification.ok
         return self.feasible and confirmed
 
     @property
     def unconfirmed(self) -> bool:
-        """Whether there was no time left for the replay."""
+        """Whether the motion is feasible but was not replayed, for lack of time."""
         return self.feasible and self.verification is None
 
     @property
     def refuted(self) -> bool:
-        """Whether the replay of a motion that a program allows does not hold."""
-        return self.feasible and not self.unconfirmed and not self.found
+        """Whether the replay breaks limits that the program keeps."""
+        return self.feasible and not self.unconfirmed and not self.confirmed
 
     @property
     def excess(self) -> float:
         """Largest excess over a limit in the replay, as a share of the limit."""
-        judged = self.verification
-        found = () if judged is None else judged.violations
-        return max((item.share for item in found), default=0.0)
+        replay = self.verification
+        violations = () if replay is None else replay.violations
+        return max((violation.share for violation in violations), default=0.0)
 
     @property
     def touches(self) -> bool:
-        """Whether links come too close in the replay of a motion."""
+        """Whether the replay breaks a clearance."""
         return self.verification is not None and any(
             item.kind == "clearance" for item in self.verification.violations
         )
 
     @property
     def duration(self) -> float:
-        """T of the motion if its replay holds [s]; else infinite."""
-        return self.trajectory.duration if self.found else np.inf
+        """T of the motion [s]; infinite unless its replay keeps all limits."""
+        return self.trajectory.duration if self.confirmed else np.inf
 
     def verified(self, problem: Problem, options: Options) -> Candidate:
-        """Replay the torques of a motion that is said to keep all constraints."""
+        """Replay the torques, if the motion is feasible by its program."""
         if not self.feasible:
             return self
         verification = verify(
@@ -160,26 +161,27 @@ class Candidate:
 
 
 class Fallback(NamedTuple):
-    """A motion of the plan that no replay has confirmed, for want of a better one.
+    """A motion that no replay has confirmed, used if the plan has no incumbent.
 
     Attributes:
         candidate: The motion.
         kept: Its iterate.
-        problem: The problem it solves, which has one goal.
+        problem: The problem that the motion solves, which has one goal.
     """
 
     candidate: Candidate
-    kept: Kept
+    kept: KeptIterate
     problem: Problem
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate | None:
-    """The fastest verified candidate, else the one nearest to one; None for none.
+    """The fastest confirmed candidate, else the one with the smallest violation.
 
-    Among equally good ones it is the last, whose status and remark are the newest.
+    Among equally good candidates it is the last one, whose status and remark are the
+    newest. None without candidates.
     """
 
-    def order(one: Candidate) -> tuple[float, bool, float]:
-        return one.duration, not one.feasible, one.violation
+    def order(item: Candidate) -> tuple[float, bool, float]:
+        return item.duration, not item.feasible, item.violation
 
     return min(reversed(candidates), key=order, default=None)

@@ -1,14 +1,14 @@
-"""Search on coarse grids: cheap starts, the best of which are finished.
+"""Search on coarse grids: cheap descents are compared, and the best ones are finished.
 
-A descent on a few intervals takes a fraction of the time, and is less apt to end in a
-poor local optimum than one on the grid that is asked for: obstacles and torque limits
-bind at fewer instants. So starts are compared by their motions there, and those that
-lead to the same motion as others before, or to slower ones, are dropped.
+A descent on few intervals takes a fraction of the time of a descent on the requested
+grid, and is less apt to end in a poor local optimum, as obstacles and torque limits are
+active at fewer instants. Starts are therefore compared by their motions on a coarse
+grid, and dropped if they lead to a slower motion or to one that is known already.
 
 Further starts are tried if the incumbent is far above the lower bound: most motions
 that speed limits rule are within a per cent of it, and need no other start. Every
-decision depends on the candidates before it alone, so that a search of more starts
-finds the motions of one of fewer starts, and then others.
+decision depends only on the candidates before it, so that a search with more starts
+finds the motions of a search with fewer starts first, and then others.
 """
 
 from __future__ import annotations
@@ -51,68 +51,73 @@ logger = logging.getLogger(__name__)
 
 # Intervals of a coarse grid.
 INTERVALS = 16
-# How exactly a coarse motion is found, and in how many iterations.
+# Tolerance and iteration limit of descents on a coarse grid.
 TOLERANCE, ITERATIONS = 2e-3, 30
-# Excess of torques between the rows of coarse grids that is tolerated, where the asked
-# grid removes the rest of it; 3e-2 would be too much to slow down. Exact switching
-# begins with the motion of the coarse grid.
+# Tolerated relative excess of torques between the rows of a coarse grid, if the finer
+# grid removes it later; 3e-2 would be too much to remove by slowing down. Exact
+# switching, which begins with the motion of the coarse grid, keeps the usual tolerance.
 COARSE_EFFORT_TOLERANCE = 1e-2
-# Trust region for finishing a coarse motion, as a share of the usual one.
+# Trust-region radius for finishing a coarse motion, as a share of the usual one.
 RADIUS = 0.5
-# Most intervals to finish a motion with that is limited by torques, if its grid may be
-# refined, and most joints times intervals: a program of thirty joints takes a second.
+# Limits of the number of intervals on which a motion ruled by torques is finished, if
+# its grid may be refined: intervals, and intervals times joints, as a program of thirty
+# joints takes a second.
 TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
-# Discretisation loss of a coarse grid, as a share of T, of motions that torques limit
-# and of those that speeds limit.
+# Discretisation loss of a coarse grid, as a share of T: for motions that torque limits
+# rule, and for motions that speed limits rule.
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
-# A start is dropped that is not nearly feasible this many iterations after rows have
-# joined its program last, or whose trust region is smaller than STUCK then.
+# A start that is not nearly feasible is dropped PATIENCE iterations after rows have
+# last joined its program, or once its trust-region radius is below STUCK.
 PATIENCE = 12
 STUCK = 0.02
-# Extrapolated gain of all further iterations, in multiples of the last gain.
-LEFT = 3.0
-# Least gain over the incumbent that a coarse motion promises, as a share of T.
+# Extrapolated gain of all remaining iterations, in multiples of the last gain.
+REMAINING = 3.0
+# Least predicted gain over the incumbent for which a coarse motion is finished, as a
+# share of T.
 PROMISE = 0.003
-# A timed guess this much slower than a motion that was found is not worth its time.
+# A timed guess is skipped if it is slower by this factor than a motion found, or than
+# the guess of one.
 TOO_SLOW = 1.4
-# Instants at which motions are compared, and how near to each other the same ones are
-# [rad, or shares of the reach].
+# Two motions count as the same if they differ by less than SAME [rad, or shares of the
+# reach] at each of SAMPLES instants.
 SAMPLES = 12
 SAME = 0.05
 # The search ends where the gap of the incumbent to the lower bound is at most this.
 GAP = 0.03
-# Arms of at most FEW_JOINTS joints are searched on in free space, too: they may swing,
-# or turn their elbow over. Least number of detours that are tried.
+# For arms of at most FEW_JOINTS joints the search continues in free space, too: they
+# may swing, or flip their elbow. Least number of detours that are tried.
 DETOURS = 6
-# Arms of more joints, up to MOST_JOINTS, are searched on where T is more than FAR_ABOVE
-# times the lower bound: of 70 random goals (speeds times four) five were, and three of
-# them were 1 to 4 % longer than need be. A start of a whole robot takes seconds.
+# For arms of more joints, up to MOST_JOINTS, it continues if T is more than FAR_ABOVE
+# times the lower bound: of 70 random goals (speeds times four) this held for five, and
+# three of these were 1 to 4 % longer than necessary. A start of a whole robot takes
+# seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
-# The same among obstacles, where each way round them is another optimum.
+# The same factor among obstacles, where each way around them is another local optimum.
 ABOVE_AMONG_OBSTACLES = 1.2
 # A descent among obstacles on the requested grid is stopped after this many iterations
 # unless it is nearly feasible and its gap to the lower bound is at most GAP; and at any
-# iteration where the gap exceeds FAR_ASTRAY. Coarse grids follow.
-DIRECT, FAR_ASTRAY = 8, 0.1
-# Stop rule of probes: number of consecutive starts without promise, for arms of few
-# joints, and of many.
-IN_VAIN, MANY_IN_VAIN = 4, 8
-# Stop rule of further paths among obstacles, and for arms of few joints, whose bounds
-# say little: of 42 problems of a planar arm 7 ended 0.2 to 45 % faster by the 7th to
-# 14th path, two 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
-# More of them where obstacles move, as a path can be followed with different timing.
-# For a Panda under a table a second path without promise leads to a faster motion in
-# one of 16 problems (by 13 %), and takes a fifth of their time; for a Fetch a tenth,
+# iteration where the gap exceeds LARGE_GAP. Coarse grids follow.
+DIRECT, LARGE_GAP = 8, 0.1
+# Stop rule of probes: number of consecutive starts that predict no gain, for arms of
+# few joints, and of many.
+FAILURES, FAILURES_MANY_JOINTS = 4, 8
+# Stop rule of further paths among obstacles: number of consecutive paths that predict
+# no gain. Where obstacles move it is larger, as a path can be followed with different
+# timing. For a Panda under a table a second such path leads to a faster motion in one
+# of 16 problems (by 13 %), and takes a fifth of their time; for a Fetch a tenth,
 # without a gain in 19.
-PATHS_IN_VAIN, PATHS_IN_VAIN_WHILE_MOVING = 1, 6
-# Further paths at most: each that promises a gain allows for others.
+FAILED_PATHS, FAILED_PATHS_WHILE_MOVING = 1, 6
+# Most further paths, as each path that predicts a gain resets the stop rule. For arms
+# of few joints, whose lower bounds say little, all of them are tried: of 42 problems of
+# a planar arm 7 ended 0.2 to 45 % faster by the 7th to 14th path, two 0.1 and 0.2 %
+# slower, in 1.1 times the time; 28 found nothing more.
 MOST_PATHS = 14
-# Random torques that are tried where a motion has to swing.
-SHOTS = 3
+# Number of random torque starts if a motion may have to swing.
+TORQUE_STARTS = 3
 
 
 def coarse_grids_apply(system: ProblemFunctions, options: Options) -> bool:
-    """Whether coarse grids are for a problem, and for these options."""
+    """Whether the search on coarse grids applies to a problem and its options."""
     return (
         options.method == "inverse"
         and options.objective == "time"
@@ -122,19 +127,19 @@ def coarse_grids_apply(system: ProblemFunctions, options: Options) -> bool:
 
 
 class CachedGuesses:
-    """Guesses that can be gone through again.
+    """Guesses that can be iterated over repeatedly.
 
     Args:
-        guesses: The guesses; one is made when it is first asked for.
+        guesses: The guesses; each is made when it is first requested.
     """
 
     def __init__(self, guesses: Iterator[Guess]) -> None:
         self._guesses = guesses
 
     def since(self, number: int) -> Iterator[Guess]:
-        """The guesses from a number on, counted from 0."""
-        self._guesses, again = itertools.tee(self._guesses)
-        return itertools.islice(again, number, None)
+        """The guesses from an index on, counted from 0."""
+        self._guesses, copy = itertools.tee(self._guesses)
+        return itertools.islice(copy, number, None)
 
 
 def search(
@@ -146,16 +151,16 @@ def search(
         system: The functions of the problem.
         state: The plan.
         guesses: Guesses, the most promising first.
-        compared: Number of them that are compared before one of them is finished.
+        compared: Number of guesses that are compared before the best one is finished.
     """
     first_ones = list(itertools.islice(guesses.since(0), compared))
     first = next((guess for guess in first_ones if guess.timed), first_ones[0])
     torques = torques_rule(system, first)
     coarse = CoarseSearch(system, state.options, state, torques=torques)
     if system.final_configuration is not None and not torques:
-        # Where speed limits rule and little is in the way, a descent on the grid that
-        # is asked for takes a few iterations, and ends near the lower bound.
-        stop = None if system.in_free_space else partial(_leads_astray, state, system)
+        # Where speed limits rule and there are few obstacles, a descent on the
+        # requested grid takes a few iterations, and ends near the lower bound.
+        stop = None if system.in_free_space else partial(_gap_rule, state, system)
         yield descent_work(system, state.options, first, state, stop)
         if state.best_duration < np.inf and (
             system.in_free_space or not coarse.promising
@@ -165,20 +170,20 @@ def search(
     if state.options.effort == "quick" or not coarse.promising:
         return
     coarse.calibrate_loss()
-    further = _further(coarse, guesses, first, compared)
+    further = _further_guesses(coarse, guesses, first, compared)
     yield from coarse.probes(further, coarse.patience)
     if torques_may_lead(system) and not first.timed:
-        # Weights that cannot be held on the way have to be swung over it.
-        yield from random_torque_starts(system, state, SHOTS)
+        # An arm that is too weak to hold its weight along the path may have to swing.
+        yield from random_torque_starts(system, state, TORQUE_STARTS)
 
 
 def _paths_first(
     system: ProblemFunctions, guesses: CachedGuesses, compared: int
 ) -> Iterator[Guess]:
-    """The guesses, a sampled path before the one straight line among obstacles.
+    """The guesses; among obstacles a sampled path comes before a single straight line.
 
-    Where the straight line is far from feasible, a path leads to a motion as good in
-    half the programs.
+    If the straight line is far from feasible, a sampled path leads to an equally good
+    motion in half as many programs.
     """
     first, *second = itertools.islice(guesses.since(0), 2)
     swap = compared == 1 and not system.in_free_space
@@ -187,22 +192,20 @@ def _paths_first(
     return itertools.chain(second, [first], guesses.since(2))
 
 
-def _leads_astray(
-    state: PlanState, system: ProblemFunctions, loop: Loop
-) -> Status | None:
-    """Stop rule among obstacles: the gap to the lower bound stays too large."""
+def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status | None:
+    """Stop rule among obstacles: the gap to the lower bound remains too large."""
     record = loop.history[-1]
     bound = state.lower_bound(system.problem).T
     above = record.duration / max(bound, 1e-12) - 1.0
     early = len(state.records) < DIRECT
     near = early or (above <= GAP and record.violation <= NEARLY)
-    return None if near and above <= FAR_ASTRAY else Status.ITERATION_LIMIT
+    return None if near and above <= LARGE_GAP else Status.ITERATION_LIMIT
 
 
-def _further(
+def _further_guesses(
     coarse: CoarseSearch, guesses: CachedGuesses, first: Guess, compared: int
 ) -> Iterator[Guess]:
-    """Guesses that are tried beyond the first descents."""
+    """Guesses for probes after the first descents: paths, or detours in free space."""
     system = coarse.system
     if not system.in_free_space:
         return itertools.islice(guesses.since(compared), MOST_PATHS)
@@ -212,7 +215,7 @@ def _further(
 
 
 def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
-    """Configurations at even shares of the duration, scaled, shape (SAMPLES, n)."""
+    """Scaled configurations at evenly spaced instants, shape (SAMPLES, n)."""
     times = np.linspace(0.0, 1.0, SAMPLES) * motion.duration
     q, _, _ = states(motion.t, motion.q, motion.v, motion.a, times)
     return np.asarray(q / system.step_scale)
@@ -223,9 +226,9 @@ class CoarseMotion:
     """A motion on a coarse grid.
 
     Attributes:
-        candidate: Its candidate.
-        guess: The guess it began with.
-        shape: Its shape.
+        candidate: The candidate.
+        guess: Its guess.
+        shape: Scaled configurations for comparisons, shape (SAMPLES, n).
     """
 
     candidate: Candidate
@@ -234,29 +237,29 @@ class CoarseMotion:
 
     @property
     def duration(self) -> float:
-        """T on the coarse grid [s]; infinite if it is far from a motion."""
+        """T on the coarse grid [s]; infinite unless it is nearly feasible."""
         near = self.candidate.violation <= NEARLY
         return self.candidate.trajectory.duration if near else np.inf
 
 
 class CoarseSearch:
-    """Starts on coarse grids, and the descents that finish them.
+    """Starts on coarse grids, and the descents on the requested grid that finish them.
 
-    Where torques rule, even intervals lose least; where speeds and obstacles do, short
-    ones at both ends. A weight on the variation of torques leads to better optima on
-    the coarse grid; on the fine one it costs 0.1 % of T. If the grid may follow the
-    motion anyway, torques get twice the intervals at once: that ends 0.1 to 0.5 % lower
-    (six goals).
+    Where torque limits rule, a uniform grid loses least; where speed limits or
+    obstacles do, a grid with short intervals at both ends. A weight on the total
+    variation of the torques leads to better optima on the coarse grid; on the fine grid
+    it costs 0.1 % of T. If the grid will be refined anyway, motions ruled by torques
+    are finished on twice as many intervals: they end 0.1 to 0.5 % faster (six goals).
 
     Args:
-        system: The problem.
+        system: Functions of the problem.
         options: Options of the plan.
         state: The plan.
-        torques: Whether torques rule the motion.
+        torques: Whether torque limits rule the motion, rather than speed limits.
 
     Attributes:
         known: Motions on coarse grids, all different.
-        loss: Loss of the coarse grid, as a share of T.
+        loss: Discretisation loss of the coarse grid, as a share of T.
     """
 
     def __init__(
@@ -299,22 +302,22 @@ class CoarseSearch:
 
     @property
     def patience(self) -> int:
-        """Number of consecutive starts without promise that end the search."""
+        """Number of consecutive probes predicting no gain that end the search."""
         if self.system.in_free_space:
-            return MANY_IN_VAIN if self.many_joints else IN_VAIN
+            return FAILURES_MANY_JOINTS if self.many_joints else FAILURES
         if not self.many_joints:
             return MOST_PATHS
         moving = self.system.problem.scene.moving
-        return PATHS_IN_VAIN_WHILE_MOVING if moving else PATHS_IN_VAIN
+        return FAILED_PATHS_WHILE_MOVING if moving else FAILED_PATHS
 
     @property
     def promising(self) -> bool:
-        """Whether there may be a motion that is a good deal faster."""
+        """Whether a much faster motion than the incumbent may exist."""
         system, best = self.system, self.state.best_duration
         if system.final_configuration is None or system.n > MOST_JOINTS:
             return False
         if best == np.inf:
-            # Among obstacles all guesses were tried.
+            # Among obstacles all guesses have been tried.
             return system.in_free_space and not self.many_joints
         above = 1.0 + GAP
         if self.many_joints:
@@ -324,7 +327,10 @@ class CoarseSearch:
     # -- on the coarse grid ------------------------------------------------------------
 
     def solve_coarse(self, guess: Guess) -> Schedule[CoarseMotion | None]:
-        """Improve a guess on the coarse grid; None if it leads nowhere that is new."""
+        """Descend on the coarse grid; None without a new motion.
+
+        A motion is new if it is nearly feasible and differs from all known ones.
+        """
         self._tried.append(guess)
         make = partial(
             descend,
@@ -341,13 +347,13 @@ class CoarseSearch:
             return None
         shape = _shape_of(self.system, candidate.trajectory)
         rough = CoarseMotion(candidate, guess, shape)
-        if rough.duration == np.inf or self._knows(shape):
+        if rough.duration == np.inf or self._is_known(shape):
             return None
         self.known.append(rough)
         return rough
 
     def _drop_early(self) -> Rule:
-        """Rule that drops a start which leads to no motion that is new or faster."""
+        """Stop rule that drops a start whose motion is known, slow or infeasible."""
         rows = joined = 0
 
         def rule(loop: Loop) -> Status | None:
@@ -358,37 +364,38 @@ class CoarseSearch:
             if record.violation > NEARLY:
                 over = count - joined >= PATIENCE or record.radius < STUCK
                 return loop.drop() if over else None
-            known = bool(self.known) and self._knows(self._present_shape(loop))
-            return loop.drop() if known or self._outdone(loop) else None
+            known = bool(self.known) and self._is_known(self._shape_at(loop))
+            return loop.drop() if known or self._is_slower(loop) else None
 
         return rule
 
-    def _present_shape(self, loop: Loop) -> Array:
-        """Shape of the motion that an iteration has come to."""
+    def _shape_at(self, loop: Loop) -> Array:
+        """Shape of the motion at the present iterate."""
         z = (loop.best or loop.state).z
         return _shape_of(self.system, loop.program.trajectory(z))
 
-    def _knows(self, shape: Array) -> bool:
-        return any(np.max(np.abs(shape - one.shape)) < SAME for one in self.known)
+    def _is_known(self, shape: Array) -> bool:
+        return any(np.max(np.abs(shape - rough.shape)) < SAME for rough in self.known)
 
-    def _outdone(self, loop: Loop) -> bool:
-        """Whether a start will end no faster than one that went before.
+    def _is_slower(self, loop: Loop) -> bool:
+        """Whether a start will end slower than the best motion on the coarse grid.
 
-        Iterations gain less and less: LEFT times the last gain is the most to come.
+        As iterations gain less and less, the gain of all remaining iterations is at
+        most REMAINING times the last one.
         """
         if self.system.final_configuration is not None or not self.system.in_free_space:
             return False
-        best = min((one.duration for one in self.known), default=np.inf)
+        best = min((rough.duration for rough in self.known), default=np.inf)
         if best == np.inf or len(loop.history) < 2:
             return False
         before, now = (record.duration for record in loop.history[-2:])
-        left = LEFT * max(before - now, 0.0)
-        return now - left > (1.0 - PROMISE) * best
+        gain = REMAINING * max(before - now, 0.0)
+        return now - gain > (1.0 - PROMISE) * best
 
-    # -- on the grid that is asked for -------------------------------------------------
+    # -- on the requested grid ---------------------------------------------------------
 
     def finish(self, rough: CoarseMotion) -> Schedule[Candidate | None]:
-        """Go on from a coarse motion on the grid that is asked for."""
+        """Improve a coarse motion on the requested grid."""
         system, former = self.system, rough.candidate
         guess = replace(guess_of(system, former), blocked=rough.guess.blocked)
         candidate = yield descent_work(
@@ -396,7 +403,7 @@ class CoarseSearch:
         )
         if candidate is None:
             return None
-        if candidate.found:
+        if candidate.confirmed:
             self._gains.append(rough.duration / candidate.duration - 1.0)
         T = candidate.duration
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, T)
@@ -405,24 +412,25 @@ class CoarseSearch:
     # -- comparisons -------------------------------------------------------------------
 
     def descents(self, guesses: Iterator[Guess], wanted: int) -> Schedule[None]:
-        """The first motions of a plan.
+        """The first descents of a plan, until one of them is confirmed by its replay.
 
         Args:
-            guesses: The guesses; of those that are wanted the best is finished, and of
-                further ones the first that leads to a motion.
-            wanted: How many of them are compared.
+            guesses: The guesses. The first ``wanted`` ones are compared on the coarse
+                grid and finished in the order of their durations; further guesses
+                follow one by one.
+            wanted: Number of guesses that are compared.
         """
         for guess in itertools.islice(guesses, wanted):
-            best = min((one.duration for one in self.known), default=np.inf)
+            best = min((rough.duration for rough in self.known), default=np.inf)
             if not (guess.timed and guess.duration > TOO_SLOW * best):
                 yield from self.solve_coarse(guess)
         tried: list[CoarseMotion] = []
         while True:
-            left = [rough for rough in self.known if rough not in tried]
-            for rough in sorted(left, key=lambda one: one.duration):
+            untried = [rough for rough in self.known if rough not in tried]
+            for rough in sorted(untried, key=lambda rough: rough.duration):
                 tried.append(rough)
                 candidate = yield from self.finish(rough)
-                if candidate is not None and candidate.found:
+                if candidate is not None and candidate.confirmed:
                     return
             further = next(guesses, None)
             if further is None:
@@ -432,8 +440,8 @@ class CoarseSearch:
     def calibrate_loss(self) -> None:
         """Calibrate the loss of the coarse grid on the motions finished so far.
 
-        Further starts then promise a gain only if their coarse motion is faster. The
-        loss is no guide for small arms in free space, which may swing.
+        With a smaller loss, further starts predict less gain. For small arms in free
+        space, which may swing, the loss is no guide, and is not calibrated.
         """
         calibrated = self.many_joints or not self.system.in_free_space
         if calibrated and self._gains:
@@ -443,33 +451,33 @@ class CoarseSearch:
         self,
         guesses: Iterable[Guess],
         patience: float = np.inf,
-        prepared: Callable[[Guess], Schedule[Guess]] | None = None,
+        transform: Callable[[Guess], Schedule[Guess]] | None = None,
     ) -> Schedule[None]:
-        """Try further guesses, and finish those that promise a faster motion.
+        """Try further guesses, and finish those that predict a faster motion.
 
         Args:
             guesses: The guesses.
-            patience: Stop rule: number of consecutive guesses without promise.
-            prepared: Coroutine that transforms each guess before it is tried.
+            patience: Stop rule: number of consecutive guesses that predict no gain.
+            transform: Coroutine that transforms each guess before it is tried.
         """
-        found: list[CoarseMotion] = []
-        in_vain, best = 0, np.inf
+        promising: list[CoarseMotion] = []
+        failures, best = 0, np.inf
         for guess in guesses:
-            if prepared is not None:
-                guess = yield from prepared(guess)
+            if transform is not None:
+                guess = yield from transform(guess)
             if guess in self._tried:
                 continue
             rough = None
             if not (guess.timed and guess.duration > TOO_SLOW * self._least_guess):
                 rough = yield from self.solve_coarse(guess)
-            in_vain += 1
+            failures += 1
             if rough is not None and self._promises(rough):
-                found.append(rough)
+                promising.append(rough)
                 if rough.duration < (1.0 - PROMISE) * best:
-                    in_vain, best = 0, rough.duration
-            if in_vain >= patience:
+                    failures, best = 0, rough.duration
+            if failures >= patience:
                 break
-        for rough in sorted(found, key=lambda one: one.duration):
+        for rough in sorted(promising, key=lambda rough: rough.duration):
             if not self._promises(rough):
                 return
             yield from self.finish(rough)
@@ -477,11 +485,11 @@ class CoarseSearch:
 
     @property
     def _least_guess(self) -> float:
-        """Least duration of the timed guesses that have led to motions [s]."""
-        timed = (one.guess for one in self.known if one.guess.timed)
+        """Least duration of the timed guesses of all known motions [s]."""
+        timed = (rough.guess for rough in self.known if rough.guess.timed)
         return min((guess.duration for guess in timed), default=np.inf)
 
     def _promises(self, rough: CoarseMotion) -> bool:
-        """Whether a motion may be faster than the best one, once it is finished."""
+        """Whether a coarse motion predicts a gain over the incumbent once finished."""
         promised = rough.duration / (1.0 + self.loss)
         return promised < (1.0 - PROMISE) * self.state.best_duration

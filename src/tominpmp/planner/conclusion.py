@@ -1,4 +1,4 @@
-"""Conclusion of a plan: its best candidate as a solution, with a message."""
+"""Conclusion of a plan: the best candidate becomes a solution with a message."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from tominpmp.stopping import Stop
 from tominpmp.verification.diagnosis import explain
 from tominpmp.verification.verification import LONGEST, verify
 
-# How accelerations run, by the degree of the positions.
+# Shape of the accelerations on an interval, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
-# A joint is named that is at this share of its effort limit for most of the motion,
-# where dry friction takes this share of its effort.
+# The message names a joint as saturated if its effort is at the share SATURATED of its
+# limit for the share MOSTLY of the motion, and dry friction takes MOST_FRICTION of it.
 SATURATED, MOSTLY, MOST_FRICTION = 0.98, 0.5, 0.5
-# Sentence of motions of arms that are at their goals.
+# Sentence on motions of arms that stand at their goals already.
 STANDS = "The start already satisfies the goal: nothing has to move."
-# Shorter times are given by their digits, not their decimals [s].
+# Shorter durations are printed with significant digits instead of decimals [s].
 BRIEF_TIME = 0.01
 
 
@@ -43,7 +43,7 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
     Args:
         state: The plan.
         options: Options of the plan.
-        status: How it was stopped; None if all was tried.
+        status: How planning was stopped; None if the schedule is exhausted.
     """
     problem, candidates = state.problem, state.candidates
     history = tuple(
@@ -68,7 +68,7 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         status=ended,
         message=_message(problem, options, ended, best, candidates, bound)
         + _advice(problem, options, ended, best),
-        feasible=best.found,
+        feasible=best.confirmed,
         trajectory=best.trajectory,
         initial=best.initial,
         history=history,
@@ -87,8 +87,8 @@ def without_motion(
     Args:
         state: The plan.
         options: Options of the plan.
-        status: How it ended.
-        message: Why; by default the sentence of the status.
+        status: How planning ended.
+        message: The reason; by default the sentence of the status.
     """
     return Solution(
         state.problem,
@@ -109,21 +109,21 @@ def without_search(
     reason: str,
     begin: float,
 ) -> Solution | None:
-    """The solution of a motion that takes no longer than its lower bound.
+    """The solution of a motion that needs no search, as it attains a lower bound.
 
     Args:
         problem: The problem.
         options: Options of the plan.
         motion: The motion.
-        message: What there is to say of it.
+        message: Sentences on the motion, after the one of the status.
         reason: Why no motion is faster.
-        begin: Begin of the planning, by ``time.perf_counter`` [s].
+        begin: Beginning of the planning, by ``time.perf_counter`` [s].
 
     Returns:
-        The solution; None if its replay does not hold.
+        The solution; None if its replay breaks a limit.
     """
-    judged = verify(problem, motion, options.tolerances)
-    if not judged.ok:
+    replay = verify(problem, motion, options.tolerances)
+    if not replay.ok:
         return None
     return Solution(
         problem,
@@ -133,7 +133,7 @@ def without_search(
         True,
         motion,
         planning_time=time.perf_counter() - begin,
-        verification=judged,
+        verification=replay,
         lower_bound=LowerBound(motion.duration, reason),
     )
 
@@ -141,9 +141,9 @@ def without_search(
 def with_remarks(solution: Solution, state: PlanState) -> Solution:
     """A solution with remarks on its motion in its message.
 
-    Which turns of angles it ends with, that its grid was not refined as asked, that it
-    was planned without limits of accelerations, and which links touch though an SRDF
-    says that they never do.
+    The remarks say which joints end full turns from the given angles, that the grid was
+    not refined although options ask for it, that the motion was planned without limits
+    of accelerations, and which links touch although an SRDF excludes their collision.
     """
     if not solution.success or solution.trajectory is None:
         return solution
@@ -161,9 +161,9 @@ def with_remarks(solution: Solution, state: PlanState) -> Solution:
 
 
 def _turned(problem: Problem, motion: Trajectory) -> str:
-    """The joints that end whole turns from the numbers of their goals, as a sentence.
+    """The joints that end full turns from the angles of their goals, as a sentence.
 
-    Empty if there are none.
+    Empty if there are no such joints.
     """
     angles = []
     for number, phase in enumerate(problem.alternative_of(motion).phases, 1):
@@ -176,14 +176,14 @@ def _turned(problem: Problem, motion: Trajectory) -> str:
 
 
 def _advice(problem: Problem, options: Options, status: Status, best: Candidate) -> str:
-    """Advice where a method has found no motion, or the planning time was used up.
+    """Advice if a method has found no motion, or the planning time was used up.
 
-    Methods whose torques are constant over the intervals need short ones, where an arm
-    leaves its path by itself.
+    Methods whose torques are constant over an interval need short intervals if the arm
+    leaves its path without feedback.
     """
     advice = ""
     explained = (Status.INFEASIBLE, Status.INTERRUPTED)
-    if not best.found and status not in explained and options.method != "inverse":
+    if not best.confirmed and status not in explained and options.method != "inverse":
         longest = float(np.max(np.diff(best.trajectory.t)))
         advice = (
             f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "
@@ -200,10 +200,10 @@ def _advice(problem: Problem, options: Options, status: Status, best: Candidate)
 
 
 def _saturated(problem: Problem, motion: Trajectory) -> str:
-    """The joint that its motor hardly moves, for most of a motion, as a sentence.
+    """The joint whose weak motor is saturated for most of a motion, as a sentence.
 
-    Motors of time-optimal motions are at their limits much of the time; one that is
-    while its dry friction takes most of its effort rules the time of all others.
+    Motors of time-optimal motions are often saturated. A saturated motor that spends
+    most of its effort on dry friction, however, slows all other joints down.
 
     Empty if there is no such joint.
     """
@@ -225,9 +225,10 @@ def _saturated(problem: Problem, motion: Trajectory) -> str:
 
 
 def _scope(options: Options, motion: Trajectory) -> str:
-    """The class of motions in which a motion is optimal whose grid was not refined.
+    """The class of motions among which a motion is optimal if its grid is not refined.
 
-    A finer grid, or controls of a higher degree, may allow a faster motion there.
+    A finer grid, or controls of a higher degree, may allow a faster motion. Empty for a
+    refined grid.
     """
     if options.refine is not None and options.method not in SHOOTING:
         return ""
@@ -245,7 +246,8 @@ def _message(
     candidates: Sequence[Candidate],
     bound: LowerBound | None,
 ) -> str:
-    if best.found:
+    """The message of a solution: its status, its duration or what its replay breaks."""
+    if best.confirmed:
         T = best.trajectory.duration
         said = status.value
         if status is Status.CONVERGED:
@@ -253,9 +255,9 @@ def _message(
         sentence = (
             f"{said} T = {T:.3g} s" if T < BRIEF_TIME else f"{said} T = {T:.4f} s"
         )
-        near = "" if bound is None else bound.comparison(T)
-        if near:
-            sentence = f"{sentence}, {near}"
+        gap = "" if bound is None else bound.comparison(T)
+        if gap:
+            sentence = f"{sentence}, {gap}"
         return f"{sentence}. {best.remark}".rstrip()
     if best.unconfirmed:
         return f"{status.value} There was no time to verify the motion that was found."

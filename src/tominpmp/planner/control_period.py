@@ -1,12 +1,12 @@
-"""Motions on the clock of a controller: the last stage of a plan with a period.
+"""Motions on the clock of a controller: the last stage of a plan with a control period.
 
-The motion that was found freely lasts a number of periods and a bit. Its knots are
-moved to ticks, and a few linear programs find a motion on these knots that lasts one
-period more at most, or a few where that cannot be. Each segment takes a whole number of
-periods, and so does each dwell, which is as long as was asked for or longer by less
-than a period; a motion without segments is one segment. What a controller makes of its
-samples is this motion itself, see :mod:`~tominpmp.transcription.grid`, and so its
-replay judges what the controller will do.
+The duration of a motion that was planned without a clock is no multiple of the period.
+Its knots are moved to ticks of the clock, and a few convex programs find a motion on
+these knots that takes at most one period more, or a few more if that is infeasible.
+Each segment takes a whole number of periods; each dwell is rounded up to one. A motion
+without segments is a single segment. The controller interpolates the samples to exactly
+this motion, see :mod:`~tominpmp.transcription.grid`, so that the replay judges what the
+controller will do.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.motion.samples import multiples
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS, Options
-from tominpmp.planner.automatic_options import least_time, near_to_it
+from tominpmp.planner.automatic_options import minimum_time, warm_start_options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.first_program import rested
+from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import NUMERICAL, Work, made
+from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.solution import Solution
@@ -50,52 +50,52 @@ logger = logging.getLogger(__name__)
 
 # Share of the planning time for the search without a clock.
 SEARCH_SHARE = 0.7
-# The motion is near to what it comes from: share of the usual trust region, iterations.
+# The motion is close to its warm start: trust-region radius as a share of the usual
+# one, and iterations.
 RADIUS = 0.1
 ITERATIONS = 15
-# Most trials. After a trial that does not tell how many periods are needed the next one
-# has one period more, and this share of its periods.
+# Most trials. If a trial does not show how many periods are needed, the next one has
+# one period more, plus this share of its periods, by the number of halvings.
 TRIALS = 12
 LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
-# Violations of rows below this are left to the replay, which lets pass far more: one
-# more period is no cure for what rounding has left.
+# Row violations below this are left to the replay, which tolerates much more: they come
+# from rounding, which another period would not remove.
 SLIGHT = 1e-5
-# An iteration goes on while its last step has promised this share of what is missing,
-# and the duration still changes by that share.
+# The iteration continues while its last step predicts the share HOPE of the missing
+# reduction of the duration, and the duration still changes by the share MOVING of it.
 HOPE = 0.5
 MOVING = 0.1
-# Gap of its linear programs as a share of T, small beside TRACE: the duration reaches
-# the ticks.
+# Duality gap of the programs as a share of T, small compared with TRACE, so that the
+# duration reaches the ticks.
 EXACT = 0.1 * TRACE
-# Intervals are halved where a motion needs more periods than the trial has, by this
-# share.
+# Intervals are halved if a motion needs more periods than the trial has by this share.
 MANY_MORE = 0.01
-# Intervals at most, where a trial does not tell how many periods are needed.
+# Most intervals, if a trial does not show how many periods are needed.
 MOST_INTERVALS = 400
-# A motion on the clock that takes this share of the tolerance more than rounding is
-# put to the test again.
+# A motion on the clock is certified again if it is slower than rounding to the clock
+# explains by more than this share of the tolerance.
 TESTED_AGAIN = 0.5
 
 
-def searching(options: Options) -> Options:
-    """Options for the search without a clock, which leaves some of the time."""
+def search_options(options: Options) -> Options:
+    """Options for the search without a clock, which reserves time for this stage."""
     if options.control_period is None:
         return options
     return replace(options, max_planning_time=SEARCH_SHARE * options.time_limit)
 
 
 def on_clock(solution: Solution, state: PlanState) -> Solution:
-    """Bring the motion of a solution to the clock of its options.
+    """Move the motion of a solution to the clock of its control period.
 
     Args:
-        solution: What planning without the clock has led to.
-        state: The plan: where its fastest candidate cannot be brought to the clock,
-            another one may.
+        solution: The solution of planning without the clock.
+        state: The plan. If its fastest candidate cannot be moved to the clock, the next
+            one is tried.
 
     Returns:
-        The solution on the clock; the solution itself where it has no motion, or no
-        clock. Where no motion on the clock is found, it is no success, and the message
-        says so.
+        The solution on the clock; the solution itself if it has no motion, or options
+        have no control period. If no motion on the clock is found, the solution is a
+        failure, and its message says so.
 
     Raises:
         OptionsError: If the period does not suit the duration of the motion.
@@ -116,13 +116,13 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
     except (Stop, KeyboardInterrupt) as stop:
         status = state.stopped(stop)
         if status is Status.INTERRUPTED and solution.status is not status:
-            # A motion that is not on the clock is no motion: there is time of grace.
+            # A motion off the clock is of no use: the grace period serves to move it.
             with state.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
                 clocked = bring()
     except NUMERICAL as error:
         logger.warning("the motion could not be brought to the clock: %r", error)
     solution = replace(solution, history=tuple(history), planning_time=state.seconds)
-    if clocked is None or not clocked.found:
+    if clocked is None or not clocked.confirmed:
         return _without_clock(solution, period, clocked, status)
     return _with_clock(solution, period, clocked, state)
 
@@ -130,25 +130,25 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
 def _fastest_on_clock(
     solution: Solution, period: float, state: PlanState, history: list[IterationRecord]
 ) -> Candidate | None:
-    """The fastest candidate that can be brought to the clock, as a motion on it.
+    """The fastest candidate that can be moved to the clock, as a motion on it.
 
     Args:
-        solution: What planning without the clock has led to.
+        solution: The solution of planning without the clock.
         period: The period [s].
         state: The plan.
-        history: Gets the records of all trials.
+        history: The records of all trials are appended to it.
 
     Returns:
-        The motion; where there is none, the last one that was tried.
+        The motion on the clock; if there is none, the last one that was tried.
     """
-    # Of candidates with one motion the last says the most of it.
-    motions = {id(one.trajectory): one for one in state.candidates if one.found}
+    # Of candidates with the same motion the last one has the newest status.
+    motions = {id(c.trajectory): c for c in state.candidates if c.confirmed}
     clocked = None
-    for former in sorted(motions.values(), key=lambda one: one.duration):
-        clocked = _brought(solution, period, former, state)
+    for former in sorted(motions.values(), key=lambda c: c.duration):
+        clocked = _bring_to_clock(solution, period, former, state)
         number, before = state.candidates.index(former), len(former.history)
         history.extend(replace(r, start=number) for r in clocked.history[before:])
-        if clocked.found:
+        if clocked.confirmed:
             break
     return clocked
 
@@ -156,10 +156,10 @@ def _fastest_on_clock(
 def _with_clock(
     solution: Solution, period: float, clocked: Candidate, state: PlanState
 ) -> Solution:
-    """The solution with a motion on the clock, and the status that it deserves."""
-    motion, judged = clocked.trajectory, clocked.verification
+    """The solution with a motion on the clock and its status."""
+    motion, replay = clocked.trajectory, clocked.verification
     try:
-        status, promise = status_on_clock(solution, motion, judged, period)
+        status, promise = status_on_clock(solution, motion, replay, period)
     except (Stop, KeyboardInterrupt) as stop:
         status, promise = state.stopped(stop), ""
     T, bound = motion.duration, solution.lower_bound
@@ -168,9 +168,9 @@ def _with_clock(
         f"{period:g} s, {100 * (T / solution.T - 1.0):.2f} % above the motion "
         "without such a clock"
     )
-    near = "" if bound is None else bound.comparison(T)
-    if near:
-        message += f" and {near}"
+    gap = "" if bound is None else bound.comparison(T)
+    if gap:
+        message += f" and {gap}"
     better = status is Status.CONVERGED and solution.status is not status
     remark = "" if better else f"{clocked.remark} {promise}".strip()
     return replace(
@@ -178,7 +178,7 @@ def _with_clock(
         status=status,
         message=f"{message}. {remark}".rstrip(),
         trajectory=motion,
-        verification=judged,
+        verification=replay,
         violations={},
         planning_time=state.seconds,
     )
@@ -187,12 +187,12 @@ def _with_clock(
 def _without_clock(
     solution: Solution, period: float, last: Candidate | None, status: Status | None
 ) -> Solution:
-    """The solution as a failure: the motion that it keeps knows no clock.
+    """The solution as a failure, with its motion that is not on the clock.
 
     Args:
         solution: The solution.
         period: The period [s].
-        last: The last motion that was tried; None where planning was stopped.
+        last: The last trial; None if planning was stopped before.
         status: How planning was stopped; None if it was not.
     """
     replay = solution.verification
@@ -204,12 +204,12 @@ def _without_clock(
         status, reason = Status.UNVERIFIED, last.verification.message.rstrip(".")
     else:
         status = Status.INFEASIBLE
-        reason = "none of the numbers of periods tried would do"
+        reason = "no number of periods that was tried is feasible"
     rest = "keeps all else, but its knots are not on the clock"
     if replay is None:
         rest = "is not on the clock, and there was no time to verify it"
     elif not replay.ok:
-        rest = f"is not on the clock, nor right: {replay.message.rstrip('.')}"
+        rest = f"is not on the clock, and is not valid: {replay.message.rstrip('.')}"
     message = (
         f"{status.value} No motion on a clock of {period:g} s was found: {reason}. The "
         f"motion that is kept, T = {solution.T:.4f} s, {rest}."
@@ -218,18 +218,19 @@ def _without_clock(
 
 
 def status_on_clock(
-    solution: Solution, motion: Trajectory, judged: Verification | None, period: float
+    solution: Solution, motion: Trajectory, replay: Verification | None, period: float
 ) -> tuple[Status, str]:
-    """The status of a motion on the clock, and a remark on it.
+    """The status of a motion on the clock, and a remark.
 
-    A motion that was locally optimal without a clock stays so if T has grown by less
-    than a period and a share of the tolerance of the certificate; else it is certified
-    again, a period being no gain. A motion of the fewest possible periods is optimal.
+    A motion that was locally optimal without a clock remains so if T has grown by less
+    than a period plus a share of the tolerance of the certificate. Otherwise it is
+    certified again, where a predicted gain below one period does not count. A motion of
+    the fewest possible periods is optimal.
 
     Args:
-        solution: The motion without a clock.
+        solution: The solution without a clock.
         motion: The motion on the clock.
-        judged: Its replay.
+        replay: Its replay.
         period: The period [s].
     """
     status, problem, bound = solution.status, solution.problem, solution.lower_bound
@@ -242,50 +243,53 @@ def status_on_clock(
         return status, ""
     if bound is not None and (1.0 - share - TOLERANCE) * motion.duration <= bound.T:
         return status, ""
-    found = certify(problem, motion, verification=judged, control_period=period)
-    if found.ok:
+    verdict = certify(problem, motion, verification=replay, control_period=period)
+    if verdict.ok:
         return status, ""
     return Status.STALLED, (
-        f"Small changes promise {100.0 * found.stationarity:.2g} % of T, of which "
+        f"Small changes promise {100.0 * verdict.stationarity:.2g} % of T, of which "
         f"{100.0 * share:.2g} % is the rounding of the clock."
     )
 
 
-def _brought(
+def _bring_to_clock(
     solution: Solution, period: float, former: Candidate, state: PlanState
 ) -> Candidate:
-    """The motion of a candidate on the clock; the last that was tried if there is none.
+    """Move a candidate to the clock.
 
     Args:
-        solution: What planning without the clock has led to.
+        solution: The solution of planning without the clock.
         period: The period [s].
-        former: The candidate.
-        state: Time and callback.
+        former: The candidate without a clock.
+        state: The plan, for its time and callback.
+
+    Returns:
+        The motion on the clock; the last trial if no trial succeeds.
     """
     candidate, trial = former, Trial.of(solution.problem, former.trajectory, period)
     apart = former.clearance_rows
     for _ in range(TRIALS):
-        found, knots = trial.candidate(solution, state, apart), trial.layout.shares
-        apart = found.clearance_rows
-        logger.info("%d periods of %g s: %s", trial.count, period, found.status.value)
-        candidate, trial = found.after(candidate), trial.after(found)
-        if found.found or np.array_equal(trial.layout.shares, knots):
-            break  # times of arrival leave no other choice
+        tried, knots = trial.candidate(solution, state, apart), trial.layout.shares
+        apart = tried.clearance_rows
+        logger.info("%d periods of %g s: %s", trial.count, period, tried.status.value)
+        candidate, trial = tried.after(candidate), trial.after(tried)
+        if tried.confirmed or np.array_equal(trial.layout.shares, knots):
+            break  # the windows of arrival allow no other knots
     return replace(candidate, remark=former.remark)
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A motion, and how many periods it is to take on a clock.
+    """A trial to fit a motion into a number of periods.
 
     Attributes:
-        system: The functions of its problem, with dwells of whole periods.
-        motion: The motion.
+        system: Functions of the problem, with dwells of whole periods.
+        motion: The motion that serves as warm start.
         spans: When its segments begin, meet their goals, and end.
         period: The period [s].
         periods: Number of periods of each segment, without its dwell.
         halvings: How often intervals of the motion are halved.
-        finer: Whether they were halved to need fewer periods.
+        finer: Whether they have been halved to save periods.
     """
 
     system: ProblemFunctions
@@ -298,35 +302,35 @@ class Trial:
 
     @classmethod
     def of(cls, problem: Problem, motion: Trajectory, period: float) -> Trial:
-        """A motion in as many periods as it takes.
+        """The first trial for a motion: its duration rounded up to periods.
 
-        A segment that takes as long as it does since it may not arrive earlier takes as
-        many as that asks for.
+        A segment that waits for its earliest arrival gets the number of periods that
+        this time asks for.
 
         Args:
-            problem: What it solves.
-            motion: The motion, without a clock.
+            problem: The problem that the motion solves.
+            motion: The motion without a clock.
             period: The period [s].
         """
-        spans, wanted = spans_of(motion, problem.segments), []
-        dwells = [whole_periods(one.dwell, period) for one in problem.segments]
-        own = with_stays(problem.alternative_of(motion), dwells)
-        trial = cls(ProblemFunctions.of(own), motion, spans, period, ())
+        spans, counts = spans_of(motion, problem.segments), []
+        dwells = [whole_periods(phase.dwell, period) for phase in problem.segments]
+        rounded = with_stays(problem.alternative_of(motion), dwells)
+        trial = cls(ProblemFunctions.of(rounded), motion, spans, period, ())
         for span, segment in zip(spans, trial.segments, strict=True):
             earliest = 0.0 if segment.arrival is None else segment.arrival[0]
             waits = span.arrival <= (1.0 + TRACE) * earliest
-            wanted.append(ticks_of(0.0 if waits else span.arrival - span.begin, period))
-        return replace(trial, periods=trial.on_time(wanted))
+            counts.append(ticks_of(0.0 if waits else span.arrival - span.begin, period))
+        return replace(trial, periods=trial.within_windows(counts))
 
     @property
     def segments(self) -> Sequence[Segment]:
-        """The segments; one where the problem has none."""
+        """The segments; a single one if the problem has no segments."""
         problem = self.system.problem
         return problem.segments or (Segment(problem.goal),)
 
     @cached_property
     def layout(self) -> Layout:
-        """Knots near the nodes of the motion."""
+        """Layout with the knots of the trial: ticks near the nodes of the motion."""
         grid = self.motion, self.spans, self.period, self.periods
         return layout_on_clock(*grid, self.halvings)
 
@@ -335,45 +339,45 @@ class Trial:
         """Number of periods of all segments."""
         return sum(self.periods)
 
-    def on_time(self, periods: Sequence[int]) -> tuple[int, ...]:
-        """Periods of the segments, no fewer than they need and within their windows.
+    def within_windows(self, periods: Sequence[int]) -> tuple[int, ...]:
+        """Periods of the segments, adapted to their windows of arrival.
 
         Args:
-            periods: How many are wanted.
+            periods: Desired number of periods of each segment.
         """
-        found: list[int] = []
+        counts: list[int] = []
         now = since = 0
         for count, segment in zip(periods, self.segments, strict=True):
-            tick, rests = now + count, len(found) == len(periods) - 1 or segment.stop
+            tick, rests = now + count, len(counts) == len(periods) - 1 or segment.stop
             if segment.arrival is not None:
                 earliest, latest = segment.arrival
                 tick = max(tick, ticks_of(earliest, self.period))
                 if latest < np.inf:
                     tick = min(tick, -ticks_of(-latest, self.period))
-            # A segment whose goal is passed needs no more than one period, but from
-            # rest to rest there are some.
+            # A segment whose goal is passed may take a single period, but a motion from
+            # rest to rest takes FEWEST_PERIODS.
             fewest = max(FEWEST_PERIODS - since, 1) if rests else 1
-            found.append(max(tick - now, fewest))
-            since = 0 if rests else since + found[-1]
-            now += found[-1] + ticks_of(segment.dwell, self.period)
-        return tuple(found)
+            counts.append(max(tick - now, fewest))
+            since = 0 if rests else since + counts[-1]
+            now += counts[-1] + ticks_of(segment.dwell, self.period)
+        return tuple(counts)
 
     def candidate(self, solution: Solution, state: PlanState, apart: bool) -> Candidate:
-        """A motion on these knots, with rows for links where they would touch.
+        """The motion on the knots of the trial, with self-collision rows if needed.
 
         Args:
-            solution: What planning without the clock has led to.
-            state: Time and callback.
-            apart: Whether rows keep links apart from the first program on.
+            solution: The solution of planning without the clock.
+            state: The plan, for its time and callback.
+            apart: Whether the first program has rows against self-collision.
 
         Returns:
-            The motion; one that is not feasible where there is none that lasts as long
-            as the knots.
+            The motion; it is not feasible if no motion with the duration of the trial
+            was found.
         """
         problem, options = solution.problem, solution.options
 
         def shown(record: IterationRecord) -> None:
-            # A callback that has interrupted the plan is shown no more iterations.
+            # A callback that has interrupted the plan sees no more iterations.
             if not state.deadline.interrupted:
                 state.see(record)
 
@@ -381,23 +385,23 @@ class Trial:
             return self._solved(system, options, shown).verified(problem, options)
 
         work = Work(self.system, "clock", make, self_collision_rows=apart)
-        return made(state, work)
+        return make_and_repair(state, work)
 
     def _solved(
         self, system: ProblemFunctions, options: Options, shown: Callback
     ) -> Candidate:
-        """A motion on these knots, not replayed yet."""
+        """The motion on the knots of the trial, not replayed yet."""
         T = float(self.layout.eta[0])
         known = self.motion, self.spans
-        of, z = self.layout.represented(system, *known, within=True)
+        transcription, z = self.layout.represented(system, *known, within=True)
         feasibility = max(options.feasibility, SLIGHT)
         options = replace(options, objective="time", feasibility=feasibility)
-        near = near_to_it(options, RADIUS, ITERATIONS)
-        step, stop = trust_regions(near, accuracy=EXACT)
-        begun, z = rested(NonlinearProgram.of(of).at(z), z)
+        warm = warm_start_options(options, RADIUS, ITERATIONS)
+        step, stop = trust_regions(warm, accuracy=EXACT)
+        program, z = with_active_rows(NonlinearProgram.of(transcription).at(z), z)
         result = solve(
-            replace(begun, least_duration=T),
-            least_time(system, near, T),
+            replace(program, least_duration=T),
+            minimum_time(system, warm, T),
             z,
             step,
             first_of(ReachesTicks(T, feasibility), stop),
@@ -406,21 +410,22 @@ class Trial:
         )
         best = result.best
         if best is not None:
-            # One with room on its rows may be above T by more than a trace.
+            # With slack in its rows T may exceed the tick by more than a trace: it is
+            # set to the tick, and the rows are evaluated again.
             z = np.append(best.z[:-1], T)
             best = replace(best, z=z, values=result.program.evaluate(z))
-            kept = best if best.violation <= feasibility else None
-            result = replace(result, best=kept)
-        found = Candidate.of("clock", self.motion, result)
-        if not found.feasible:
-            return found
-        return replace(found, trajectory=on_ticks(found.trajectory, self.period))
+            feasible = best if best.violation <= feasibility else None
+            result = replace(result, best=feasible)
+        clocked = Candidate.of("clock", self.motion, result)
+        if not clocked.feasible:
+            return clocked
+        return replace(clocked, trajectory=on_ticks(clocked.trajectory, self.period))
 
     def after(self, candidate: Candidate) -> Trial:
-        """What to try after a motion that is slower, not feasible or not all right.
+        """The next trial after a candidate that is slower, infeasible or refuted.
 
         Args:
-            candidate: The motion that this trial has led to.
+            candidate: The candidate of this trial.
         """
         motion = candidate.trajectory
         dwells = sum(segment.dwell for segment in self.segments)
@@ -437,14 +442,14 @@ class Trial:
         return replace(self, periods=periods, halvings=self.halvings + 1)
 
     def _longer(self, count: int) -> tuple[int, ...]:
-        """Periods of the segments in proportion to their lengths, within their windows.
+        """Periods of the segments in proportion to the present ones.
 
         Args:
-            count: Number of periods in all.
+            count: Total number of periods.
         """
         ends = np.rint(np.cumsum(self.periods) * (count / self.count))
         longer = np.maximum(np.diff(ends, prepend=0.0), self.periods)
-        return self.on_time(longer.astype(np.int64).tolist())
+        return self.within_windows(longer.astype(np.int64).tolist())
 
 
 def layout_on_clock(
@@ -454,21 +459,22 @@ def layout_on_clock(
     periods: Sequence[int],
     halvings: int,
 ) -> Layout:
-    """Layout of a motion whose nodes are moved to ticks of a clock, without dwells.
+    """Layout of a motion with its nodes moved to ticks of a clock, without dwells.
 
     Args:
         motion: The motion.
         spans: When its segments begin, meet their goals, and end.
         period: The period [s].
         periods: Number of periods of each segment.
-        halvings: How often its intervals are halved, up to :data:`MOST_INTERVALS`.
+        halvings: How often its intervals are halved, up to :data:`MOST_INTERVALS` in
+            each segment.
     """
     knots, ends = np.zeros(1, dtype=np.int64), []
     for (begin, arrival, _), count in zip(spans, periods, strict=True):
         nodes = motion.t[(motion.t >= begin) & (motion.t <= arrival)]
-        own = nodes.size - 1
-        wanted = min(2**halvings * own, max(own, MOST_INTERVALS))
-        knots = np.append(knots, knots[-1] + knots_near(nodes, count, wanted)[1:])
+        intervals = nodes.size - 1
+        finer = min(2**halvings * intervals, max(intervals, MOST_INTERVALS))
+        knots = np.append(knots, knots[-1] + knots_near(nodes, count, finer)[1:])
         ends.append(knots.size - 1)
     degree = QUADRATIC if motion.inverse_dynamics is None else motion.degree
     shares = np.diff(knots)[:, None] / knots[-1]
@@ -476,7 +482,7 @@ def layout_on_clock(
 
 
 def on_ticks(motion: Trajectory, period: float) -> Trajectory:
-    """A motion whose nodes are ticks, with its nodes on them to the last bit."""
+    """A motion with its nodes rounded to ticks, exact to the last bit."""
     ends = motion.segment_ends
     ends = None if ends is None else at_ticks(ends, period)
     return replace(motion, t=at_ticks(motion.t, period), segment_ends=ends)
@@ -484,21 +490,21 @@ def on_ticks(motion: Trajectory, period: float) -> Trajectory:
 
 @dataclass(frozen=True)
 class ReachesTicks:
-    """Rule that ends an iteration on a clock once it is as short as its ticks.
+    """Stop rule of iterations on a clock: the duration has come down to the last tick.
 
-    It ends as well where the motion is nearly feasible and slower, and no hope is left
-    that it becomes as short: it takes another period.
+    The iteration also ends if the motion is nearly feasible and still slower, and its
+    progress predicts that it will not reach the tick: it needs another period.
 
     Attributes:
         duration: Time of the last tick [s].
-        feasibility: Largest violation that is let pass.
+        feasibility: Largest tolerated violation.
     """
 
     duration: float
     feasibility: float
 
     def __call__(self, loop: Loop) -> Status | None:
-        """FEASIBLE once it is as short, STALLED where it will not be."""
+        """FEASIBLE once the tick is reached, STALLED if it will not be."""
         record, *before = reversed(loop.history)
         missing = record.duration - self.duration
         if missing <= TRACE * self.duration:

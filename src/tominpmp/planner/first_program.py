@@ -1,4 +1,4 @@
-"""First programs: a transcription for a guess, and the guess as its iterate."""
+"""Initial programs: a transcription that fits a guess, and the guess as its iterate."""
 
 from __future__ import annotations
 
@@ -22,31 +22,34 @@ from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
-# Relative room of torques between the rows up to which a former motion rests on them.
-NEARLY = 1e-2
-# A timed guess lies on the limits; the grid rounds it. This much slower it is nearly
-# admissible.
-GUESS_STRETCH = 1.02
-# The same for motions whose accelerations must not jump.
-SMOOTH_STRETCH = 1.3
-# Violation, in units of the rows, from which a guess on a grid of constant torques is
-# no beginning, how often its intervals are halved at most, and what share of the
-# violation may be left for that to help.
-ASTRAY, HALVINGS, HELPS = 1.0, 3, 0.5
+# Torques between the rows whose relative distance to their limit is at most this are
+# nearly active at a warm start: their rows join its first program.
+NEARLY_ACTIVE = 1e-2
+# A timed guess is at its limits, and breaks them as it is rounded to the grid. With its
+# duration multiplied by this factor it is nearly feasible.
+GUESS_TIME_SCALE = 1.02
+# The same factor for motions with continuous accelerations.
+SMOOTH_TIME_SCALE = 1.3
+# A guess on a grid of constant torques is no suitable initial iterate if its violation
+# exceeds LARGE_VIOLATION, in units of the rows. Its intervals are halved at most
+# HALVINGS times, as long as the violation falls to the share REMAINING.
+LARGE_VIOLATION, HALVINGS, REMAINING = 1.0, 3, 0.5
 
-# A program, and where it begins.
-Begun = tuple[NonlinearProgram, Array]
-
-
-def rested(program: NonlinearProgram, z: Array) -> Begun:
-    """Program with the rows between knots that are active at a warm start."""
-    return exchanged(program, z, -NEARLY) or program, z
+# A nonlinear program and its initial iterate.
+InitialProgram = tuple[NonlinearProgram, Array]
 
 
-def first_program(system: ProblemFunctions, options: Options, guess: Guess) -> Begun:
-    """Program for a guess, and the guess as its iterate."""
+def with_active_rows(program: NonlinearProgram, z: Array) -> InitialProgram:
+    """Add the rows between knots that are nearly active at a warm start."""
+    return exchanged(program, z, -NEARLY_ACTIVE) or program, z
+
+
+def first_program(
+    system: ProblemFunctions, options: Options, guess: Guess
+) -> InitialProgram:
+    """Nonlinear program for a guess, and the guess as its initial iterate."""
     grid = options.intervals, options.grid
-    timed = GUESS_STRETCH if guess.timed else 1.0
+    timed = GUESS_TIME_SCALE if guess.timed else 1.0
     if options.method == "collocation":
         if isinstance(guess, WarmStart):
             return guess.lifted_program(system, *grid)
@@ -55,27 +58,27 @@ def first_program(system: ProblemFunctions, options: Options, guess: Guess) -> B
     if isinstance(guess, WarmStart) and not system.parts:
         if degree is not None:
             return guess.spline_program(system, *grid, degree)
-        return rested(*guess.inverse_program(system, *grid))
+        return with_active_rows(*guess.inverse_program(system, *grid))
     shares, ends = guess_grid(system, options, guess)
-    of: BSplineTranscription
+    transcription: BSplineTranscription
     if degree is None:
-        of = InverseTranscription(system, shares, guess.duration, ends)
+        transcription = InverseTranscription(system, shares, guess.duration, ends)
     else:
-        of = BSplineTranscription(system, shares, degree, ends)
-        timed = 1.0 if guess.solved else SMOOTH_STRETCH
+        transcription = BSplineTranscription(system, shares, degree, ends)
+        timed = 1.0 if guess.solved else SMOOTH_TIME_SCALE
     eta = np.full(shares.shape[1], timed * guess.duration)
-    z = of.start(guess.position, guess.duration, eta)
-    return NonlinearProgram.of(of).at(z), z
+    z = transcription.start(guess.position, guess.duration, eta)
+    return NonlinearProgram.of(transcription).at(z), z
 
 
 def collocated(
     system: ProblemFunctions, options: Options, guess: Guess, duration: float
-) -> Begun:
-    """Program in states and torques for a guess, on a grid that its dynamics bear.
+) -> InitialProgram:
+    """Collocation program for a guess, on a grid fine enough for its dynamics.
 
-    Torques that are constant over an interval drive an arm away from the guess. Where
-    that is far, linear programs promise nothing, so that intervals are halved until it
-    is not, some times at most.
+    Torques that are constant over an interval drive an arm away from the guess. If the
+    deviation is large, the linearisation predicts no improvement; intervals are
+    therefore halved, a limited number of times, until the violation is small.
     """
 
     def halved(halvings: int) -> tuple[NonlinearProgram, Array, float]:
@@ -91,11 +94,11 @@ def collocated(
 
     program, start, violation = halved(0)
     for halvings in range(1, HALVINGS + 1):
-        if violation <= ASTRAY:
+        if violation <= LARGE_VIOLATION:
             break
         finer = halved(halvings)
-        if not finer[2] <= HELPS * violation:
-            break  # other limits are broken, whatever the intervals
+        if not finer[2] <= REMAINING * violation:
+            break  # shorter intervals do not help: other limits are violated
         program, start, violation = finer
     return program, start
 
@@ -106,12 +109,13 @@ def guess_grid(
     """Grid for a guess.
 
     Returns:
-        Lengths of the intervals by the durations, shape (N, m), and the number of
-        intervals up to the end of each segment; empty after a delay.
+        Lengths of the intervals as shares of the m durations, shape (N, m), and the
+        number of intervals up to the end of each segment, which is empty for guesses
+        that begin with a delay.
     """
     smooth, sudden = options.control in DEGREES, system.sudden
     if guess.delay > 0.0:
-        # The time before it sets out has intervals of its own.
+        # The delay before the arm starts to move has intervals of its own.
         delay = guess.delay / guess.duration
         shares = delayed_shares(options.intervals, delay, sudden=sudden)
         return np.sum(shares, axis=1, keepdims=True) if smooth else shares, ()

@@ -1,7 +1,8 @@
-"""Improvements of the incumbent: a table of them, in their order.
+"""Improvements of the incumbent: a table of stages, in their order.
 
-Torques switch where they do, not at nodes, once switches are exact; and only a motion
-that keeps the first-order conditions is called optimal.
+Exact switches free the switching times of torques from the nodes of the grid. The
+certificate checks the first-order conditions; only a motion that satisfies them is
+called optimal.
 """
 
 from __future__ import annotations
@@ -27,23 +28,24 @@ SMOOTH = "Its switches were not placed exactly: that is not done for control {!r
 def with_exact_switches(
     state: PlanState, options: Options | None = None
 ) -> Schedule[None]:
-    """Place the switches of the best motion exactly, or say why that is not done.
+    """Place the switches of the best motion exactly, or remark why this is not done.
 
     Args:
         state: The plan.
-        options: Replace the options of the plan, be exact switches asked for or not;
-            the result is then kept only if it is faster than the motion it begins with.
+        options: Replace the options of the plan. The stage then runs in any case, and
+            its result is kept only if it is faster than the best motion; None runs the
+            stage only if the plan asks for exact switches.
     """
     best = best_of(state.candidates)
-    wanted = options is not None or state.options.refine == "switching"
-    if best is None or not wanted:
+    requested = options is not None or state.options.refine == "switching"
+    if best is None or not requested:
         return
     cutoff = np.inf if options is None else best.duration
     options = options or state.options
     if options.refine == "switching" and options.control in DEGREES:
         state.amend(best, remark=SMOOTH.format(options.control))
         return
-    # An add-on: loaded by name, so that the core works without it.
+    # An add-on is imported by name, so that the core works without it.
     exact = import_module("tominpmp.exact.switching_refinement")
 
     def make(system: ProblemFunctions, *_: object) -> Candidate:
@@ -55,16 +57,15 @@ def with_exact_switches(
     best = state.incumbent
     if options.refine != "switching" or best is None or best.layout is None:
         return
-    # Nothing exact was found: the grid follows the switches instead.
+    # No exact switches were found: the grid is refined at the switches instead.
     system, finer = work.system, replace(options, refine="grid")
-    found = yield descent_work(system, finer, guess_of(system, best), state)
-    if found is not None:
-        state.amend(found, remark=best.remark)
+    candidate = yield descent_work(system, finer, guess_of(system, best), state)
+    if candidate is not None:
+        state.amend(candidate, remark=best.remark)
 
 
-# Coroutines that improve the incumbent, or update its status, by their names. The gain
-# of each is measured by `python -m benchmarks.ablation`, which leaves them out one at a
-# time.
+# Schedules that improve the incumbent or update its status, by name. The gain of each
+# stage is measured by `python -m benchmarks.ablation`, which leaves out one at a time.
 IMPROVEMENTS: dict[str, Callable[[PlanState], Schedule[None]]] = {
     "exact switches": with_exact_switches,
     "certificate": certified,
@@ -72,7 +73,7 @@ IMPROVEMENTS: dict[str, Callable[[PlanState], Schedule[None]]] = {
 
 
 def improvements(state: PlanState) -> Schedule[None]:
-    """Improve the incumbent in all ways that the options ask for.
+    """Run all stages of the table, with all of the remaining planning time.
 
     Args:
         state: The plan.

@@ -1,11 +1,12 @@
-"""The last word of a search: is the motion an optimum, and if not, go on.
+"""Certified optimality: check the incumbent by its certificate, and improve it.
 
-An iteration ends when it makes no more progress, which proves nothing: rows of
-distances beside the nearest instants may hold it, a small trust region, or a padding
-that costs time. So the best motion is put to the test of its certificate. Where small
-changes of it promise too much it is improved, with less padding where the padding is
-the gain. Only a motion that passes is called locally optimal; else the status says
-which limit was reached, and the message how much small changes promise still.
+An iteration ends when it makes no more progress, which proves nothing: it may be held
+up by distance rows that miss the instants of closest approach, by a small trust region,
+or by padding of distances that costs time. The incumbent is therefore certified. If
+small changes predict too large a gain, it is improved, with less padding where the
+padding causes the gain. Only a motion that passes is called locally optimal; otherwise
+the status says which limit was reached, and the message has the remaining predicted
+gain.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.motion import LONGEST
 from tominpmp.certificate.stays import stays_where_it_moves, without_stays
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import near_to_it
+from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.first_program import rested
+from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.problem.problem import Problem
@@ -37,38 +38,37 @@ from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# Rounds of improvement, each ended by a certificate; iterations of a round, and its
-# trust region as a share of the usual one.
+# Most rounds of improvement, each of which ends with a certificate; iterations of a
+# round, and its trust-region radius as a share of the usual one.
 ROUNDS, ITERATIONS, RADIUS = 4, 25, 0.1
-# Iterations that there may be in any case.
+# Least iteration limit of all rounds.
 FEWEST = 60
-# Iteration limit of a motion whose gap to the lower bound is at most this share of T.
+# Iteration limit FEW for a motion whose gap to the lower bound is at most SMALL_GAP.
 FEW, SMALL_GAP = 10, 0.03
-# Where the padding of distances is worth this share of the promise, this much of it is
-# left for the next round.
+# If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
+# the padding is multiplied by LESS_PADDING for the next round.
 PADDING_SHARE, LESS_PADDING = 0.3, 0.3
-# A motion is near to whatever is within this share of the reach beyond its margin.
+# Bodies are close to a motion if their clearance exceeds the margin by less than this
+# share of the reach.
 CLOSE = 0.01
-# The rounds end with one that has gained no more than this share of T.
-LITTLE = 5e-4
-# Predicted decrease of an optimal motion at most, as a share of T, where effort is
-# "thorough".
+# A round that gains no more than this share of T is the last one.
+LEAST_GAIN = 5e-4
+# Largest predicted gain of an optimal motion, as a share of T, for effort "thorough".
 THOROUGH = 1e-3
-# A motion that the certificate accepts is improved all the same if its predicted
-# decrease exceeds this share of T: two of 120 motions in clutter, for which other
-# orders of obstacles and other solvers find the gain at once.
+# A motion that the certificate accepts is nevertheless improved if its predicted gain
+# exceeds this share of T: two of 120 motions in clutter, for which other orders of
+# obstacles and other solvers find the gain at once.
 WORTH_A_TRY = 5e-3
-# Without close pairs the certificate is skipped if the last predicted decrease,
+# Without close bodies the certificate is skipped if the last predicted gain,
 # extrapolated to the changes that the certificate allows, is below this share of the
 # tolerance.
 SKIPPED = 0.3
 
 
 def certified(state: PlanState) -> Schedule[None]:
-    """Go on with the best motion until it keeps the first-order conditions.
+    """Improve the incumbent until it satisfies the first-order conditions.
 
-    Motions that stay where obstacles move have no certificate, and are left as they
-    are.
+    Motions with dwells among moving obstacles have no certificate, and are not changed.
 
     Args:
         state: The plan.
@@ -83,12 +83,12 @@ def certified(state: PlanState) -> Schedule[None]:
         return
     bound = state.lower_bound(problem).T
     if (1.0 - tolerance) * best.duration <= bound:
-        # No motion at all is faster by more than that.
+        # By the lower bound no motion at all gains more than the tolerance.
         state.amend(best, status=Status.CONVERGED)
         return
-    # As many iterations as the search has had, some at least, and none too many.
-    had = sum(len(candidate.history) for candidate in state.candidates)
-    limit = min(max(had, FEWEST), options.max_iterations)
+    # The limit is the number of iterations of the search, between two bounds.
+    before = sum(len(candidate.history) for candidate in state.candidates)
+    limit = min(max(before, FEWEST), options.max_iterations)
     if (1.0 - SMALL_GAP) * best.duration <= bound:
         limit = min(limit, FEW)
 
@@ -99,63 +99,64 @@ def certified(state: PlanState) -> Schedule[None]:
     if settled is None or settled.duration > best.duration:
         status = best.status
         if settled is None and status is Status.CONVERGED:
-            # The test was cut short, or failed: nothing is known of the motion.
+            # The certificate was cut short, or failed: the motion is not certified.
             status = state.cut_short or Status.STALLED
         state.amend(best, status=status)
 
 
 def tolerance_of(options: Options) -> float:
-    """Gain that small changes of an optimal motion may promise, as a share of T."""
+    """Largest predicted gain of small changes of an optimal motion, as a share of T."""
     return THOROUGH if options.effort == "thorough" else TOLERANCE
 
 
 def last_step_suffices(
     problem: Problem, options: Options, candidate: Candidate, tolerance: float
 ) -> bool:
-    """Whether the last step of an iteration makes the certificate needless.
+    """Whether the last step of the iteration makes a certificate unnecessary.
 
-    The gain that a linear program predicts within a trust region is at least the share
-    of its gain within a larger one that the region is of the larger one.
+    The predicted gain of a linear program is a concave function of the trust-region
+    radius: divided by the radius, it bounds the gain within a larger trust region.
     """
     if len(candidate.history) < 2 or candidate.layout is None:
-        return False  # other methods have steps and radii of other kinds
+        return False  # other methods have other kinds of steps and radii
     h = np.diff(candidate.trajectory.t)
     if np.max(h) > LONGEST * h.sum():
-        return False  # the certificate allows of more changes than the grid
+        return False  # the certificate allows changes on a finer grid
     if np.any(problem.robot.friction):
-        return False  # nor does a program let joints turn elsewhere
+        return False  # a program fixes the reversals of joints, a certificate does not
     if _anything_near(problem, candidate):
         return False
     before, last = candidate.history[-2:]
     radius = min(options.trust_region * min(before.radius, last.radius), 1.0)
-    # The linear program was solved to this gap: it may have predicted too little.
+    # The program was solved to this duality gap: it may predict too small a gain.
     gap = ACCURACY * options.tolerance
     promised = (last.predicted / last.duration + gap) / max(radius, 1e-300)
     return last.accepted and promised <= SKIPPED * tolerance
 
 
 def _anything_near(problem: Problem, candidate: Candidate) -> bool:
-    """Whether the replay of a motion has come near anything."""
-    judged = candidate.verification
-    if judged is None:
+    """Whether any bodies are close to each other in the replay of a motion."""
+    replay = candidate.verification
+    if replay is None:
         return True
-    # Margins by pair would have all meshes cut; the links of a single arm have none.
+    # To take margins by pair would need the collision geometry of all meshes; the links
+    # of a single arm have no margin.
     scenes = any(len(phase.scene) for phase in problem.phases)
     alone = not scenes and not problem.robot.parts
     margin = 0.0 if alone else problem.margin
     close = CLOSE * ProblemFunctions.of(problem).reach
-    return judged.min_clearance < margin + close
+    return replay.min_clearance < margin + close
 
 
 @dataclass(eq=False)
 class CertifiedDescent:
-    """Improves a motion until its certificate accepts it.
+    """Rounds of improvement that end when the certificate accepts the motion.
 
     Attributes:
-        system: The functions of the problem.
+        system: Functions of the problem.
         state: The plan.
-        tolerance: Gain that small changes may promise, as a share of T.
-        limit: How many iterations there may be.
+        tolerance: Largest predicted gain of an optimal motion, as a share of T.
+        limit: Iteration limit of all rounds.
     """
 
     system: ProblemFunctions
@@ -165,102 +166,106 @@ class CertifiedDescent:
 
     @property
     def spent(self) -> bool:
-        """Whether there have been as many iterations as there may be."""
+        """Whether the iteration limit is reached."""
         return len(self.state.records) >= self.limit
 
     def run(self, candidate: Candidate) -> Candidate:
-        """The motion, or a faster one, with the status that it deserves."""
-        best, seen = candidate, self.examine(candidate)
+        """The motion or a faster one, with its certified status."""
+        best, findings = candidate, self.examine(candidate)
         segments = self.system.problem.segments
         layout = candidate.layout or Layout.of_motion(candidate.trajectory, segments)
         gain = np.inf
         for _ in range(ROUNDS):
-            spent = self._spend_padding(seen)
-            idle = gain <= LITTLE and not spent
-            if self._enough(seen) or layout is None or idle or self.spent:
+            spent = self._spend_padding(findings)
+            idle = gain <= LEAST_GAIN and not spent
+            if self._is_optimal(findings) or layout is None or idle or self.spent:
                 break
-            further = self._further(best, layout)
+            further = self._improved(best, layout)
             gain = 1.0 - further.duration / best.duration
             if gain > self.tolerance:
-                # The search had not come to its end.
+                # The search had ended too early: the motion gets more iterations.
                 more = min(FEWEST, self.state.options.max_iterations)
                 self.limit = max(self.limit, len(self.state.records) + more)
             if gain > 0.0:
                 best, layout = further, further.layout
-                seen = self.examine(best)
-        return self._concluded(best, seen)
+                findings = self.examine(best)
+        return self._concluded(best, findings)
 
-    def _enough(self, seen: Findings) -> bool:
-        promise = seen.certificate.stationarity
-        return seen.certificate.ok and promise <= min(self.tolerance, WORTH_A_TRY)
+    def _is_optimal(self, findings: Findings) -> bool:
+        promise = findings.certificate.stationarity
+        return findings.certificate.ok and promise <= min(self.tolerance, WORTH_A_TRY)
 
     def examine(self, candidate: Candidate) -> Findings:
-        """The certificate of a motion, and its findings."""
-        problem, judged = self.system.problem, candidate.verification
+        """The certificate of a motion, with the multipliers behind it."""
+        problem, replay = self.system.problem, candidate.verification
         near = _anything_near(problem, candidate)
         motion = candidate.trajectory
         if problem.segments:
             problem, motion = without_stays(problem, motion)
-        seen = examine(problem, motion, judged, self.tolerance, near=near)
-        promise = seen.certificate.stationarity
+        findings = examine(problem, motion, replay, self.tolerance, near=near)
+        promise = findings.certificate.stationarity
         logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
-        return seen
+        return findings
 
-    def _spend_padding(self, seen: Findings) -> bool:
-        """Reduce the padding where that is the gain; whether it is."""
-        if seen.found is None:
+    def _spend_padding(self, findings: Findings) -> bool:
+        """Reduce the padding of distances if it causes the predicted gain.
+
+        Returns:
+            Whether it does.
+        """
+        if findings.found is None:
             return False
-        given = seen.found.multipliers
-        gained = float(given.promise[given.of("clearance")].sum())
-        promised = max(seen.certificate.stationarity, self.tolerance)
+        multipliers = findings.found.multipliers
+        gained = float(multipliers.promise[multipliers.of("clearance")].sum())
+        promised = max(findings.certificate.stationarity, self.tolerance)
         spent = gained > PADDING_SHARE * promised
         if spent:
             self.system = self.system.padded(LESS_PADDING)
         return spent
 
-    def _further(self, best: Candidate, layout: Layout) -> Candidate:
-        """A faster motion, replayed; the same where there is none."""
-        of, z = layout.represented(self.system, best.trajectory)
-        program = with_rows_at(NonlinearProgram.of(of).at(z), z, best.row_times)
-        program, z = rested(program, z)
-        near = near_to_it(self.state.options, RADIUS, ITERATIONS)
+    def _improved(self, best: Candidate, layout: Layout) -> Candidate:
+        """A faster motion whose replay keeps all limits; the same if none is found."""
+        transcription, z = layout.represented(self.system, best.trajectory)
+        program = NonlinearProgram.of(transcription).at(z)
+        program, z = with_active_rows(with_rows_at(program, z, best.row_times), z)
+        warm = warm_start_options(self.state.options, RADIUS, ITERATIONS)
         result = solve(
             program,
-            MinimumTime.of(near, near.smoothing or 0.0),
+            MinimumTime.of(warm, warm.smoothing or 0.0),
             z,
-            *trust_regions(near),
+            *trust_regions(warm),
             exchange=RowExchange(level=0.0),
-            callback=self._seen,
+            callback=self._show,
             keep=self.state.keep,
         )
         if result.best is None:
             return best
-        found = Candidate.of(best.name, best.initial, result)
-        found = replace(found, remark=best.remark, history=())
-        if found.trajectory.duration >= best.duration:
+        faster = Candidate.of(best.name, best.initial, result)
+        faster = replace(faster, remark=best.remark, history=())
+        if faster.trajectory.duration >= best.duration:
             return best
-        found = found.verified(self.system.problem, self.state.options)
-        return found if found.found else best
+        faster = faster.verified(self.system.problem, self.state.options)
+        return faster if faster.confirmed else best
 
-    def _seen(self, record: IterationRecord) -> Status | None:
-        """See a record; a status ends the iteration."""
+    def _show(self, record: IterationRecord) -> Status | None:
+        """Show a record to the plan; a status ends the iteration."""
         status = self.state(record)
         return status or (Status.ITERATION_LIMIT if self.spent else None)
 
-    def _concluded(self, best: Candidate, seen: Findings) -> Candidate:
-        """The motion with the status that it deserves."""
+    def _concluded(self, best: Candidate, findings: Findings) -> Candidate:
+        """The motion with its certified status, and a remark on the predicted gain."""
         history = tuple(self.state.records)
-        if seen.certificate.ok:
+        if findings.certificate.ok:
             return replace(best, status=Status.CONVERGED, history=history)
         status = Status.ITERATION_LIMIT if self.spent else Status.STALLED
         if best.status not in (Status.CONVERGED, Status.STALLED):
             status = best.status
-        promise = 100.0 * seen.certificate.stationarity
+        promise = 100.0 * findings.certificate.stationarity
         remark = f"Small changes promise {promise:.2g} % of T"
         intervals = best.trajectory.t.size - 1
-        if seen.motion is not None and seen.motion.changes.N > intervals:
+        if findings.motion is not None and findings.motion.changes.N > intervals:
             remark += f", some of them on a grid finer than its {intervals} intervals"
-        if seen.certificate.stationarity <= self.tolerance:
-            remark += f". {seen.certificate.message}".rstrip(".")  # another condition
+        if findings.certificate.stationarity <= self.tolerance:  # other condition
+            remark += f". {findings.certificate.message}".rstrip(".")
         remark = f"{best.remark} {remark}.".strip()
         return replace(best, status=status, history=history, remark=remark)

@@ -1,4 +1,4 @@
-"""The state of a plan: its time, its candidates, and the motion it is working on."""
+"""The state of a plan: its time, its candidates, and the candidate in progress."""
 
 from __future__ import annotations
 
@@ -15,24 +15,26 @@ from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
 from tominpmp.goals.base import Goal
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, Fallback, Kept, best_of
+from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate, best_of
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import Solved
 
-# Iterates kept per candidate, one a program, besides its newest.
-KEPT = 4
-# Time reserved for the last replay: REPLAYS times the longest replay so far, within
-# these shares of the limit; before the first, END_SECONDS stand for it.
+# Iterates kept per candidate in addition to the newest, one per nonlinear program.
+MOST_KEPT = 4
+# Time reserved for the last replay: REPLAYS times the longest replay so far, between
+# the shares RESERVE and MOST_RESERVE of the time limit; before the first replay,
+# END_SECONDS is its estimate.
 RESERVE, MOST_RESERVE, REPLAYS = 0.03, 0.25, 1.5
-# The same while there is no incumbent, and no replay has been timed.
+# Time reserved while there is no incumbent and no feasible iterate, as a share of the
+# time limit: an initial guess would have to be slowed down and replayed.
 FIRST_RESERVE = 0.06
-# Overrun allowed to one step, and to the conclusion: share of the limit, and [s].
+# Overrun allowed for one step, and for the conclusion: share of the limit, and [s].
 STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
-# Time of grace in all for the best motion once planning was interrupted [s].
+# Grace period to save the best motion once planning was interrupted, in total [s].
 SAVING = 3.0
 
 
@@ -40,29 +42,30 @@ class PlanState:
     """Time, callback and candidates of a plan.
 
     It is the callback of the solvers, and raises :class:`~tominpmp.stopping.Stop` when
-    planning is to end. By then it has kept the best motions of the present candidate.
+    planning is to end. Iterates of the candidate in progress are kept, so that its best
+    motion survives the stop.
 
     Args:
         problem: The problem.
         options: Options of the plan.
-        asked: Predicate: whether the parent process has requested a stop.
+        stop_requested: Predicate: whether the parent process has requested a stop.
 
     Attributes:
         problem: The problem.
         options: Options of the plan.
         candidates: The candidates so far.
         deadline: When to stop.
-        start: Number of the present candidate.
-        records: One record an iteration of the present candidate.
-        kept: Motions of the present candidate, the newest last.
-        begun: The motion that the present candidate began with.
-        cut_short: How the present candidate was stopped; None if it was not.
+        start: Number of the candidate in progress.
+        records: Records of the candidate in progress, one per iteration.
+        kept_iterates: Iterates of the candidate in progress, the newest last.
+        initial: The initial iterate of the candidate in progress.
+        cut_short: How the candidate in progress was stopped; None if it was not.
         fallback: The best candidate of a coarse grid, whose last iterate becomes the
             solution if there is no incumbent in the end.
-        first_guesses: The first guess for each goal, by its name and with the problem,
-            which serve where that fails.
-        complete: Whether all is done that a plan has to do: the end of its time is the
-            end of a search that would never end by itself.
+        first_guesses: The first guess for each goal, with its name and its problem;
+            the last resort if the fallback fails, too.
+        complete: Whether the plan has done everything that it must. The thorough search
+            that follows is open-ended: a time limit then is its regular end.
         failures: Errors of candidates that have led to no motion.
     """
 
@@ -71,26 +74,26 @@ class PlanState:
         problem: Problem,
         options: Options,
         *,
-        asked: Callable[[], bool] | None = None,
+        stop_requested: Callable[[], bool] | None = None,
     ) -> None:
         self.problem, self.options = problem, options
         self.candidates: list[Candidate] = []
-        self.deadline = Deadline(asked)
+        self.deadline = Deadline(stop_requested)
         self.start = -1
         self.records: list[IterationRecord] = []
-        self.kept: list[Kept] = []
-        self.begun: Kept | None = None
+        self.kept_iterates: list[KeptIterate] = []
+        self.initial: KeptIterate | None = None
         self.cut_short: Status | None = None
         self.fallback: Fallback | None = None
-        self.first_guesses: list[tuple[str, Kept, Problem]] = []
+        self.first_guesses: list[tuple[str, KeptIterate, Problem]] = []
         self.complete = False
         self.failures: list[Exception] = []
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit
-        self._replay = 0.0
-        self._saved: float | None = None  # when the time of grace ends
-        # A violation that is good enough to stop, where any motion will do.
+        self._longest_replay = 0.0
+        self._grace_end: float | None = None  # end of the grace period
+        # Largest violation at which an iteration stops, if any feasible motion will do.
         self._enough = options.feasibility if options.objective == "feasible" else -1.0
         self._set_deadline()
 
@@ -98,51 +101,53 @@ class PlanState:
 
     @property
     def incumbent(self) -> Candidate | None:
-        """The incumbent: the fastest candidate whose replay holds, or None."""
+        """The fastest candidate whose replay keeps all limits; None without one."""
         best = best_of(self.candidates)
-        return best if best is not None and best.found else None
+        return best if best is not None and best.confirmed else None
 
     @property
     def best_duration(self) -> float:
         """Duration of the incumbent [s]; infinite without an incumbent."""
-        return min((one.duration for one in self.candidates), default=np.inf)
+        return min((each.duration for each in self.candidates), default=np.inf)
 
     @property
     def satisfied(self) -> bool:
-        """Whether any motion will do, and there is one."""
+        """Whether any feasible motion will do, and the plan has found one."""
         return self.options.objective == "feasible" and self.incumbent is not None
 
     def amend(self, candidate: Candidate, **changes: Any) -> None:
-        """Have a candidate say more of itself: among equally fast ones the last counts.
+        """Change attributes of a candidate by appending a changed copy.
+
+        Among equally fast candidates the last one counts.
 
         Args:
             candidate: The candidate.
-            changes: Other values of its attributes.
+            changes: New values of its attributes.
         """
         self.candidates.append(replace(candidate, history=(), **changes))
 
     def begin(self) -> None:
-        """Begin with another candidate."""
+        """Begin the next candidate."""
         self.start += 1
-        self.records, self.kept, self.begun = [], [], None
+        self.records, self.kept_iterates, self.initial = [], [], None
         self.cut_short = None
         self._set_deadline()
 
     def keep(self, program: Solved, iterate: Iterate) -> None:
-        """Keep a motion of the present candidate, should it be cut short."""
+        """Keep an iterate of the candidate in progress, in case it is cut short."""
         feasible = iterate.violation <= self.options.feasibility
-        new = Kept(program, iterate, feasible)
-        self.begun = self.begun or new
-        if self.kept and self.kept[-1].program is program:
-            if self.kept[-1].feasible and not new.feasible:
+        new = KeptIterate(program, iterate, feasible)
+        self.initial = self.initial or new
+        if self.kept_iterates and self.kept_iterates[-1].program is program:
+            if self.kept_iterates[-1].feasible and not new.feasible:
                 return
-            self.kept[-1] = new
+            self.kept_iterates[-1] = new
         else:
-            self.kept = [*self.kept[-KEPT:], new]
+            self.kept_iterates = [*self.kept_iterates[-MOST_KEPT:], new]
         self._set_deadline()
 
     def lower_bound(self, problem: Problem) -> LowerBound:
-        """Time that no motion can beat, found once for the goals of all segments.
+        """Lower bound of the duration, computed once per combination of goals.
 
         Raises:
             Stop: If it is time to stop.
@@ -162,18 +167,18 @@ class PlanState:
         return time.perf_counter() - self._begin
 
     @property
-    def ends(self) -> float:
-        """When the planning time is used up, on the clock of perf_counter [s]."""
+    def end_time(self) -> float:
+        """Instant when the planning time is used up, by ``time.perf_counter`` [s]."""
         return self._begin + self._limit
 
     @property
-    def left(self) -> float:
-        """Planning time that is left [s], a little at least."""
+    def remaining_time(self) -> float:
+        """Planning time left for the next candidate [s], always positive."""
         return max(self._until - self.seconds, 1e-3)
 
     @property
     def ended(self) -> Status | None:
-        """How planning ends with the present candidate; None if it goes on."""
+        """How planning ends after the candidate in progress; None to continue."""
         used_up = self._until == self._limit or self.seconds >= self._limit
         goes_on = self.cut_short is Status.TIME_LIMIT and not used_up
         return None if goes_on else self.cut_short
@@ -181,7 +186,7 @@ class PlanState:
     def share(self, parts: int) -> None:
         """Give the next candidate 1 / ``parts`` of the remaining time.
 
-        With an incumbent it gets all of the remaining time.
+        If there is an incumbent, the candidate gets all of the remaining time.
         """
         self._until = self._limit
         if self.best_duration == np.inf:
@@ -189,17 +194,17 @@ class PlanState:
         self._set_deadline()
 
     def extend(self, limit: float) -> None:
-        """Set another time limit, counted from the beginning of the plan [s]."""
+        """Replace the time limit, counted from the beginning of the plan [s]."""
         self._limit = self._until = limit
-        self.records, self.kept = [], []
+        self.records, self.kept_iterates = [], []
         self._set_deadline()
 
     def replayed(self, seconds: float) -> None:
-        """Learn how long the replay of a motion takes [s]."""
-        self._replay = max(self._replay, seconds)
+        """Record how long the replay of a motion took [s]."""
+        self._longest_replay = max(self._longest_replay, seconds)
 
     def stopped(self, cause: BaseException) -> Status:
-        """How planning ends that was stopped by an exception."""
+        """Note that an exception has stopped planning; its status."""
         self.cut_short = Status.TIME_LIMIT
         if not isinstance(cause, Stop) or cause.requested:
             self.deadline.requested = True
@@ -208,11 +213,11 @@ class PlanState:
 
     @contextmanager
     def saving(self) -> Iterator[None]:
-        """Time of grace, to save the motions found although it is time to stop."""
+        """Grace period: save the motions found after the deadline has passed."""
         until = self._end()
         if self.deadline.requested:
-            self._saved = self._saved or time.perf_counter() + SAVING
-            until = self._saved
+            self._grace_end = self._grace_end or time.perf_counter() + SAVING
+            until = self._grace_end
         with self.deadline.grace(until):
             yield
 
@@ -220,15 +225,15 @@ class PlanState:
         return self._begin + (1.0 + END_SHARE) * self._limit + END_SECONDS
 
     def _reserve(self) -> float:
-        """Time to be left for the replay of the motions found [s]."""
+        """Time reserved for the replay of the motions found [s]."""
         limit = self._limit
         if limit == np.inf:
             return 0.0
-        if not any(item.feasible for item in self.kept):
-            # Without any motion the initial guess of the candidate is time-scaled.
-            nothing = self.best_duration == np.inf and self.begun is not None
+        if not any(item.feasible for item in self.kept_iterates):
+            # Without a feasible motion the initial guess has to be time-scaled.
+            nothing = self.best_duration == np.inf and self.initial is not None
             return FIRST_RESERVE * limit if nothing else 0.0
-        replay = REPLAYS * (self._replay or END_SECONDS)
+        replay = REPLAYS * (self._longest_replay or END_SECONDS)
         return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
 
     def _set_deadline(self) -> None:
@@ -239,7 +244,7 @@ class PlanState:
     # -- the callback ------------------------------------------------------------------
 
     def __call__(self, record: IterationRecord) -> Status | None:
-        """See a record of the present candidate; a status ends the iteration.
+        """Add a record of the candidate in progress; a status ends the iteration.
 
         Raises:
             Stop: If planning is to end.
@@ -248,7 +253,7 @@ class PlanState:
         return self.see(record)
 
     def see(self, record: IterationRecord) -> Status | None:
-        """Check the deadline on a record that stays out of the history.
+        """Show a record and check the deadline, without adding it to the history.
 
         Raises:
             Stop: If planning is to end.

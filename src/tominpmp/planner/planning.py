@@ -1,18 +1,26 @@
 """Planning: candidates from initial guesses, and improvements of the incumbent.
 
-A plan is a schedule, a coroutine that yields :class:`~tominpmp.planner.work.Work` and
-is sent the candidate that came of it, and a loop in :func:`plan` that does the work:
+A plan consists of a schedule and a loop. The schedule is a coroutine: it yields
+:class:`~tominpmp.planner.work.Work` and is sent the candidate made from it. The loop in
+:func:`plan` carries out the work by :func:`~tominpmp.planner.work.run`, which makes,
+replays and repairs one candidate, and saves its best iterate if planning is stopped.
+The incumbent is the fastest candidate whose replay keeps all limits. A plan passes
+through these modules:
 
-- :func:`everything`: starts, improvements, and the thorough search;
+- :mod:`~tominpmp.planner.automatic_options`: method, control and solver are chosen;
+- :mod:`~tominpmp.planner.standing`: is the start at the goal already?
+- :mod:`~tominpmp.planner.barriers`: is there a proof that no motion exists?
 - :mod:`~tominpmp.planner.alternatives`: the goals of a set take turns;
-- :mod:`~tominpmp.planner.starts`: guesses for one goal, and how many;
-- :mod:`~tominpmp.planner.coarse_search`: guesses compared on a coarse grid;
-- :mod:`~tominpmp.planner.descent`: a guess becomes a locally optimal motion;
-- :mod:`~tominpmp.planner.improvements`: a table of what improves the incumbent, the
-  fastest candidate whose replay holds;
-- :func:`~tominpmp.planner.work.run`: makes, replays and repairs one candidate, and
-  saves it where planning is stopped;
-- :mod:`~tominpmp.planner.conclusion`: the incumbent becomes a solution.
+- :mod:`~tominpmp.planner.starts`: initial guesses for one goal, and their number;
+- :mod:`~tominpmp.planner.coarse_search`: guesses compared by descents on a coarse grid;
+- :mod:`~tominpmp.planner.descent`: sequential convex programming turns a guess into a
+  locally optimal motion, on finer grids in the end;
+- :mod:`~tominpmp.planner.improvements`: a table of stages that improve the incumbent;
+- :mod:`~tominpmp.planner.optimality`: one of these stages, the certificate;
+- :mod:`~tominpmp.planner.thorough`: further starts while planning time remains;
+- :mod:`~tominpmp.planner.conclusion`: turns the incumbent into a solution;
+- :mod:`~tominpmp.planner.control_period`, :mod:`~tominpmp.planner.smoothing` and
+  :mod:`~tominpmp.planner.energy`: optional stages that change this solution.
 """
 
 from __future__ import annotations
@@ -34,8 +42,8 @@ from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.barriers import find_barrier
 from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
-from tominpmp.planner.control_period import on_clock, searching
-from tominpmp.planner.energy import economical
+from tominpmp.planner.control_period import on_clock, search_options
+from tominpmp.planner.energy import with_least_cost
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.smoothing import smooth
@@ -60,13 +68,14 @@ def plan(
 
     Args:
         problem: Robot, start, goal and scene.
-        options: How; the defaults are sensible.
-        start: A former motion of the same joints to begin with, for a problem that is
-            much like its own: another goal, obstacle or limit, or a start on its way.
-            It is bent to the new ends. Other guesses are made only if it leads to no
-            motion, or ``options.starts`` asks for more than one.
+        options: Options of the planner; the defaults are sensible.
+        start: Warm start: a former motion of the same joints, for a problem that
+            resembles the one it solved, with another goal, obstacle or limit, or with a
+            start on its path. It is bent to the new ends. Other guesses are made only
+            if the warm start leads to no motion, or ``options.starts`` asks for more
+            than one start.
         **changes: Options by name, as in ``plan(problem, intervals=60)``; they override
-            those of ``options``.
+            the values in ``options``.
 
     Returns:
         The solution. When no motion is found, its status and message say why; on Ctrl-C
@@ -74,54 +83,57 @@ def plan(
 
     Raises:
         OptionsError: If an option does not fit the problem.
-        ProblemError: If the goal cannot be reached at all, or the former motion is one
-            of other joints.
+        ProblemError: If the goal cannot be reached at all, or the former motion has
+            other joints.
         SolverNotFound: If the solver of linear programs is not installed.
     """
     instance(problem, Problem, "problem")
-    asked = options = resolve_options(problem, Options.of(options).changed(changes))
+    requested = options = resolve_options(problem, Options.of(options).changed(changes))
     stands = standing(problem, options)
     if stands is not None:
         return with_remarks(stands, PlanState(problem, options))
-    if asked.energy_weight:
+    if requested.energy_weight:
         # The time-optimal motion only warm-starts the search for the energy optimum.
         options = replace(
             options,
             energy_weight=0.0,
             refine=None,
             effort="quick",
-            max_planning_time=asked.time_limit,
+            max_planning_time=requested.time_limit,
         )
     former = None if start is None else motion_of(problem, start)
-    state = PlanState(problem, searching(options))
-    status, answer = None, None
+    state = PlanState(problem, search_options(options))
+    status, candidate = None, None
     with state.deadline.in_force():
         try:
             barrier = find_barrier(problem, options.tolerances.contact)
             if barrier is not None:
-                return without_motion(state, asked, Status.INFEASIBLE, str(barrier))
-            schedule = everything(state, former)
+                return without_motion(state, requested, Status.INFEASIBLE, str(barrier))
+            schedule = full_schedule(state, former)
             while status is None and not state.satisfied:
-                answer = run(state, schedule.send(answer))
+                candidate = run(state, schedule.send(candidate))
                 status = state.ended
             schedule.close()
         except StopIteration:
             pass
         except (Stop, KeyboardInterrupt) as stop:
             status = state.stopped(stop)
-        solution = _ended(state, options, status)
-        if asked.energy_weight:
-            solution = economical(replace(solution, options=asked))
+        solution = _finish(state, options, status)
+        if requested.energy_weight:
+            solution = with_least_cost(replace(solution, options=requested))
         return with_remarks(solution, state)
 
 
-def _ended(state: PlanState, options: Options, status: Status | None) -> Solution:
+def _finish(state: PlanState, options: Options, status: Status | None) -> Solution:
     """The solution once the schedule is exhausted or planning was stopped.
+
+    Without an incumbent a fallback is tried. The solution is then moved to the clock of
+    the control period, and smoothed, if options ask for it.
 
     Args:
         state: The plan.
-        options: Options of the plan, with the whole of its time.
-        status: How it was stopped; None if all is tried.
+        options: Options of the plan, with its full planning time.
+        status: How planning was stopped; None if the schedule is exhausted.
     """
     if status is not None and state.best_duration == np.inf:
         use_fallback(state, status)
@@ -139,14 +151,14 @@ def _ended(state: PlanState, options: Options, status: Status | None) -> Solutio
     return _interrupted(solution) if state.deadline.requested else solution
 
 
-def everything(
+def full_schedule(
     state: PlanState, former: Trajectory | Samples | None = None
 ) -> Schedule[None]:
     """The schedule of a plan: starts, improvements, thorough search.
 
     Args:
         state: The plan.
-        former: A former motion to begin with.
+        former: A former motion as warm start.
     """
     yield from candidates_of_alternatives(state, partial(starts, state), former)
     if state.incumbent is None:
@@ -157,7 +169,7 @@ def everything(
 
 
 def _interrupted(solution: Solution) -> Solution:
-    """A solution at the end of a planning that was interrupted."""
+    """The solution of an interrupted plan, with the status that says so."""
     if solution.status is Status.INTERRUPTED:
         return solution
     message = solution.message
@@ -172,7 +184,7 @@ def motion_of(
     """The motion to warm-start from; None if its duration is zero.
 
     Raises:
-        ProblemError: If the solution has no motion, or that is one of other joints.
+        ProblemError: If the solution has no motion, or its motion has other joints.
     """
     former = start.trajectory if isinstance(start, Solution) else start
     if former is None:

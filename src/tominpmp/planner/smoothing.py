@@ -1,4 +1,4 @@
-"""Smoothing, the second stage of a plan: time given away for quiet torques."""
+"""Smoothing, an optional last stage of a plan: a longer duration for quiet torques."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tominpmp.checks import instance, number
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.motion.measures import roughness, way_of
 from tominpmp.planner.control_period import layout_on_clock
-from tominpmp.planner.energy import another_motion, bettered
+from tominpmp.planner.energy import reoptimised, run_stage
 from tominpmp.problem.segments import spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.quiet_torques import QuietTorques
@@ -20,9 +20,10 @@ from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 
 NO_QUIETER = "no quieter motion was found."
-# Ways of all joints that are shorter by this share are a gain without quieter torques.
+# Least reduction of the path lengths of all joints, as a share, that counts as a gain
+# even if torques are no quieter.
 WORTH_IT = 0.01
-# Shorter path lengths are not divided by [s].
+# Least path length, in seconds at the speed limits, by which others are divided [s].
 SHORTEST_WAY = 1e-9
 
 
@@ -33,24 +34,24 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     The duration is fixed at (1 + slack) T, or at the next multiple of the control
     period if the motion was planned for one, and the squared differences of successive
     torques are minimised, with all limits and clearances held and the start and the
-    goal met. The squares of the speeds count a little beside them: joints that have
-    time to spare, which the fastest motion lets go to and fro where that helps it by
-    next to nothing, go as straight as they can. Quadratic programs are solved one after
-    the other, as the constraints are not linear, and the result is verified by its
-    replay.
+    goal met. The squares of the speeds have a small weight, too: joints with time to
+    spare, which the fastest motion moves to and fro for a negligible gain, then go as
+    straight as they can. As the constraints are not linear, a sequence of quadratic
+    programs is solved, and the result is verified by its replay.
 
     Args:
         solution: A motion by any method.
-        slack: Share of T to give away; 0 quietens what the minimum time leaves free.
+        slack: Additional duration as a share of T; with 0 only those torques become
+            quieter that the minimum time leaves free.
 
     Returns:
-        The quieter motion; its ``initial`` is the motion as it was, ``roughness`` tells
-        how much was gained, and the message how much shorter the ways of the joints
-        are. If none is found, the solution as it was, and its message says so.
+        The quieter motion. Its ``initial`` is the former motion, ``roughness`` measures
+        the gain, and the message has the reduction of the path lengths of the joints.
+        If no quieter motion is found, the former solution, whose message says so.
 
     Raises:
-        ProblemError: If there is no motion that keeps all constraints, the problem has
-            segments, or the robot is kinematic.
+        ProblemError: If the solution has no motion that keeps all constraints, the
+            problem has segments, or the robot is kinematic.
         OptionsError: If the slack is not a share >= 0.
     """
     instance(solution, Solution, "solution")
@@ -69,12 +70,12 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
             "torques of others cannot be made quiet yet",
             "solution",
         )
-    kept, doing = "Its torques were left as they are", "making them quiet"
-    return bettered(solution, doing, kept, partial(_quietest, solution, share))
+    otherwise, doing = "Its torques were left as they are", "making them quiet"
+    return run_stage(solution, doing, otherwise, partial(_quietest, solution, share))
 
 
 def _quietest(solution: Solution, slack: float) -> Solution | str:
-    """The solution with quiet torques, or why there are none."""
+    """The solution with quiet torques, or the reason why it has none."""
     options, limits = solution.options, solution.problem.robot.limits
     former, feasibility = solution.trajectory, options.feasibility
     assert former is not None  # noqa: S101
@@ -86,21 +87,21 @@ def _quietest(solution: Solution, slack: float) -> Solution | str:
         if period is not None:
             whole, counts = spans_of(former, ()), [ticks_of(T, period)]
             return layout_on_clock(former, whole, period, counts, halvings)
-        own = Layout.of_motion(former) or Layout.of_torques(former)
-        return own.with_intervals(2**halvings * len(own.shares))
+        grid = Layout.of_motion(former) or Layout.of_torques(former)
+        return grid.with_intervals(2**halvings * len(grid.shares))
 
     def quiet(program: NonlinearProgram, z: Array) -> tuple[QuietTorques, Array]:
         if period is None:
             z = program.time_scale(z, 1.0 + slack)
         return QuietTorques.of(program, z, feasibility), z
 
-    found = another_motion(solution, layout, quiet)
-    if found.refuted and found.verification is not None:
-        return found.verification.message
-    motion, before = found.trajectory, roughness(former, limits)
-    after, way = roughness(motion, limits), max(way_of(former, limits), SHORTEST_WAY)
-    saved = 1.0 - way_of(motion, limits) / way
-    if not found.found or (after >= before and saved < WORTH_IT):
+    candidate = reoptimised(solution, layout, quiet)
+    if candidate.refuted and candidate.verification is not None:
+        return candidate.verification.message
+    motion, before = candidate.trajectory, roughness(former, limits)
+    after, length = roughness(motion, limits), max(way_of(former, limits), SHORTEST_WAY)
+    saved = 1.0 - way_of(motion, limits) / length
+    if not candidate.confirmed or (after >= before and saved < WORTH_IT):
         return NO_QUIETER
     slower = motion.duration / former.duration - 1.0
     ways = f" and ways shorter by {100 * saved:.3g} %" if saved >= WORTH_IT else ""
@@ -113,5 +114,5 @@ def _quietest(solution: Solution, slack: float) -> Solution | str:
         trajectory=motion,
         initial=former,
         violations={},
-        verification=found.verification,
+        verification=candidate.verification,
     )

@@ -1,7 +1,7 @@
-"""Starts that meet the goal already: nothing has to move, and nothing is searched for.
+"""Starts that satisfy the goal already: nothing has to move, and no search is needed.
 
-Their motion takes no time and has a single node. Where segments ask the arm to stay, or
-to be at a goal no earlier than at some time, it stands there for so long.
+The motion takes no time and has a single node. If segments have a dwell, or an earliest
+time of arrival, the arm stands still until these have passed.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from tominpmp.problem.segments import Segment
 from tominpmp.solution import Solution
 from tominpmp.transcription.grid import at_ticks, whole_periods
 
-# A goal at a distance of just the feasibility is met, however the distance is rounded.
+# Relative tolerance of the feasibility: a goal at just this distance counts as met,
+# however the distance is rounded.
 ROUNDING = 1e-6
 
 
 def standing(problem: Problem, options: Options) -> Solution | None:
-    """The motion of an arm that is where it is to be.
+    """The motion of an arm that stands at all of its goals from the beginning.
 
     Args:
         problem: The problem.
         options: Options of the plan; goals may be missed by their ``feasibility``.
 
     Returns:
-        A verified motion that no other is faster than; None where the start does not
-        satisfy all goals, or the arm cannot stand there for as long as it is to.
+        A verified motion, which no other motion can beat; None if the start does not
+        satisfy all goals, or the arm cannot stand still there for the required time.
     """
     begin = time.perf_counter()
     motion = _motion(problem, options)
@@ -48,15 +49,15 @@ def standing(problem: Problem, options: Options) -> Solution | None:
 
 
 def _motion(problem: Problem, options: Options) -> Trajectory | None:
-    """A motion that stands at the start; None where a goal is elsewhere, or later."""
+    """A motion at rest at the start; None if a goal is elsewhere or arrived at late."""
     robot, period, q = problem.robot, options.control_period, problem.q_start
     v = problem.v_start
     nodes, ends, now = [0.0], [], 0.0
-    near = options.feasibility * (1.0 + ROUNDING)
+    tolerance = options.feasibility * (1.0 + ROUNDING)
     segments = problem.segments or (Segment(problem.goal),)
     for phase, segment in zip(problem.phases, segments, strict=True):
         misses = phase.goal.misses(RobotKinematics(phase.robot), q, v)
-        if any(miss.amount > near for miss in misses):
+        if any(miss.amount > tolerance for miss in misses):
             return None
         earliest, latest = segment.arrival or (0.0, np.inf)
         arrival = max(now, whole_periods(earliest, period))
@@ -75,6 +76,6 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
     marks = np.array(ends) if problem.segments else None
     motion = Trajectory(robot.joint_names, t, q, v, u=a, a=a, segment_ends=marks)
     motion = motion.with_torques(dynamics[0], dynamics if problem.segments else ())
-    # Joints without a motor cannot be held, and for no time they need not be.
+    # Joints without a motor exert no torque; a motion of zero duration needs none.
     lower, upper = robot.limits.effort_lower, robot.limits.effort_upper
     return replace(motion, u=np.where(lower == upper, lower, motion.u))

@@ -1,8 +1,9 @@
-"""Starts of a plan with one goal: which guesses are tried, and when it is enough.
+"""Multi-start for one goal: which guesses are tried, and when the search ends.
 
-The order does not depend on how many are asked for, nor on the number of processes:
-more starts make the same candidates as fewer would, and then others; several processes
-try guesses ahead, and those whose turn does not come are dropped.
+The order of the starts depends neither on their number nor on the number of processes:
+a plan with more starts makes the candidates of a plan with fewer starts first, and then
+others. Several processes descend from guesses ahead of their turn; results whose turn
+does not come are dropped.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ import numpy as np
 
 from tominpmp.initial_guess.guess import FEW_LINES, Guess, initial_guesses
 from tominpmp.initial_guess.parallel import (
-    asked_to_stop,
     available_processes,
     ready,
     run_parallel,
+    stop_requested,
 )
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import segmented_guesses
@@ -54,41 +55,42 @@ from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Guesses for a goal on a frame, whose final configuration is free: straight lines alone
-# in free space, unless few joints may have to swing.
+# Number of guesses for a goal on a frame, whose final configuration is free. In free
+# space these are straight lines only, unless an arm of few joints may have to swing.
 LONE_FRAME_STARTS, FRAME_STARTS = FEW_LINES, 4
-# Guesses for several segments whose accelerations are continuous.
+# Number of guesses for several segments with continuous accelerations.
 SEGMENTED_STARTS = 2
-# Guesses where obstacles move, for which a motion may wait, and those that are made
-# while no motion is found.
+# Number of guesses where obstacles move, as a motion may wait for them; and the upper
+# limit while there is no incumbent.
 MOVING_STARTS = 3
 MOVING_RESCUE_STARTS = 16
-# Torques are the last guess for arms of few joints.
+# Upper limit for arms of few joints without an incumbent; random torques follow.
 FEW_JOINTS_RESCUE_STARTS = 2
-# More guesses are made, up to this number, while no motion is found.
+# Upper limit of the number of guesses while there is no incumbent.
 RESCUE_STARTS = 8
-# Processes that are started at least where several are asked for; beyond the number of
-# cores they would only wait for each other.
+# Least number of processes if options ask for several. More than the number of cores
+# are not started: they would only wait for each other.
 LEAST_PROCESSES = 2
-# With less time than this everything runs in one process: to start others takes about
-# two seconds [s].
+# Least remaining time to use several processes, as starting them takes about two
+# seconds [s].
 TO_START = 5.0
-# Guesses that are made for each process before any of them is tried: to make one may
-# take a while.
+# Most guesses per process in a batch, all of which are made before its descents begin:
+# a single guess may take seconds.
 BATCH = 4
-# Processes hand over their candidates before the time is over: share of it, and [s].
+# Processes hand over their candidates this long before the end of the planning time:
+# share of the time, and [s].
 HANDOVER_SHARE, HANDOVER = 0.02, 0.05
-# Trust region of a warm start, in shares of the usual one.
+# Trust-region radius of a warm start, as a share of the usual one.
 WARM_RADIUS = 0.3
-# A warm start that stays this far from any motion is dropped: one near a motion reaches
-# it in a few iterations, else a search is the shorter way.
+# A warm start whose violation stays above this is dropped: a good one becomes feasible
+# within a few iterations, and otherwise the search takes less time.
 WARM_FAR = 0.05
-# A search follows a warm start whose T exceeds this share of the first guess's T.
-OUTDONE = 0.95
+# A search follows a warm start if its T exceeds this share of the first guess's T.
+BEATABLE = 0.95
 
 
 def usual_starts(system: ProblemFunctions, options: Options) -> tuple[int, int]:
-    """How many guesses are tried where ``options.starts`` is None.
+    """Number of guesses that are tried if ``options.starts`` is None.
 
     Returns:
         The number of guesses, and its upper limit while there is no incumbent.
@@ -110,24 +112,24 @@ def usual_starts(system: ProblemFunctions, options: Options) -> tuple[int, int]:
 def starts(
     state: PlanState, problem: Problem, motion: Trajectory | Samples | None = None
 ) -> Schedule[None]:
-    """Begin with one guess after the other, a former motion being the first.
+    """Descend from one guess after the other, beginning with the warm start.
 
     Args:
         state: The plan.
-        problem: Its problem, or that with one of its goals.
-        motion: The former motion, if there is one.
+        problem: The problem of the plan with one of its goals.
+        motion: A former motion as warm start; None without one.
 
     Raises:
-        ProblemError: If no guess can be made: the goal is out of reach.
+        ProblemError: If no guess can be made, as the goal is out of reach.
     """
     options, system = state.options, ProblemFunctions.of(problem)
     if motion is not None:
         former = warm_start(system, motion)
         candidate = yield _warm_start_work(system, former, state)
-        found = candidate is not None and candidate.found
+        solved = candidate is not None and candidate.confirmed
         if candidate is not None and candidate.duration >= former.duration:
-            found = _keep_former(system, former, state, candidate) or found
-        if found and (options.starts or 1) == 1 and not _outdone(system, state):
+            solved = _keep_former(system, former, state, candidate) or solved
+        if solved and (options.starts or 1) == 1 and not _beatable(system, state):
             return
     if options.method in SHOOTING:
         yield from random_torque_starts(system, state)
@@ -142,13 +144,14 @@ def starts(
     make = guesses_of
     if system.parts:
         make = partial(segmented_guesses, smooth=options.control in DEGREES)
-    guesses = make(system, most, rng, options.initial_duration, state.ends)
+    guesses = make(system, most, rng, options.initial_duration, state.end_time)
     first = next(guesses, None)
     if first is None:
         raise unreachable(system, rng)
     guesses = itertools.chain([first], guesses)
     if first.blocked:
-        # A descent may still free the final configuration; more guesses would not.
+        # The final configuration of the guess collides. A descent may still move it
+        # out of collision; more guesses would not.
         rescues = usual
         guesses = itertools.islice(guesses, max(wanted, rescues))
     if searched:
@@ -156,52 +159,52 @@ def starts(
         yield from search(system, state, cached, usual)
         if first.blocked:
             return
-        # Where that has led to no motion, everything is tried in full.
-        found = state.best_duration < np.inf
-        guesses = cached.since(int(found))
-        if found:
-            # The first guess was tried, and the usual ones were compared.
+        # Without an incumbent all guesses are tried again on the requested grid.
+        solved = state.best_duration < np.inf
+        guesses = cached.since(int(solved))
+        if solved:
+            # The search has tried the first guess and compared the usual ones.
             wanted, rescues = 0 if wanted == usual else wanted - 1, rescues - 1
-    yield from _in_full(system, state, guesses, wanted, rescues)
+    yield from _descents(system, state, guesses, wanted, rescues)
 
 
-def _in_full(
+def _descents(
     system: ProblemFunctions,
     state: PlanState,
     guesses: Iterator[Guess],
     wanted: int,
     rescues: int,
 ) -> Schedule[None]:
-    """Improve guesses on the grid that is asked for.
+    """Descend from guesses on the requested grid.
 
     Args:
         system: Functions of the problem.
         state: The plan.
         guesses: The guesses.
-        wanted: How many are tried in any case.
-        rescues: Upper limit while there is no incumbent.
+        wanted: Number of guesses that are tried in any case.
+        rescues: Upper limit of their number while there is no incumbent.
     """
     options = state.options
     swings = torques_may_lead(system)
-    several = options.processes > 1 and (state.left > TO_START or ready())
-    ahead = Ahead(system, state, guesses) if several else None
+    several = options.processes > 1 and (state.remaining_time > TO_START or ready())
+    ahead = ParallelDescents(system, state, guesses) if several else None
     try:
         for number in itertools.count():
             if number >= rescues and swings and state.best_duration == np.inf:
-                # Fewer starts than are asked for would try them now.
+                # A plan with fewer starts would try torques at this point, too.
                 swings = False
                 yield from random_torque_starts(system, state)
             enough = state.best_duration < np.inf or number >= rescues
             if number >= wanted and enough:
                 return
-            # To make one may take a search: not before it is known to be wanted.
-            left = max(wanted - number, 0)
-            guess = ahead.next(left) if ahead else next(guesses, None)
+            # A guess may take a path search: it is made only once it is needed.
+            rest = max(wanted - number, 0)
+            guess = ahead.next(rest) if ahead else next(guesses, None)
             if guess is None:
                 break
             if guess.timed and guess.duration > TOO_SLOW * state.best_duration:
                 continue
-            # The last one may take as long as it likes.
+            # The last guess is not dropped early: no other one would follow.
             stop = None
             if number + 1 < rescues and system.parts:
                 stop = stop_if_hopeless(guess.duration)
@@ -213,11 +216,11 @@ def _in_full(
             yield from random_torque_starts(system, state)
     finally:
         if ahead is not None and state.cut_short:
-            state.candidates += ahead.left()
+            state.candidates += ahead.unclaimed()
 
 
-class Ahead:
-    """Guesses that several processes try ahead of their turn.
+class ParallelDescents:
+    """Descents in several processes, ahead of their turn in the order of guesses.
 
     Args:
         system: Functions of the problem.
@@ -232,57 +235,57 @@ class Ahead:
         cores = max(available_processes(), LEAST_PROCESSES)
         self.processes = min(state.options.processes, cores)
         self.ready: list[Guess] = []
-        self.made = self.first = 0
+        self.taken = self.first = 0
         self.run: Iterator[tuple[int, Result]] = iter(())
         self.results: dict[int, Result] = {}
 
     def next(self, wanted: int) -> Guess | None:
-        """The next guess; batches hold ``wanted`` guesses, or one a process."""
+        """The next guess; a batch has ``wanted`` guesses, or one per process."""
         if not self.ready:
             size = min(wanted or self.processes, BATCH * self.processes)
             self.ready = list(itertools.islice(self.guesses, size))
-            self.first, self.made = self.made, self.made + len(self.ready)
-            left = self.state.left
-            alone = replace(self.state.options, callback=None, processes=1)
-            ends = time.time() + (1.0 - HANDOVER_SHARE) * left - HANDOVER
-            task = partial(solve_alone, self.system, alone, ends)
-            self.run = run_parallel(task, list(self.ready), self.processes, left)
+            self.first, self.taken = self.taken, self.taken + len(self.ready)
+            seconds = self.state.remaining_time
+            serial = replace(self.state.options, callback=None, processes=1)
+            end = time.time() + (1.0 - HANDOVER_SHARE) * seconds - HANDOVER
+            task = partial(descend_in_process, self.system, serial, end)
+            self.run = run_parallel(task, list(self.ready), self.processes, seconds)
         return self.ready.pop(0) if self.ready else None
 
     def result(self, number: int, *_: object) -> Candidate:
-        """The candidate of a guess, when its turn has come.
+        """The candidate of the guess whose turn has come.
 
         Raises:
-            Stop: If it is late.
-            Exception: The error with which its process has ended.
+            Stop: If the process did not hand it over in time.
+            Exception: The error with which the process has ended.
         """
         while number not in self.results:
-            following = next(self.run, None)
-            if following is None:
-                raise Stop(requested=False)  # it was late, and is not waited for
-            self.results[self.first + following[0]] = following[1]
+            completed = next(self.run, None)
+            if completed is None:
+                raise Stop(requested=False)  # the process was late
+            self.results[self.first + completed[0]] = completed[1]
         candidate, failures = self.results.pop(number)
         if candidate is None:
             raise failures[-1] if failures else Stop(requested=False)
         for record in candidate.history:
             self.state.show(record)
-        return self._as_here(candidate)
+        return self._with_status_here(candidate)
 
-    def left(self) -> list[Candidate]:
-        """Candidates that were made and not asked for, the fastest first."""
+    def unclaimed(self) -> list[Candidate]:
+        """Candidates whose turn has not come, the fastest first."""
         for number, result in self.run:
             self.results[self.first + number] = result
-        made = [one for one, _ in self.results.values() if one is not None]
-        return sorted(map(self._as_here, made), key=lambda one: one.duration)
+        made = [item for item, _ in self.results.values() if item is not None]
+        return sorted(map(self._with_status_here, made), key=lambda item: item.duration)
 
-    def _as_here(self, candidate: Candidate) -> Candidate:
-        """A candidate of a process with the reason why it ended.
+    def _with_status_here(self, candidate: Candidate) -> Candidate:
+        """A candidate of a process, with the status that it has in this process.
 
-        A process is asked to stop at the end of the time, too: nobody interrupted the
-        planning then.
+        A process is also stopped when the time is used up. Its candidate then says
+        INTERRUPTED although the user has not interrupted planning.
         """
-        asked = candidate.status is Status.INTERRUPTED
-        if not asked or self.state.deadline.interrupted:
+        stopped = candidate.status is Status.INTERRUPTED
+        if not stopped or self.state.deadline.interrupted:
             return candidate
         return replace(candidate, status=Status.TIME_LIMIT)
 
@@ -290,28 +293,28 @@ class Ahead:
 Result = tuple[Candidate | None, list[Exception]]
 
 
-def solve_alone(
+def descend_in_process(
     system: ProblemFunctions,
     options: Options,
-    ends: float,
+    end_time: float,
     guess: Guess,
 ) -> Result:
-    """Improve a guess in a process of its own.
+    """Descend from a guess in a worker process.
 
     Args:
         system: Functions of the problem.
         options: Options of the plan.
-        ends: When the planning time is used up, on the clock of ``time.time`` [s].
+        end_time: Instant when the planning time is used up, by ``time.time`` [s].
         guess: The guess.
 
     Returns:
-        The candidate, if it led to any motion, and the errors it ended with.
+        The candidate, or None if there is no motion, and the errors that occurred.
     """
-    options = replace(options, max_planning_time=max(ends - time.time(), 1e-3))
-    state = PlanState(system.problem, options, asked=asked_to_stop)
+    options = replace(options, max_planning_time=max(end_time - time.time(), 1e-3))
+    state = PlanState(system.problem, options, stop_requested=stop_requested)
     with state.deadline.in_force():
         candidate = run(state, descent_work(system, options, guess, state))
-        if candidate and candidate.status in STOPPED and not candidate.found:
+        if candidate and candidate.status in STOPPED and not candidate.confirmed:
             use_fallback(state, candidate.status)
     return state.incumbent or candidate, state.failures
 
@@ -322,47 +325,52 @@ def solve_alone(
 def _warm_start_work(
     system: ProblemFunctions, former: WarmStart, state: PlanState
 ) -> Work:
-    """Work that improves a former motion."""
-    near = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
-    if near.method in SHOOTING:
-        shares = interval_shares(near.grid, near.intervals)
-        return shooting_work(system, near, state, former.torque_program(system, shares))
-    if near.smoothing is None:
-        # Squares of jumps take four times the programs near an optimum.
-        near = replace(near, smoothing=JUMPS_SHARE * former.duration)
+    """Work that descends from a former motion."""
+    warm = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
+    if warm.method in SHOOTING:
+        shares = interval_shares(warm.grid, warm.intervals)
+        return shooting_work(system, warm, state, former.torque_program(system, shares))
+    if warm.smoothing is None:
+        # Near an optimum squared jumps would take four times as many programs.
+        warm = replace(warm, smoothing=JUMPS_SHARE * former.duration)
     hopeless = stop_if_hopeless(former.duration, WARM_FAR)
-    return descent_work(system, near, former, state, hopeless)
+    return descent_work(system, warm, former, state, hopeless)
 
 
 def _keep_former(
     system: ProblemFunctions, former: WarmStart, state: PlanState, candidate: Candidate
 ) -> bool:
-    """Keep a former motion that led to no faster one, if its replay holds."""
-    kept = None if system.parts else former.remainder(system)
-    if kept is None:
+    """Keep a former motion that led to no faster one, if its replay keeps all limits.
+
+    Returns:
+        Whether it does.
+    """
+    motion = None if system.parts else former.remainder(system)
+    if motion is None:
         return False
     same = replace(
-        candidate, feasible=True, trajectory=kept, violations={}, layout=None
+        candidate, feasible=True, trajectory=motion, violations={}, layout=None
     )
     same = same.verified(system.problem, state.options)
     if same.duration < candidate.duration:
         state.amend(same)
-    return same.found
+    return same.confirmed
 
 
-def _outdone(system: ProblemFunctions, state: PlanState) -> bool:
-    """Whether a former motion has led to one that a search may well beat.
+def _beatable(system: ProblemFunctions, state: PlanState) -> bool:
+    """Whether the motion from a warm start is slow enough for a search to beat it.
 
-    Past an obstacle, or to another configuration, it may lead the long way round.
-    First guesses take their paths as fast as can be, and better motions cut corners.
+    Around an obstacle, or to another final configuration, a warm start may take a long
+    detour. The first guess is the measure: it follows its path in minimum time, and
+    good motions are faster, as they cut corners.
     """
     fixed = system.in_free_space and system.final_configuration is not None
     if fixed or system.parts or system.problem.scene.moving:
         return False
     options = state.options
     rng = np.random.default_rng(options.seed)
-    guesses = initial_guesses(system, 1, rng, options.initial_duration, state.ends)
+    guesses = initial_guesses(system, 1, rng, options.initial_duration, state.end_time)
     guess = next(guesses, None)
     if guess is None or not guess.timed:
         return False
-    return bool(state.best_duration > OUTDONE * guess.duration)
+    return bool(state.best_duration > BEATABLE * guess.duration)

@@ -1,10 +1,10 @@
-"""Thorough search: waves of starts of all kinds, while there is time for them.
+"""Thorough search: waves of starts of all kinds, as long as planning time remains.
 
-The motion of a plan with less effort is found first, to its last stage; then come waves
-of starts on coarse grids: detours, paths around obstacles, other configurations at the
-goal, motions of the arm without its weight, and random torques. A coarse motion that
-promises to be faster than the incumbent is finished, and if it is faster it has the
-last stages too. So a longer search never ends with a slower motion.
+A plan with effort "thorough" first completes all stages of a plan with less effort.
+Waves of starts on coarse grids follow: detours, paths around obstacles, other final
+configurations, motions of the arm without gravity, and random torques. A coarse motion
+that predicts a gain over the incumbent is finished; if it is faster, the improvements
+are repeated for it. A longer search therefore never ends with a slower motion.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from tominpmp.planner.torque_starts import (
 from tominpmp.planner.work import Schedule
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Starts of a wave, how many waves there are without a time limit, and at most.
+# Starts of a wave, number of waves without a time limit, and most waves with one.
 WAVE, WAVES, MOST_WAVES = 8, 4, 1000
 # The search ends where the gap to the lower bound is at most this.
 PROVEN = 1e-3
-# Seeds of the kinds of starts, which do not depend on each other.
+# Seeds of the independent random streams of the kinds of starts.
 DETOUR, GUESS, AROUND_BEST = 1, 2, 3
 
 
 def thorough_search(state: PlanState) -> Schedule[None]:
-    """Search on for faster motions.
+    """Continue the search for faster motions, if the effort is "thorough".
 
     Args:
-        state: The plan, whose incumbent is that of a plan with less effort.
+        state: The plan, whose incumbent is the result of a plan with less effort.
     """
     options, problem = state.options, state.problem
     if options.effort != "thorough":
@@ -75,9 +75,10 @@ def thorough_search(state: PlanState) -> Schedule[None]:
 
 
 def _with_exact_switches(state: PlanState) -> Schedule[None]:
-    """Place the switches of a small arm with nothing around it exactly.
+    """Place the switches of a small arm in free space exactly.
 
-    Their structure is looked at only: other ones come from other starts.
+    Only the switching structure of the incumbent is used: other structures come from
+    other starts.
     """
     best, options = state.incumbent, state.options
     if best is None:
@@ -102,8 +103,8 @@ class Waves:
         self.system, self.options, self.state = system, state.options, state
         self.coarse: CoarseSearch | None = None
         self.sources: list[Iterator[Guess | None]] = []
-        self.shot: Candidate | None = None
-        self.shots = random_torque_starts(system, state, MOST_WAVES)
+        self.answer: Candidate | None = None
+        self.starts = random_torque_starts(system, state, MOST_WAVES)
 
     def _rng(self, kind: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, kind])
@@ -112,7 +113,7 @@ class Waves:
         """Make the candidates of a wave.
 
         Args:
-            number: Its number, from 0.
+            number: Number of the wave, from 0.
         """
         if self.coarse is None:
             self._begin()
@@ -120,35 +121,36 @@ class Waves:
             return
         turns = itertools.islice(itertools.cycle(self.sources), WAVE)
         guesses = (next(source, None) for source in turns)
-        found = (guess for guess in guesses if guess is not None)
-        # In every second wave a guess becomes the motion it leads to without weight.
-        weighs = number % 2 == 0 or not np.any(self.system.problem.robot.gravity)
-        lighter = None if weighs else self._weightless
-        yield from self.coarse.probes(found, prepared=lighter)
+        made = (guess for guess in guesses if guess is not None)
+        # In every second wave each guess is replaced by the motion that it leads to
+        # without gravity.
+        heavy = number % 2 == 0 or not np.any(self.system.problem.robot.gravity)
+        transform = None if heavy else self._weightless
+        yield from self.coarse.probes(made, transform=transform)
         if torques_may_lead(self.system):
             with contextlib.suppress(StopIteration):
-                self.shot = yield self.shots.send(self.shot)
+                self.answer = yield self.starts.send(self.answer)
 
     def _begin(self) -> None:
         """Prepare the sources of starts."""
         system, options = self.system, self.options
-        every = guesses_of(
+        guesses = guesses_of(
             system,
             MOST_WAVES * WAVE,
             self._rng(GUESS),
             options.initial_duration,
-            self.state.ends,
+            self.state.end_time,
         )
-        first = next(every, None)
+        first = next(guesses, None)
         if first is None:
             return
         torques = torques_rule(system, first)
         self.coarse = CoarseSearch(system, options, self.state, torques=torques)
-        straight = [first, *itertools.islice(every, 1)]
+        straight = [first, *itertools.islice(guesses, 1)]
         line = next((guess for guess in straight if guess.timed), straight[-1])
         self.sources = [
             bumps(system, line, self._rng(DETOUR)),
-            itertools.chain(straight, every),
+            itertools.chain(straight, guesses),
             self._around_best(),
         ]
 
@@ -165,13 +167,13 @@ class Waves:
             yield bumped(self.system, guess, heights)
 
     def _weightless(self, guess: Guess) -> Schedule[Guess]:
-        """The motion that a guess leads to where nothing has a weight."""
+        """The motion that a guess leads to without gravity, as a guess."""
         system, spare = self.system.without_self_collision, self.state.fallback
         robot = system.problem.robot.with_changes(gravity=np.zeros(3))
         light = replace(system, dynamics=RobotDynamics(robot, dry=False))
         search = CoarseSearch(light, self.options, self.state, torques=True)
         rough = yield from search.solve_coarse(guess)
-        self.state.fallback = spare  # that one has its weight
+        self.state.fallback = spare  # no motion without gravity is a fallback
         if rough is None:
             return guess
         return Guess.of_motion(guess.name, rough.candidate.trajectory, len(guess.t))

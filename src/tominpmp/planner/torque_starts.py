@@ -1,4 +1,4 @@
-"""Torque starts: shooting from torques that need not reach the goal."""
+"""Torque starts: shooting from initial torques that need not lead to the goal."""
 
 from __future__ import annotations
 
@@ -25,19 +25,20 @@ from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram, Selection
 
-# Which instants of path constraints the methods that shoot differentiate.
+# Instants of path constraints that the shooting methods linearise.
 INSTANTS: dict[str, Selection] = {
     "paper": "exact",
     "adjoint": "near",
     "penalty": "violated",
 }
-# Duration that shooting begins with: the paper's T^0 [s].
+# Initial duration for shooting: the paper's T^0 [s].
 FIRST_DURATION = 1.5
-# Starts that are made while there is no incumbent; random torques are constant on
-# PIECES pieces, and last up to LONGER times the first duration.
-RESCUE_SHOTS = 4
+# Most starts while there is no incumbent.
+RESCUE_TORQUE_STARTS = 4
 # Arms of at most this number of joints may have to swing.
 FEW_JOINTS = 3
+# Random torques are constant on PIECES pieces; their duration is the initial one times
+# or divided by up to LONGER.
 PIECES = 4
 LONGER = 2.0
 
@@ -45,13 +46,14 @@ LONGER = 2.0
 def random_torque_starts(
     system: ProblemFunctions, state: PlanState, least: int = 1
 ) -> Schedule[None]:
-    """Improve the torques to begin with, then random ones.
+    """Descend from the initial torques of the options, then from random torques.
 
     Args:
-        system: The problem.
-        state: The plan; where its method does not shoot, the adjoint method does.
-        least: How many are improved where the options do not say it of a method that
-            shoots; more are while none has led to a motion.
+        system: Functions of the problem.
+        state: The plan. If its method is no shooting method, the adjoint method is
+            used.
+        least: Number of starts unless options set it for a shooting method. The adjoint
+            method makes up to RESCUE_TORQUE_STARTS while there is no incumbent.
     """
     options = state.options
     if options.method not in SHOOTING:
@@ -65,7 +67,7 @@ def random_torque_starts(
     rng = np.random.default_rng(options.seed)
     wanted = most = options.starts or least
     if options.method == "adjoint":
-        most = max(wanted, RESCUE_SHOTS)
+        most = max(wanted, RESCUE_TORQUE_STARTS)
     for number in range(most):
         if number >= wanted and state.best_duration < np.inf:
             return
@@ -76,17 +78,17 @@ def random_torque_starts(
 
 
 def torques_may_lead(system: ProblemFunctions) -> bool:
-    """Whether random torques may lead where no path does.
+    """Whether random torques may lead to a motion where no path does.
 
-    With nothing in the way it is the torques that are too small for guesses of a path:
-    a small arm may have to swing.
+    In free space a guess of a path fails only for lack of torque: a small arm may have
+    to swing.
     """
     smooth = system.problem.motion_limits is not None
     return system.in_free_space and system.n <= FEW_JOINTS and not smooth
 
 
 def _given_torques(system: ProblemFunctions, options: Options) -> Array:
-    """Iterate of the torques and the duration that the options begin with."""
+    """Initial iterate: the torques and the duration of the options, or the default."""
     control = np.zeros(system.n)
     if options.initial_control is not None:
         control = options.initial_control
@@ -99,7 +101,7 @@ def _given_torques(system: ProblemFunctions, options: Options) -> Array:
 def _random_torques(
     system: ProblemFunctions, options: Options, rng: np.random.Generator
 ) -> Array:
-    """Iterate of random torques, constant on a few pieces, and a random duration."""
+    """Initial iterate: random piecewise constant torques, and a random duration."""
     pieces = rng.uniform(-1.0, 1.0, (PIECES, system.n))
     piece = np.arange(options.intervals) * PIECES // options.intervals
     longer = LONGER ** rng.uniform(-1.0, 1.0)
@@ -112,12 +114,12 @@ def shooting_work(
 ) -> Work:
     """Work that improves torques and a duration.
 
-    Where the replay fails it goes on with shorter steps of the integration.
+    If the replay breaks limits, it is repeated with shorter integration steps.
     """
 
-    def make(tried: ProblemFunctions, doublings: int, _: object) -> Candidate:
+    def make(functions: ProblemFunctions, doublings: int, _: object) -> Candidate:
         nonlocal z
-        candidate, z = shoot(tried, options, state, z, substeps=2**doublings)
+        candidate, z = shoot(functions, options, state, z, substeps=2**doublings)
         return candidate
 
     return Work(system, "shooting", make, REPAIRS)
@@ -130,7 +132,7 @@ def shoot(
     z: Array,
     substeps: int,
 ) -> tuple[Candidate, Array]:
-    """Improve torques and duration with a number of integration steps an interval."""
+    """Improve torques and duration by shooting, with ``substeps`` per interval."""
     shares = interval_shares(options.grid, options.intervals)
     penalty = options.method == "penalty"
     paper = options.step_rule == "paper" and not penalty
@@ -141,7 +143,7 @@ def shoot(
     program = NonlinearProgram.of(transcription, selection)
     gradual = any(block.gradual for block in program.blocks)
     method: tuple[Step, Rule]
-    # Among obstacles methods without a trust region go farther from a new start.
+    # Among obstacles, methods without a trust region get farther if they are restarted.
     passes = 2 if gradual and (paper or penalty) else 1
     objective = MinimumTime.of(options, 0.0 if paper else options.smoothing or 0.0)
     initial = program.trajectory(z)
@@ -164,5 +166,5 @@ def shoot(
         assert isinstance(result.program, NonlinearProgram)  # noqa: S101
         program, z = result.program, result.iterate.z
     result = replace(result, history=tuple(history))
-    found = result.iterate if result.best is None else result.best
-    return Candidate.of("shooting", initial, result), found.z
+    best = result.iterate if result.best is None else result.best
+    return Candidate.of("shooting", initial, result), best.z

@@ -1,4 +1,4 @@
-"""Work of a plan: a candidate is made, replayed, repaired, and saved on a stop."""
+"""Work of a plan: make one candidate, replay it, repair it, and save it on a stop."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, Fallback, Kept
+from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.objective import TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# Doublings of the grid of a motion whose replay does not hold.
+# Most doublings of the grid of a candidate whose replay breaks limits.
 REPAIRS = 2
-# Largest time scaling that makes an initial guess feasible where there is no incumbent,
-# and the number of factors up to it that are tried.
+# Without an incumbent, an initial guess is slowed down until it is feasible: largest
+# time-scaling factor, and number of factors that are tried.
 SLOWEST, FACTORS = 10.0, 12
 # Largest violation of a motion that is nearly feasible.
 NEARLY = 1e-2
 
-# Remark on a motion that is kept, as a later stage failed.
-KEPT = "A later stage failed ({}), and this was kept."
-# Errors of numerics. A failure after a motion was found does not lose it.
+# Remark on a motion that was saved after a later stage failed.
+STAGE_FAILED = "A later stage failed ({}), and this was kept."
+# Numerical errors. The motions found before such an error are not lost.
 NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 
 # Makes a candidate from the functions of the problem, the number of doublings of its
-# grid, and the candidate whose replay did not hold.
+# grid, and the refuted candidate, which is None in the first try.
 Make = Callable[[ProblemFunctions, int, Candidate | None], Candidate]
 
 
@@ -48,15 +48,15 @@ class Work:
     """One candidate to be made.
 
     Attributes:
-        system: Functions of the problem it solves, which has one goal.
-        name: Name of the motion it begins with.
+        system: Functions of the problem, which has one goal.
+        name: Name of the guess.
         make: Makes the candidate.
-        repairs: How often the grid is doubled at most where its replay does not hold.
-        self_collision_rows: Whether the first program has them already; else they are
-            added once links of a single arm touch in the replay.
-        replay: Whether the candidate is replayed; those of coarse grids are not, and
-            are kept as a fallback only.
-        follows: The candidate that it goes on from.
+        repairs: Most doublings of the grid if the replay breaks limits.
+        self_collision_rows: Whether the first program has rows against self-collision;
+            otherwise they are added once links of a single arm touch in the replay.
+        replay: Whether the candidate is replayed. Candidates of coarse grids are not;
+            they are kept only as a fallback.
+        follows: The predecessor whose motion is improved; None without one.
         cutoff: The candidate is kept only if its duration is shorter [s].
     """
 
@@ -71,32 +71,32 @@ class Work:
 
     @classmethod
     def from_best(cls, state: PlanState, best: Candidate, make: Make) -> Work:
-        """Work that goes on from the best motion, with the goal that it meets."""
+        """Work that improves the best candidate, for the goal that it meets."""
         system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
         return cls(system, best.name, make, self_collision_rows=best.clearance_rows)
 
 
 T = TypeVar("T")
-# A coroutine: yields the next work, and is sent the candidate made of it, or None.
+# A coroutine that yields work, and is sent the candidate made from it, or None.
 Schedule = Generator[Work, Candidate | None, T]
 
 
 def run(state: PlanState, work: Work) -> Candidate | None:
-    """Make a candidate; after a stop or a failure, from its kept iterates.
+    """Make a candidate; after a stop or a failure, take its best kept iterate.
 
     Returns:
-        The candidate; ``state`` keeps it, unless it misses the cutoff or is kept as a
-        fallback. None if there is no motion at all.
+        The candidate, or None if there is no motion at all. It is appended to the
+        candidates of the plan, unless it misses the cutoff or is only a fallback.
     """
     state.begin()
     candidate: Candidate | None
     try:
         state.deadline.check()
-        candidate = made(state, work)
+        candidate = make_and_repair(state, work)
     except (Stop, KeyboardInterrupt) as stop:
-        candidate = _rescued(state, work, state.stopped(stop))
+        candidate = _from_iterates(state, work, state.stopped(stop))
     except (*NUMERICAL, TominpmpError) as error:
-        candidate = _failed(state, work, error)
+        candidate = _after_failure(state, work, error)
     _keep_first_guess(state, work)
     if candidate is None:
         return None
@@ -105,20 +105,21 @@ def run(state: PlanState, work: Work) -> Candidate | None:
         state.cut_short = state.cut_short or candidate.status
     if work.follows is not None:
         candidate = candidate.after(work.follows)
-    if not (work.replay or candidate.found):
+    if not (work.replay or candidate.confirmed):
         _keep_fallback(state, work, candidate)
     elif candidate.duration < work.cutoff or work.cutoff == np.inf:
         state.candidates.append(candidate)
     return candidate
 
 
-def made(state: PlanState, work: Work) -> Candidate:
-    """Make a candidate, and again with the rows or knots that its replay lacks.
+def make_and_repair(state: PlanState, work: Work) -> Candidate:
+    """Make a candidate and replay it; repair and repeat if the replay breaks limits.
 
-    Where links of a single arm touch, these are rows for them; else a finer grid.
+    If links of a single arm touch, the repair adds rows against self-collision;
+    otherwise it doubles the grid.
 
     Args:
-        state: The plan; it learns how long a replay takes.
+        state: The plan, which records how long a replay takes.
         work: The work.
     """
     complete = work.system
@@ -127,18 +128,19 @@ def made(state: PlanState, work: Work) -> Candidate:
     while True:
         candidate = work.make(system, doublings, best)
         if work.replay and candidate.verification is None:
-            # The time that is reserved is that of a replay.
+            # The reserved time is meant for this replay.
             with state.saving():
                 candidate = candidate.verified(complete.problem, state.options)
                 if candidate.refuted and candidate.coarser is not None:
-                    # Short intervals may break by rounding what longer ones keep.
+                    # On very short intervals rounding may break a limit that the longer
+                    # ones keep.
                     coarser = candidate.coarser
                     candidate = coarser.verified(complete.problem, state.options)
         if candidate.verification is not None:
             state.replayed(candidate.verification.seconds)
         worse = best is not None and candidate.excess > best.excess
         if best is not None and doublings and (worse or not candidate.feasible):
-            return best  # shorter intervals break more by rounding than they mend
+            return best  # on shorter intervals, rounding does more harm than good
         best = candidate if best is None else candidate.after(best)
         if not best.refuted or best.status in STOPPED or best.dropped:
             return best
@@ -152,51 +154,54 @@ def made(state: PlanState, work: Work) -> Candidate:
             doublings += 1
 
 
-def _failed(state: PlanState, work: Work, error: Exception) -> Candidate | None:
-    """The motion found by work that ended with an error."""
+def _after_failure(state: PlanState, work: Work, error: Exception) -> Candidate | None:
+    """The candidate of work that ended with an error, from its kept iterates."""
     logger.warning("start %d failed: %r", state.start, error)
-    if not any(item.feasible for item in state.kept):
+    if not any(item.feasible for item in state.kept_iterates):
         state.failures.append(error)
         return None
-    candidate = _rescued(state, work, Status.NUMERICAL_FAILURE)
-    if candidate is None or not candidate.found:
+    candidate = _from_iterates(state, work, Status.NUMERICAL_FAILURE)
+    if candidate is None or not candidate.confirmed:
         return candidate
-    kept = KEPT.format(type(error).__name__)
-    return replace(candidate, status=Status.FEASIBLE, remark=kept)
+    remark = STAGE_FAILED.format(type(error).__name__)
+    return replace(candidate, status=Status.FEASIBLE, remark=remark)
 
 
-def _rescued(state: PlanState, work: Work, status: Status) -> Candidate | None:
-    """The best kept iterate of a candidate, replayed in the time of grace.
+def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | None:
+    """The best kept iterate as a candidate, replayed within the grace period.
 
     Returns:
-        The newest feasible iterate whose replay holds; without a feasible iterate, the
-        newest one. None if no iterate was kept.
+        The newest feasible iterate whose replay keeps all limits; if there is none, the
+        last one tried. Without feasible iterates it is the newest one; None if no
+        iterate was kept.
     """
-    if not state.kept:
+    if not state.kept_iterates:
         return None
-    initial = state.begun or state.kept[0]
-    feasible = [item for item in reversed(state.kept) if item.feasible]
+    initial = state.initial or state.kept_iterates[0]
+    feasible = [item for item in reversed(state.kept_iterates) if item.feasible]
     last: Candidate | None = None
     with state.saving():
-        for item in feasible or state.kept[-1:]:
+        for item in feasible or state.kept_iterates[-1:]:
             try:
                 last = _as_candidate(work.name, item, initial, status)
                 last = replace(last, history=tuple(state.records))
                 candidate = last.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
                 state.stopped(again)
-                return last  # its replay is not known
+                return last  # unconfirmed: its replay was cut short
             except (*NUMERICAL, TominpmpError) as error:
                 logger.warning("a kept motion could not be replayed: %r", error)
                 continue
-            if candidate.found:
+            if candidate.confirmed:
                 return candidate
             last = candidate
     return last
 
 
-def _as_candidate(name: str, kept: Kept, initial: Kept, status: Status) -> Candidate:
-    """The candidate of a kept iterate, which is not replayed yet."""
+def _as_candidate(
+    name: str, kept: KeptIterate, initial: KeptIterate, status: Status
+) -> Candidate:
+    """A kept iterate as a candidate, not replayed yet."""
     program, iterate, feasible = kept
     best = iterate if feasible else None
     result = SlpResult(status, iterate, best, (), program)
@@ -204,43 +209,43 @@ def _as_candidate(name: str, kept: Kept, initial: Kept, status: Status) -> Candi
     return Candidate.of(name, begun, result)
 
 
-def _slowed_down(begun: Kept, feasibility: float) -> Kept | None:
-    """A motion, as slow as its limits ask for; None if that is no cure."""
+def _slowed_down(begun: KeptIterate, feasibility: float) -> KeptIterate | None:
+    """A motion slowed down until it is feasible; None if that does not help."""
     program, iterate, _ = begun
     for factor in np.geomspace(1.0, SLOWEST, FACTORS).tolist():
         check()
         z = program.time_scale(iterate.z, factor)
         slow = replace(iterate, z=z, values=program.evaluate(z))
         if slow.violation <= feasibility:
-            return Kept(program, slow, True)
+            return KeptIterate(program, slow, True)
     return None
 
 
 def _keep_first_guess(state: PlanState, work: Work) -> None:
-    """Keep the guess that was the first for its goal, as a last resort."""
-    problem, guess = work.system.problem, state.begun
-    known = any(given is problem for _, _, given in state.first_guesses)
+    """Keep the first guess for each goal, as a last resort."""
+    problem, guess = work.system.problem, state.initial
+    known = any(other is problem for _, _, other in state.first_guesses)
     if guess is not None and not known:
         state.first_guesses.append((work.name, guess, problem))
 
 
 def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
-    """Keep the best motion of a coarse grid."""
+    """Keep the best candidate of the coarse grids as fallback."""
 
-    def order(one: Candidate) -> tuple[bool, float]:
-        return one.violation > NEARLY, one.trajectory.duration
+    def order(item: Candidate) -> tuple[bool, float]:
+        return item.violation > NEARLY, item.trajectory.duration
 
     if state.fallback is None or order(candidate) < order(state.fallback.candidate):
         problem = work.system.problem
-        state.fallback = Fallback(candidate, state.kept[-1], problem)
+        state.fallback = Fallback(candidate, state.kept_iterates[-1], problem)
 
 
 def use_fallback(state: PlanState, status: Status) -> None:
-    """Replay the best coarse motion, or a first guess, slowed down until it holds.
+    """Slow the best coarse motion, or a first guess, down until its replay holds.
 
     Args:
-        state: The plan, which has not found another motion.
-        status: How it was stopped, or FEASIBLE.
+        state: The plan, which has no incumbent.
+        status: How planning was stopped; FEASIBLE if it was not.
     """
     coarse = () if state.fallback is None else (state.fallback,)
     guesses = (
@@ -248,13 +253,13 @@ def use_fallback(state: PlanState, status: Status) -> None:
         for name, kept, problem in state.first_guesses
     )
     failed = state.failures[-1:]
-    remark = "".join(KEPT.format(type(error).__name__) for error in failed)
+    remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in failed)
     tried: list[Candidate] = []
     with state.saving():
         for fallback in chain(coarse, guesses):
             candidate = replace(fallback.candidate, status=status, remark=remark)
             try:
-                candidate = _time_scaled(fallback, candidate, state.options)
+                candidate = _scaled(fallback, candidate, state.options)
             except (Stop, KeyboardInterrupt) as stop:
                 state.stopped(stop)
                 tried.append(replace(candidate, verification=None))
@@ -262,16 +267,14 @@ def use_fallback(state: PlanState, status: Status) -> None:
             except NUMERICAL as error:
                 logger.warning("a guess could not be slowed down: %r", error)
             tried.append(candidate)
-            if candidate.found:
+            if candidate.confirmed:
                 break
-    if tried and (tried[-1].found or not state.candidates):
-        state.candidates.append(tried[-1] if tried[-1].found else tried[0])
+    if tried and (tried[-1].confirmed or not state.candidates):
+        state.candidates.append(tried[-1] if tried[-1].confirmed else tried[0])
 
 
-def _time_scaled(
-    fallback: Fallback, candidate: Candidate, options: Options
-) -> Candidate:
-    """A candidate, as slow as its limits and its replay ask for."""
+def _scaled(fallback: Fallback, candidate: Candidate, options: Options) -> Candidate:
+    """A fallback slowed down until its program and its replay keep all limits."""
     _, kept, problem = fallback
     slow = _slowed_down(kept, options.feasibility)
     if slow is None:
@@ -281,6 +284,6 @@ def _time_scaled(
         motion = slow.program.trajectory(z)
         candidate = replace(candidate, trajectory=motion, layout=None, feasible=True)
         candidate = candidate.verified(problem, options)
-        if candidate.found:
+        if candidate.confirmed:
             break
     return candidate

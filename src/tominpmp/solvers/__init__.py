@@ -1,1 +1,1 @@
-"""Solvers of nonlinear and linear programs."""
+"""Solvers of nonlinear programs: one iteration with exchangeable parts, in loop.py."""

@@ -1,10 +1,11 @@
-"""Rows between the nodes join the running iteration.
+"""Row exchange: rows between the nodes join the running iteration.
 
-Constraints are rows at chosen instants. As the objective settles the motion is looked
-at between them, at first while it is rough, and what is missing becomes rows of the
-next program (semi-infinite exchange, Hettich and Kortanek, 1993); trust region and
-weights of the merit stay as they are. An iteration that ends is looked at in any case,
-and goes on where rows are missing.
+Constraints hold at all times but are rows at chosen instants only. Once the objective
+nearly settles, the motion is checked between these instants, for the first time at a
+loose tolerance, and violated constraints become rows of the next program (exchange
+method of semi-infinite programming, Hettich and Kortanek, 1993). The trust region and
+the penalty weights are kept. An iteration that is about to end is always checked, and
+continues if rows are missing.
 """
 
 from __future__ import annotations
@@ -21,20 +22,21 @@ from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
 
-# Rows are looked for when the merit changes by less than such a share of the duration
-# in an iteration; after each time, by less than this share of what it was then.
-ROUGH, FINER = 1e-2, 0.1
-# Or once rows have joined, when what they asked for is done but for this, and duration
-# has not changed by more than this share of it: they seldom move the motion.
-DONE, UNMOVED = 1e-3, 1e-3
-# Where rows are violated by so much, more of them between the nodes would not help.
+# An exchange is due once an iteration reduces the merit by less than FIRST_LEVEL, as a
+# share of the duration; each exchange multiplies this level by LEVEL_FACTOR.
+FIRST_LEVEL, LEVEL_FACTOR = 1e-2, 0.1
+# After rows have joined, the next exchange is also due once their violation is at most
+# NEARLY_KEPT and the duration has changed by at most the share UNMOVED, as most rows
+# hardly change the motion.
+NEARLY_KEPT, UNMOVED = 1e-3, 1e-3
+# While the violation of the rows exceeds this, further rows between them do not help.
 FAR = 1e-2
-# Iterations that rows give to what they have joined, and how often.
+# Iterations that an exchange adds to the iteration limit, and how often it does.
 ITERATIONS, EXTENSIONS = 25, 12
-# Rows that join on the way may need a step of this share of the usual one at least. A
-# motion that was nearly optimal without them is mended with this share at most: all of
-# it is used for unknowns that the duration leaves free, and what that breaks anew goes
-# with its square.
+# Least trust-region radius, as a share of the initial one, after rows have joined. If
+# the motion was nearly optimal without them, it is the largest radius instead, and
+# SMALLEST the least: a step uses the whole trust region for unknowns that the duration
+# leaves free, and the violations that it causes grow with the square of the radius.
 LEAST_RADIUS, SMALLEST = 0.1, 0.01
 
 Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | None]
@@ -43,7 +45,7 @@ Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | No
 def with_missing_rows(
     program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
 ) -> tuple[NonlinearProgram, Array] | None:
-    """A program with missing rows and updated assumptions, and the iterate.
+    """Add missing rows to a program, and update its directions of friction.
 
     Args:
         program: The program.
@@ -52,7 +54,7 @@ def with_missing_rows(
             that torques must keep.
 
     Returns:
-        The program and the iterate within its bounds; None if nothing has to change.
+        The changed program and the iterate within its bounds; None without a change.
     """
     turned = program.transcription.turned(z)
     if turned is not None:
@@ -65,97 +67,98 @@ def with_missing_rows(
 
 @dataclass(frozen=True)
 class RowExchange:
-    """When an iteration looks between its rows, and what finds those missing.
+    """When an iteration is checked between its rows, and how missing rows are found.
 
     Attributes:
-        level: Merit gained in an iteration, as a share of the duration, below which the
-            motion is looked at; 0 looks only where the iteration ends.
-        extensions: How often rows have joined and given it more iterations.
-        joined_at: Duration when rows joined last [s]; None while none have.
-        longest: Motions that last longer are not looked at [s].
-        light: Once the iteration has ended violations of rows that join are left to
-            slowing down, if they are no larger than this.
-        revise: Gives the program with all that an iterate shows to be missing, and the
-            iterate within its bounds; None if nothing is.
+        level: Reduction of the merit in an iteration, as a share of the duration, below
+            which an exchange is due; with 0 it is due only at the end of the iteration.
+        extensions: How often rows have joined and extended the iteration limit.
+        joined_at: Duration when rows last joined [s]; None before.
+        longest: Motions with a longer duration are not checked [s].
+        small_violation: At the end of the iteration, violations of missing rows up to
+            this are removed by slowing the motion down instead; 0 for never.
+        revise: Gives the program with the rows that are missing at an iterate, and the
+            iterate within its bounds; None if no rows are missing.
     """
 
-    level: float = ROUGH
+    level: float = FIRST_LEVEL
     extensions: int = 0
     joined_at: float | None = None
     longest: float = LONGEST
-    light: float = 0.0
+    small_violation: float = 0.0
     revise: Revise = with_missing_rows
 
     def due(self, loop: Loop, status: Status | None) -> bool:
-        """Whether it is time to look at the motion.
+        """Whether an exchange is due.
 
         Args:
             loop: The iteration.
-            status: How it is to end; None if it goes on.
+            status: Status with which it is about to end; None if it continues.
         """
         state = loop.state
-        given_up = loop.dropped or loop.shown is Status.STALLED
+        given_up = loop.dropped or loop.callback_status is Status.STALLED
         if status in STOPPED or given_up or state.duration > self.longest:
             return False
         if status is not None:
             return loop.best is not None or state.violation <= FAR
-        # What has not moved since it was looked at would show nothing new.
+        # Without an accepted step a check would find the same rows again.
         moved = loop.outcome is not None and loop.outcome.accepted
         if not (moved and state.gains) or state.violation > FAR:
             return False
-        return self._done(loop) or state.gains[-1] < self.level * state.duration
+        return self._rows_settled(loop) or state.gains[-1] < self.level * state.duration
 
-    def _done(self, loop: Loop) -> bool:
-        """Whether what rows asked for that have joined is done."""
-        if self.joined_at is None or loop.state.violation > DONE:
+    def _rows_settled(self, loop: Loop) -> bool:
+        """Whether the violations of the rows that joined last are removed."""
+        if self.joined_at is None or loop.state.violation > NEARLY_KEPT:
             return False
         changed = abs(loop.state.duration - self.joined_at)
         return changed <= UNMOVED * self.joined_at
 
-    def look(
+    def join(
         self, loop: Loop, status: Status | None
     ) -> tuple[RowExchange, Status | None]:
-        """Look at the motion, and have the rows join that are missing.
+        """Check the motion between its rows, and let missing rows join.
 
         Args:
-            loop: The iteration, which goes on with these rows.
-            status: How it is to end; None if it goes on.
+            loop: The iteration, which continues with these rows.
+            status: Status with which it is about to end; None if it continues.
 
         Returns:
-            The exchange once it has looked, and how the iteration is to end now.
+            The exchange from now on, and the new status: None to continue.
         """
-        looked = replace(self, level=FINER * self.level, joined_at=None)
+        exchange = replace(self, level=LEVEL_FACTOR * self.level, joined_at=None)
         changed, reached = self.revise(loop.program, loop.state.z), loop.state
         if changed is None and status is not None:
             loop.end(status)
             if loop.state is not reached:
                 changed = self.revise(loop.program, loop.state.z)
         if changed is None:
-            return looked, status
+            return exchange, status
         if status is not None and self.extensions == EXTENSIONS:
-            # It has settled on rows that are not all that it needs.
+            # The iteration has settled, but rows are still missing.
             settled = status is Status.CONVERGED
-            return looked, Status.ITERATION_LIMIT if settled else status
+            return exchange, Status.ITERATION_LIMIT if settled else status
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
         radius = max(joined.radius, LEAST_RADIUS)
         if self.level == 0.0:
             radius = min(max(math.sqrt(joined.violation), SMALLEST), LEAST_RADIUS)
         loop.state, loop.best = replace(joined, radius=radius, gains=()), None
-        looked = replace(looked, joined_at=loop.state.duration)
+        exchange = replace(exchange, joined_at=loop.state.duration)
         if self.extensions < EXTENSIONS:
-            looked = replace(looked, extensions=self.extensions + 1)
-            loop.granted = len(loop.history) + ITERATIONS
+            exchange = replace(exchange, extensions=self.extensions + 1)
+            loop.extended_limit = len(loop.history) + ITERATIONS
         if status is None:
-            return looked, None
+            return exchange, None
         loop.state = replace(loop.state, raises=0)
-        # Slowing down is a cure for light violations, and where any motion will do.
+        # Slowing down replaces further iterations if violations are small, or if any
+        # feasible motion will do.
         slower, objective = None, loop.objective
         if objective.any_will_do:
             slower = objective.better(loop.program, loop.state, None)
-        elif self.light > 0.0:
-            slower = objective.cured(loop.program, loop.state, self.light)
+        elif self.small_violation > 0.0:
+            slower = objective.cured(loop.program, loop.state, self.small_violation)
         if slower is None:
-            return looked, None
+            return exchange, None
         loop.state = loop.best = slower
-        return looked.look(loop, status)
+        return exchange.join(loop, status)

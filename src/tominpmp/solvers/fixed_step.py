@@ -1,4 +1,4 @@
-r"""The paper's iteration, word for word: fixed steps, every one of them taken.
+r"""The paper's iteration, unchanged: fixed steps, each of which is accepted.
 
 At torques u and duration T the linear program (equations 14 and 15)
 
@@ -8,10 +8,10 @@ At torques u and duration T the linear program (equations 14 and 15)
     |\delta u| \le \rho, \quad |\delta T| \le \epsilon, \quad 0 \le T + \delta T
 
 is solved, with rows for the goal g and for path constraints h at the active instants S,
-and the step is taken whatever it brings. As long as the linearised
-equations cannot be met within such a step, elastic variables with a large weight take
-up the rest: "at initial iterations the trajectory is forced to satisfy (8) and (9), and
-then the proper minimization of the functional (10) follows".
+and the step is always accepted. As long as the linearised equations cannot be satisfied
+within one step, elastic variables with a large weight take up the residual: "at initial
+iterations the trajectory is forced to satisfy (8) and (9), and then the proper
+minimization of the functional (10) follows".
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Linearization, StepBounds
 from tominpmp.transcription.program import NonlinearProgram
 
-# Weight of the elastic variables, in shares of T; far above the multipliers, so that
-# violations are reduced as fast as the steps allow before the duration counts.
+# Weight of the elastic variables, as a multiple of T. It is far above the multipliers,
+# so that violations are reduced as fast as the steps allow, before the duration counts.
 ELASTIC_WEIGHT = 10.0
 # The iteration ends when T has varied by less than this share over a window.
 SETTLED = 1e-6
@@ -45,10 +45,10 @@ WINDOW = 20
 
 
 def fixed_steps(options: Options) -> tuple[FixedStep, Rule]:
-    """The paper's steps, and when they end.
+    """The paper's steps, and their stop rule.
 
     Args:
-        options: Lengths of the steps, the solver and the limit on the iterations.
+        options: Options with the step lengths, the solver and the iteration limit.
     """
     lp = make_solver(options.lp_solver)
     step = FixedStep(lp, options.control_step, options.time_step)
@@ -57,7 +57,7 @@ def fixed_steps(options: Options) -> tuple[FixedStep, Rule]:
 
 
 def _steady(loop: Loop) -> Status | None:
-    """CONVERGED where the duration has hardly changed over a window."""
+    """CONVERGED if the duration has hardly changed over a window of iterations."""
     last = [record.duration for record in loop.history[-WINDOW:]]
     if len(last) < WINDOW or loop.state.violation > loop.objective.feasibility:
         return None
@@ -82,11 +82,11 @@ class FixedStep:
     def start(
         self, program: NonlinearProgram, objective: Objective, z: Array
     ) -> Iterate:
-        """The iterate to begin with: the paper's u^0 and T^0."""
+        """The initial iterate: the paper's u^0 and T^0."""
         return Iterate.of(program, z, ELASTIC_WEIGHT * float(program.cost @ z))
 
     def __call__(self, loop: Loop) -> None:
-        """Solve one linear program, and take its step."""
+        """Solve one linear program, and accept its step."""
         check()
         nlp, state = loop.program, loop.state
         torques, z = nlp.transcription, state.z
@@ -94,9 +94,9 @@ class FixedStep:
         steps = torques.fixed_steps(z, self.control_step, self.time_step)
         linearization = nlp.linearize(z, state.values, steps)
         program = _build_program(state, linearization, steps)
-        solution = loop.counted(self.lp.solve(program))
+        solution = loop.count(self.lp.solve(program))
         if not solution.optimal:
-            loop.reached(replace(state, radius=0.0), None)
+            loop.advance(replace(state, radius=0.0), None)
             return
         z = z + solution.x[: z.size]
         values = nlp.evaluate(z)
@@ -104,13 +104,13 @@ class FixedStep:
         multipliers[linearization.rows] = solution.row_duals
         merit = float(nlp.cost @ z) + state.penalty(values)
         state = replace(state, z=z, values=values, multipliers=multipliers)
-        loop.reached(state, Outcome(Trial(z, values, merit), 0.0, 0.0, 0.0, True))
+        loop.advance(state, Outcome(Trial(z, values, merit), 0.0, 0.0, 0.0, True))
 
 
 def _build_program(
     state: Iterate, linearization: Linearization, steps: StepBounds
 ) -> LinearProgram:
-    """The linear program (14)-(15) with an elastic variable for each constraint.
+    """The linear program (14)-(15), with elastic variables for each constraint.
 
     Args:
         state: The iterate, with the weights of the elastic variables.
@@ -120,8 +120,8 @@ def _build_program(
     rows, chosen = state.rows, linearization.rows
     here, group = state.values[chosen], rows.group[chosen]
     low, high = rows.lower[chosen] - here, rows.upper[chosen] - here
-    # Elastic variables, one upwards and one downwards: for each equation, and for each
-    # path constraint at all of its instants.
+    # A pair of elastic variables, upwards and downwards, for each equation, and one for
+    # each path constraint, common to all of its instants.
     equation = low == high
     column = np.where(equation, chosen, rows.size + group)
     used, column = np.unique(column, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Where an iteration stands, and what a step of it brought."""
+"""The iterate of an iteration, the outcome of a step, and the result."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.base import Solved
 from tominpmp.transcription.rows import Rows
 
-# Weights stay this much above the multipliers seen.
+# Penalty weights exceed the largest sum of multipliers of their groups by this factor.
 WEIGHT_MARGIN = 1.5
-# A violation counts as left alone if this share of it remains.
+# A program leaves a violation unreduced if more than this share of it remains.
 STUCK = 0.95
 # Violations below this need no elastic variable.
 NEGLIGIBLE = 1e-9
-# Steps are taken when they bring this share of the predicted reduction (Fletcher,
-# 1987).
+# Least share of the predicted reduction for which a step is accepted (Fletcher, 1987).
 ACCEPT = 0.1
-# Share of the predicted reduction that is aimed for, and how fast the radius follows.
-# Found on the random goals of benchmarks/random_goals.py: with the error of a
-# linearisation quadratic in the radius, it leads to the radius that loses half.
+# Ratio of actual to predicted reduction that the radius control aims for, and the
+# largest and smallest factor of the radius, tuned by benchmarks/random_goals.py. As the
+# error of a linearisation is quadratic in the radius, the radius settles where half of
+# the predicted reduction is lost.
 AIM = 0.5
 GROWTH = 2.5
 SHRINK = 0.5
-# The radius grows up to this share of the first one; below the other share the
-# iteration has stalled.
+# Largest radius, and the radius below which the iteration has stalled, as shares of the
+# initial one.
 LARGEST_RADIUS, SMALLEST_RADIUS = 5.0, 1e-6
 
 
@@ -35,8 +35,8 @@ def next_radius(radius: float, ratio: float, damping: float) -> float:
     """Radius of the trust region for the next iteration.
 
     Args:
-        radius: The present one, as a share of the first one.
-        ratio: Actual and predicted reduction, of the whole step.
+        radius: The present radius, as a share of the initial one.
+        ratio: Actual reduction divided by the predicted one, for the full step.
         damping: Share of the step that was taken after a line search.
     """
     if damping < 1.0:
@@ -49,28 +49,28 @@ def next_radius(radius: float, ratio: float, damping: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    r"""Where an iteration stands.
+    r"""An iterate, with the penalty weights and multipliers at it.
 
-    What it is to lower is an exact penalty merit, an objective and the weighted
-    violations of its limits,
+    The iteration reduces an exact penalty merit: the objective plus the weighted
+    constraint violations,
 
     .. math::
         \phi(z) = f(z) + \sum_g \mu_g \max_{i \in g} v_i(z)
 
-    with the violations v of the rows of a group g. It is exact when each weight is
-    above the sum of the multipliers of its group (Fletcher, 1987); the program of an
-    iteration has one elastic variable a group for it.
+    with the violations v of the rows of a group g. It is exact if each weight is above
+    the sum of the multipliers of its group (Fletcher, 1987); the subproblem of an
+    iteration has one elastic variable per group for it.
 
     Attributes:
         z: Unknowns.
         values: Row values there.
         cost: Gradient of the duration, which is cost @ z.
-        rows: What the rows are.
+        rows: Bounds, kinds and groups of the rows.
         weights: Weight mu of each kind of row [s], shape (kinds,).
-        multipliers: Of all rows, from the last program.
-        radius: Radius of the trust region, as a share of the first one.
-        raises: How often weights were raised for want of feasibility.
-        gains: Merit gained in the last iterations [s], the newest last.
+        multipliers: Multipliers of all rows, from the last program.
+        radius: Trust-region radius, as a share of the initial one.
+        raises: How often weights were raised as violations remained.
+        gains: Reductions of the merit in the last iterations [s], the newest last.
     """
 
     z: Array
@@ -85,12 +85,12 @@ class Iterate:
 
     @classmethod
     def of(cls, program: Solved, z: Array, weights: Array | float) -> Iterate:
-        """An iterate of a program of which no multiplier is known.
+        """An iterate without known multipliers.
 
         Args:
             program: The program.
             z: Unknowns.
-            weights: Weights of the violations, by kinds of rows or of all [s].
+            weights: Weights of the violations, one for all or one per kind of row [s].
         """
         rows, values = program.rows, program.evaluate(z)
         weights = np.broadcast_to(weights, len(rows.kinds))
@@ -114,13 +114,13 @@ class Iterate:
     def raised_weights(self, multipliers: Array, promised: Array) -> Array:
         """Weights above the multipliers of a program, shape (kinds,).
 
-        Those of a group with an elastic variable add up to its weight at most and say
-        nothing about it; its weight is doubled where the program would leave the
-        violation as it is.
+        The multipliers of a group with an elastic variable add up to its weight at
+        most, so that they are no measure for it; the weight is doubled instead if the
+        program would leave the violation unreduced.
 
         Args:
-            multipliers: Of all rows, shape (m,).
-            promised: Row values that the program promises, shape (m,).
+            multipliers: Multipliers of all rows, shape (m,).
+            promised: Row values that the linearisation predicts, shape (m,).
         """
         violation = self.rows.group_violation(self.values)
         after = self.rows.group_violation(promised)
@@ -136,7 +136,7 @@ class Iterate:
         return np.asarray(np.maximum(weights, needed))
 
     def on(self, program: Solved, z: Array) -> Iterate:
-        """The iterate of nearly the same program, with other rows and unknowns."""
+        """The iterate on a similar program, with other rows and unknowns."""
         return replace(
             self,
             z=z,
@@ -148,15 +148,15 @@ class Iterate:
 
 @dataclass(frozen=True, eq=False)
 class SlpResult:
-    """Outcome of an iteration.
+    """Result of an iteration.
 
     Attributes:
         status: How it ended.
         iterate: The last iterate.
-        best: The iterate of the least objective without violation, if there was one.
-        history: One record an iteration.
-        program: The program as it was in the end, with the rows that have joined it.
-        dropped: Whether a rule has given the motion up.
+        best: The feasible iterate of the least objective; None without one.
+        history: Records, one per iteration.
+        program: The final program, with the rows that have joined it.
+        dropped: Whether a stop rule has given the motion up.
     """
 
     status: Status
@@ -169,7 +169,7 @@ class SlpResult:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A point tried, with its merit."""
+    """A trial point, with its row values, its merit and the damping of its step."""
 
     z: Array
     values: Array
@@ -179,15 +179,15 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a step brought.
+    """Outcome of a step.
 
     Attributes:
-        trial: The best point that was tried.
-        predicted: Reduction of the merit that the program predicted [s].
-        actual: Reduction that was had [s].
-        ratio: Of the two, for the whole step.
-        accepted: Whether the step was taken.
-        settled: Whether no more progress is predicted, or was had lately.
+        trial: The best trial point.
+        predicted: Predicted reduction of the merit [s].
+        actual: Actual reduction of the merit [s].
+        ratio: Actual reduction divided by the predicted one, for the full step.
+        accepted: Whether the step was accepted.
+        settled: Whether little progress is predicted, or was made lately.
     """
 
     trial: Trial

@@ -1,19 +1,19 @@
-"""The loop that all methods share: step, ask when to stop, look between the rows.
+"""The loop that all methods share: step, stop rules, row exchange.
 
-Each iteration takes a step towards less of an objective under the limits of a program.
-Objective, step and stop are values, and each of them may be another one:
+Each iteration takes a step that reduces an objective under the constraints of a
+nonlinear program. Objective, step and stop rule are values, and can be exchanged:
 
-- the objective is the least time (:mod:`~tominpmp.solvers.objective`), time against
+- the objective is minimum time (:mod:`~tominpmp.solvers.objective`), time against
   energy (:mod:`~tominpmp.solvers.time_and_energy`), or quiet torques in a given time
   (:mod:`~tominpmp.solvers.quiet_torques`),
-- the step is that of a convex program within a trust region
-  (:mod:`~tominpmp.solvers.trust_region_step`), the fixed one of the paper
+- the step solves a convex program within a trust region
+  (:mod:`~tominpmp.solvers.trust_region_step`), is the fixed step of the paper
   (:mod:`~tominpmp.solvers.fixed_step`), or a round of the penalty method
   (:mod:`~tominpmp.solvers.penalty`),
-- rules that go together tell when to stop (:mod:`~tominpmp.solvers.stop`).
+- stop rules are combined (:mod:`~tominpmp.solvers.stop`).
 
-On the way, or at the end, the motion is looked at between the rows
-(:mod:`~tominpmp.solvers.exchange`).
+During the iteration and at its end, constraints that are violated between the rows
+become rows of the program (:mod:`~tominpmp.solvers.exchange`).
 """
 
 from __future__ import annotations
@@ -36,36 +36,36 @@ from tominpmp.transcription.program import NonlinearProgram
 if TYPE_CHECKING:
     from tominpmp.solvers.objective import Objective
 
-# Sees every record; a status ends the loop.
+# Receives every record; a status ends the loop.
 Callback = Callable[[IterationRecord], Status | None]
-# Is given motions on the way, should the rest be cut short.
+# Receives intermediate iterates, in case the loop is cut short.
 Keep = Callable[[NonlinearProgram, Iterate], None]
-# How a loop ends; None if it goes on.
+# Stop rule: the status with which the loop ends; None to continue.
 Rule = Callable[["Loop"], Status | None]
-# Time for slowing a motion down once the loop was asked to stop [s].
-RESTORING = 0.2
+# Time for slowing a motion down once a stop was requested [s].
+RESTORATION_TIME = 0.2
 
 
 class Step(Protocol):
-    """A way to make steps."""
+    """Makes the steps of a loop."""
 
     def start(
         self, program: NonlinearProgram, objective: Objective, z: Array
     ) -> Iterate:
-        """The iterate to begin with, and the weights of its violations."""
+        """The initial iterate, with the penalty weights of its violations."""
 
     def __call__(self, loop: Loop) -> None:
-        """Make a step, and have the loop go where it leads to."""
+        """Make a step, and advance the loop to the new iterate."""
 
 
-class Look(Protocol):
-    """A way to look between the rows."""
+class Exchange(Protocol):
+    """Adds rows to the program for constraints that are violated between its rows."""
 
     def due(self, loop: Loop, status: Status | None) -> bool:
-        """Whether it is time to look, with the status that the loop is to end with."""
+        """Whether an exchange is due; ``status`` is that of the stop rules, or None."""
 
-    def look(self, loop: Loop, status: Status | None) -> tuple[Look, Status | None]:
-        """Have rows join that are missing; how to look next, and the status then."""
+    def join(self, loop: Loop, status: Status | None) -> tuple[Exchange, Status | None]:
+        """Let missing rows join; the exchange from now on, and the new status."""
 
 
 def solve(
@@ -75,25 +75,25 @@ def solve(
     step: Step,
     stop: Rule,
     *,
-    exchange: Look | None = None,
+    exchange: Exchange | None = None,
     callback: Callback | None = None,
     keep: Keep | None = None,
 ) -> SlpResult:
-    """Iterate until it is time to stop, and the motion keeps its limits between rows.
+    """Iterate until a stop rule applies and no constraint is violated between the rows.
 
     Args:
         program: The nonlinear program.
-        objective: What is to be least.
-        z: Where to begin.
+        objective: The objective to be minimised.
+        z: The initial iterate.
         step: Makes the steps.
-        stop: Tells when to stop, and how that is called.
-        exchange: Looks between the rows; None for programs that no rows join.
-        callback: Sees every record; a status ends the loop.
-        keep: Is given the best motion so far, or the present one while there is none:
-            the loop may be asked to stop at any time.
+        stop: Stop rule.
+        exchange: Row exchange; None for programs with fixed rows.
+        callback: Receives every record; a status ends the loop.
+        keep: Receives the best iterate after every step, or the present one while none
+            is feasible, as a stop may be requested at any time.
 
     Raises:
-        Stop: If it was asked to; the motion that it had is kept.
+        Stop: If a stop was requested; the best iterate has been handed to ``keep``.
     """
     first = step.start(program, objective, z)
     loop = Loop(program, objective, first, callback, keep)
@@ -104,13 +104,13 @@ def solve(
     try:
         while status is None:
             step(loop)
-            status = stop(loop) or loop.shown
+            status = stop(loop) or loop.callback_status
             if objective.any_will_do and loop.best is not None:
                 status = Status.FEASIBLE
             if exchange is not None and exchange.due(loop, status):
-                exchange, status = exchange.look(loop, status)
+                exchange, status = exchange.join(loop, status)
     except (Stop, KeyboardInterrupt):
-        with grace(RESTORING), contextlib.suppress(Stop):
+        with grace(RESTORATION_TIME), contextlib.suppress(Stop):
             loop.end(None)
             loop.save()
         raise
@@ -123,20 +123,21 @@ def solve(
 
 @dataclass(eq=False)
 class Loop:
-    """A loop on the way: where it stands, and the records of its steps.
+    """A running loop: its iterate, and the records of its steps.
 
     Attributes:
         program: The nonlinear program, with the rows that have joined it.
-        objective: What is to be least.
-        state: Where it stands.
-        callback: Sees every record; a status ends the loop.
-        keep: Is given the best motion so far, or the present one while there is none.
-        best: The best iterate that keeps its limits; None while there is none.
-        outcome: Of the last step; None if its program could not be solved.
-        history: One record an iteration.
-        shown: How the callback ends the loop; None if it goes on.
-        granted: Iterations that rows which have joined are granted in all.
-        dropped: Whether a rule has given the motion up: it gets no further rows.
+        objective: The objective to be minimised.
+        state: The present iterate.
+        callback: Receives every record; a status ends the loop.
+        keep: Receives the best iterate, or the present one while none is feasible.
+        best: The best feasible iterate; None while there is none.
+        outcome: Outcome of the last step; None if its program could not be solved.
+        history: Records, one per iteration.
+        callback_status: Status with which the callback ends the loop; None to continue.
+        extended_limit: Iteration limit after the last row exchange, if it exceeds the
+            usual limit.
+        dropped: Whether a stop rule has given the motion up: no further rows join.
     """
 
     program: NonlinearProgram
@@ -147,19 +148,19 @@ class Loop:
     best: Iterate | None = None
     outcome: Outcome | None = None
     history: list[IterationRecord] = field(default_factory=list)
-    shown: Status | None = None
-    granted: int = 0
+    callback_status: Status | None = None
+    extended_limit: int = 0
     dropped: bool = False
-    _begun: float = field(default_factory=time.perf_counter)
+    _begin: float = field(default_factory=time.perf_counter)
     _solved: list[LpSolution] = field(default_factory=list)
 
-    def counted(self, solution: LpSolution) -> LpSolution:
-        """Count a program as work of the present iteration, and hand it on."""
+    def count(self, solution: LpSolution) -> LpSolution:
+        """Count a solved program in the record of this iteration; returns it."""
         self._solved.append(solution)
         return solution
 
-    def reached(self, state: Iterate, outcome: Outcome | None) -> None:
-        """Go to where an iteration has led to, and tell of it."""
+    def advance(self, state: Iterate, outcome: Outcome | None) -> None:
+        """Advance to the iterate after a step, and record the iteration."""
         self.program = self.program.near(state.z)
         self.state, self.outcome = state, outcome
         self.best = self.objective.better(self.program, state, self.best)
@@ -176,22 +177,22 @@ class Loop:
             programs=len(self._solved),
             pivots=sum(solution.iterations for solution in self._solved),
             program_seconds=sum(solution.seconds for solution in self._solved),
-            seconds=time.perf_counter() - self._begun,
+            seconds=time.perf_counter() - self._begin,
         )
         self._solved = []
         self.history.append(record)
-        self.shown = None if self.callback is None else self.callback(record)
+        self.callback_status = None if self.callback is None else self.callback(record)
 
     def drop(self) -> Status:
-        """Give the motion up."""
+        """Give the motion up; the status of the loop then."""
         self.dropped = True
         return Status.STALLED
 
     def end(self, status: Status | None) -> None:
-        """Go to the motion that the loop ends with, slowed down if it has to be.
+        """Set the final iterate: the best one, slowed down to remove violations.
 
         Args:
-            status: How it ends; None if it was asked to stop.
+            status: How the loop ends; None if a stop was requested.
         """
         if status is Status.FEASIBLE and self.best is not None:
             self.state = self.best
@@ -199,6 +200,6 @@ class Loop:
         self.best = self.objective.better(self.program, self.state, self.best)
 
     def save(self) -> None:
-        """Have the best motion kept, or the present one while there is none."""
+        """Hand the best iterate to ``keep``, or the present one if none is feasible."""
         if self.keep is not None:
             self.keep(self.program, self.best or self.state)

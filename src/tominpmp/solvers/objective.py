@@ -1,4 +1,4 @@
-"""Objectives: what an iteration is to make least, and which motion is better."""
+"""Objectives: the quantity that an iteration minimises, and which motion is better."""
 
 from __future__ import annotations
 
@@ -16,45 +16,46 @@ from tominpmp.solvers.model import Model
 from tominpmp.transcription.base import Linearization, StepBounds
 from tominpmp.transcription.program import NonlinearProgram
 
-# Violations below this are removed by slowing down at the end.
+# Violations up to this are removed at the end by slowing down, within RESTORATIONS
+# trials.
 RESTORABLE = 1e-2
 RESTORATIONS = 8
-# Share of a violation that cures it, as torques go with the square of the pace, and
-# how much more than what is needed is tried.
-HALF, MORE = 0.5, 1.02
-# Violations between the rows below this are cured so, where the grid is to be refined
-# anyway: programs with rows for them bring less than it costs.
-LIGHT = 5e-4
-# Where any motion will do: how much slower one may be made.
+# Relative increase of the duration that removes a violation, as a share of it: torques
+# go with the square of the speed. An extrapolated increase is multiplied by OVERSHOOT.
+HALF, OVERSHOOT = 0.5, 1.02
+# Violations between the rows up to this are removed by slowing down if the grid will be
+# refined anyway: programs with rows for them cost more than they gain.
+SMALL_VIOLATION = 5e-4
+# Time-scaling factors that are tried if any feasible motion will do.
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
-# What a step of all unknowns to the ends of the trust region costs, as a share of T,
-# where no total variation keeps them quiet. Without it programs are a fifth more on 69
-# problems of MotionBenchMaker; in free space iterations are as many with a third of it,
-# and motions end 0.05 % slower with three times as much.
+# Weight of the proximal term, without a total variation: cost of a step of all unknowns
+# to the bounds of the trust region, as a share of T. Without it, 69 problems of
+# MotionBenchMaker take a fifth more programs; in free space a third of it takes as many
+# iterations, and with three times as much motions end 0.05 % slower.
 PROXIMAL = 3e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Objective(ABC):
-    """What is to be least.
+    """An objective to be minimised.
 
     Attributes:
-        tolerance: Further steps are not worth their time for this share of it.
-        feasibility: Largest violation that is let pass.
+        tolerance: Relative reduction of the objective below which progress has settled.
+        feasibility: Largest tolerated violation.
     """
 
     tolerance: float
     feasibility: float
-    # Whether any motion that keeps its limits is enough.
+    # Whether the iteration may end with the first feasible motion.
     any_will_do: ClassVar[bool] = False
 
     @abstractmethod
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
-        """The objective of a motion.
+        """The objective at an iterate.
 
         Args:
             program: The program.
-            z: Its unknowns.
+            z: Unknowns.
             values: Row values there.
         """
 
@@ -66,28 +67,28 @@ class Objective(ABC):
         steps: StepBounds,
         linearization: Linearization,
     ) -> Model:
-        """The objective near an iterate, and what else keeps steps in check.
+        """Convex model of the objective near an iterate, with regularisation.
 
         Args:
             program: The program.
             state: The iterate.
             steps: Box for the step.
-            linearization: Jacobian of the rows that may matter.
+            linearization: Jacobian of the rows that may become active.
         """
 
     def within(self, program: NonlinearProgram, steps: StepBounds) -> StepBounds:
-        """The part of a box of steps that the objective allows."""
+        """The part of the box for the step that the objective allows."""
         return steps
 
     def better(
         self, program: NonlinearProgram, state: Iterate, best: Iterate | None
     ) -> Iterate | None:
-        """An iterate if it keeps its limits and has less than the best one, else that.
+        """The better of two iterates: the new one must be feasible and have less cost.
 
         Args:
             program: The program.
-            state: The iterate.
-            best: The best one; None if there is none.
+            state: The new iterate.
+            best: The best iterate so far; None if none is feasible.
         """
         if state.violation > self.feasibility:
             return best
@@ -97,40 +98,41 @@ class Objective(ABC):
         return best
 
     def restorable(self, program: NonlinearProgram, state: Iterate) -> bool:
-        """Whether slowing down can remove the violations that are left.
+        """Whether slowing down can remove the remaining violations.
 
-        It removes none of equations.
+        It cannot remove violations of equations.
         """
         rows = program.rows
         violation = rows.violation(state.values)
         equations = violation[rows.lower == rows.upper]
-        light = np.max(violation, initial=0.0) <= RESTORABLE
-        return bool(light and np.max(equations, initial=0.0) <= self.feasibility)
+        small = np.max(violation, initial=0.0) <= RESTORABLE
+        return bool(small and np.max(equations, initial=0.0) <= self.feasibility)
 
     def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
-        """Slow a motion down until it keeps its limits, where that is enough.
+        """Restore feasibility by slowing a motion down; unchanged if that fails.
 
         The iteration stops when the objective has settled, which may be before the last
-        second-order errors are gone; slowing down by half of such an error removes it,
-        and costs that much. Another program would do no better where it is small.
+        second-order errors are removed. Slowing down by half of such an error removes
+        it, at that cost in T. For small errors another program would do no better.
         """
         if state.violation <= self.feasibility or not self.restorable(program, state):
             return state
         best, low, high = state, 1.0, np.inf
-        left, falls = state.violation, 0.0
-        factor = 1.0 + HALF * left
+        violation, rate = state.violation, 0.0
+        factor = 1.0 + HALF * violation
         for _ in range(RESTORATIONS):
             z, values = program.slower(state.z, factor, state.values)
             trial = replace(state, z=z, values=values)
             if trial.violation <= self.feasibility:
                 best, high = trial, factor
-                if falls > 0.0:
+                if rate > 0.0:
                     break
             else:
-                falls = max((left - trial.violation) / (factor - low), 0.0)
-                low, left = factor, trial.violation
-            # What is left falls as evenly as it did: a little beyond there is none.
-            beyond = low + MORE * left / falls if falls > 0.0 else np.inf
+                rate = max((violation - trial.violation) / (factor - low), 0.0)
+                low, violation = factor, trial.violation
+            # If the violation keeps falling at this rate, it vanishes slightly before
+            # this factor.
+            beyond = low + OVERSHOOT * violation / rate if rate > 0.0 else np.inf
             if np.isinf(high):
                 factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
             else:
@@ -138,26 +140,26 @@ class Objective(ABC):
         return best
 
     def _curable(self, program: NonlinearProgram, state: Iterate) -> bool:
-        """Whether a slower motion violates all violated rows less."""
+        """Whether slowing down reduces all violations."""
         rows = program.rows
         hard = rows.violation(state.values)[~rows.curable[rows.kind]]
         return bool(np.all(hard <= self.feasibility))
 
     def cured(
-        self, program: NonlinearProgram, state: Iterate, light: float
+        self, program: NonlinearProgram, state: Iterate, largest: float
     ) -> Iterate | None:
-        """A motion with light violations, so slow that it has none.
+        """Slow a motion with small violations down until it has none.
 
         Args:
             program: The program.
-            state: An iterate of it.
-            light: The largest violation that is light.
+            state: The iterate.
+            largest: Largest violation for which this is tried.
 
         Returns:
-            The motion; None if its violations are not light, or slowing down is no
-            cure.
+            The feasible motion; None if its violations are larger, or slowing down does
+            not remove them.
         """
-        if state.violation > light or not self._curable(program, state):
+        if state.violation > largest or not self._curable(program, state):
             return None
         slower = self.restored(program, state)
         return slower if slower.violation <= self.feasibility else None
@@ -165,12 +167,12 @@ class Objective(ABC):
 
 @dataclass(frozen=True, eq=False)
 class MinimumTime(Objective):
-    """The duration, and a little of the jumps of the controls.
+    """The duration, and a small weight on the jumps of the controls.
 
     Attributes:
         jump_weight: Weight of the jumps [s].
         squared: Whether the squares of the jumps are added up (regularisation,
-            Tikhonov, 1963); else their sizes, which is the total variation.
+            Tikhonov, 1963); otherwise their absolute values, the total variation.
     """
 
     jump_weight: float = 0.0
@@ -180,12 +182,12 @@ class MinimumTime(Objective):
     def of(
         options: Options, jump_weight: float = 0.0, *, squared: bool = False
     ) -> MinimumTime:
-        """The least time, or the time of any motion, as options say.
+        """Minimum time, or any feasible motion, as options ask for.
 
         Args:
-            options: What is wanted, and tolerances.
+            options: Options with the kind of objective and the tolerances.
             jump_weight: Weight of the jumps of the controls [s].
-            squared: Whether their squares are added up.
+            squared: Whether the squares of the jumps are added up.
         """
         kind = AnyMotion if options.objective == "feasible" else MinimumTime
         return kind(options.tolerance, options.feasibility, jump_weight, squared)
@@ -201,11 +203,11 @@ class MinimumTime(Objective):
         steps: StepBounds,
         linearization: Linearization,
     ) -> Model:
-        """The duration and the jumps, the squares of which are a quadratic function.
+        """Model of the duration and the jumps, with a proximal term if needed.
 
-        A linear program knows nothing of unknowns that the duration does not hang on:
-        they may be anywhere in the trust region, and what that breaks has to be mended.
-        The total variation holds them, or a small weight on the square of the step
+        A linear program leaves unknowns that do not affect the duration anywhere in the
+        trust region, which causes violations that later steps have to remove. The total
+        variation determines them, or else a small weight on the square of the step
         (proximal points, Rockafellar, 1976).
         """
         cost, weight = program.cost, self.jump_weight
@@ -219,28 +221,28 @@ class MinimumTime(Objective):
             )
         reach = np.maximum(-steps.lower, steps.upper)
         moving = (reach > 0.0) & (cost == 0.0)
-        near = np.zeros(cost.size)
+        proximal = np.zeros(cost.size)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)
-        near[moving] = np.sqrt(share) / reach[moving]
+        proximal[moving] = np.sqrt(share) / reach[moving]
         if jumps is None:
-            return Model(lambda z, _: float(cost @ z), cost, near=near)
+            return Model(lambda z, _: float(cost @ z), cost, proximal=proximal)
         return Model(
             lambda z, _: float(cost @ z) + weight * jumps.squares(z),
             cost + 2.0 * weight * (jumps.matrix.T @ jumps.at(state.z)),
             math.sqrt(2.0 * weight) * jumps.matrix,
-            near,
+            proximal,
         )
 
 
 class AnyMotion(MinimumTime):
-    """The duration, as far as it leads to any motion that keeps its limits."""
+    """The duration, until the first feasible motion is found."""
 
     any_will_do = True
 
     def better(
         self, program: NonlinearProgram, state: Iterate, best: Iterate | None
     ) -> Iterate | None:
-        """The motion as slow as it has to be to keep its limits, if that is a cure."""
+        """The motion slowed down until it is feasible, if that removes violations."""
         if self._curable(program, state):
             for factor in TIME_SCALINGS:
                 z, values = program.slower(state.z, factor, state.values)

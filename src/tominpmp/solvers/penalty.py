@@ -1,13 +1,13 @@
-r"""The exterior penalty function method, which the paper compares itself with.
+r"""The exterior penalty function method, with which the paper compares its method.
 
 .. math::
     \min_{u, T} \; T + K \Big( \sum_i g_i^2
         + \sum_l \frac{1}{N} \sum_k \max(0, b_l(x_k))^2 \Big), \qquad u_l \le u \le u_u
 
 for growing K (sequential unconstrained minimisation; Fiacco and McCormick, 1968). Each
-round starts from the last and is solved by a quasi-Newton method with bounds (L-BFGS-B;
-Byrd, Lu, Nocedal and Zhu, 1995); gradients come from one backward sweep of the adjoint
-equation.
+round starts from the result of the last one, and is solved by a quasi-Newton method
+with bounds (L-BFGS-B; Byrd, Lu, Nocedal and Zhu, 1995). A gradient takes one backward
+sweep of the adjoint equation.
 """
 
 from __future__ import annotations
@@ -27,28 +27,30 @@ from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.program import NonlinearProgram
 
-# The first weight K, in shares of T, and its growth from round to round. From a smaller
-# one the motions end faster, up to 7 % on the paper's example, and take twice as long.
+# The first weight K, as a multiple of T, and its growth from round to round. With a
+# smaller first weight T is up to 7 % shorter on the paper's example, and planning takes
+# twice as long.
 FIRST_WEIGHT = 30.0
 WEIGHT_GROWTH = 10.0
 ROUNDS = 11
-# Quasi-Newton iterations a round, and in all for each of ``options.max_iterations``:
-# one of them costs about a tenth of an iteration with a linear program. What a round
-# leaves undone the next one does, with smaller violations.
+# Most quasi-Newton iterations of a round, and of all rounds for each iteration of
+# ``options.max_iterations``: one of them costs about a tenth of an iteration with a
+# linear program. A round that ends early is completed by the next one, which has
+# smaller violations.
 ROUND_ITERATIONS = 100
 ITERATION_FACTOR = 20
 MEMORY = 30
-# Bounds of the duration in shares of the initial one; without the first, the round with
-# the smallest weight begins with a motion that hardly lasts.
+# Bounds of the duration, as multiples of the initial one. Without the lower bound, the
+# round with the smallest weight would shrink the duration to almost nothing.
 DURATIONS = (0.3, 20.0)
 
 
 def penalty_rounds(options: Options, z: Array) -> tuple[PenaltyRound, Rule]:
-    """Rounds of the penalty method, and when they end.
+    """Rounds of the penalty method, and their stop rule.
 
     Args:
-        options: The limit on the iterations.
-        z: Where the first one begins.
+        options: Options with the iteration limit.
+        z: The initial iterate.
     """
     most = ITERATION_FACTOR * options.max_iterations
     stop = first_of(settled, Raises(ROUNDS - 1), Iterations(most))
@@ -59,11 +61,11 @@ def penalty_rounds(options: Options, z: Array) -> tuple[PenaltyRound, Rule]:
 class PenaltyRound:
     """A round of the exterior penalty function method on the adjoint transcription.
 
-    Each of its quasi-Newton iterations has a record.
+    Each quasi-Newton iteration has a record.
 
     Attributes:
-        first: What to begin with, whose duration tells the scale.
-        most: Quasi-Newton iterations of all rounds at most.
+        first: The initial iterate, whose duration scales weights and bounds.
+        most: Most quasi-Newton iterations of all rounds.
     """
 
     first: Array
@@ -72,11 +74,11 @@ class PenaltyRound:
     def start(
         self, program: NonlinearProgram, objective: Objective, z: Array
     ) -> Iterate:
-        """The iterate to begin with."""
+        """The initial iterate."""
         return Iterate.of(program, z, 0.0)
 
     def __call__(self, loop: Loop) -> None:
-        """Minimise with the present weight, and raise it for the next round."""
+        """Minimise for the present weight, and raise it for the next round."""
         self.minimise(loop)
         settled = loop.state.violation <= loop.objective.feasibility
         if loop.outcome is not None:
@@ -85,7 +87,7 @@ class PenaltyRound:
         loop.state = replace(loop.state, raises=raises)
 
     def minimise(self, loop: Loop) -> None:
-        """Go to the least of duration and penalty, as far as a round does."""
+        """Minimise the duration plus the penalty, within the limits of a round."""
         nlp, rows = loop.program, loop.program.rows
         torques = nlp.transcription
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
@@ -107,7 +109,8 @@ class PenaltyRound:
             total = float(nlp.cost @ z) + weight * float(share @ excess**2)
             latest = Trial(z, values, total)
             gradient = nlp.cost
-            if nlp.transcription.motion(z).finite:  # else the line search turns back
+            # Where the motion is not finite, the line search shortens its step.
+            if nlp.transcription.motion(z).finite:
                 gradient = gradient + nlp.gradient(z, 2.0 * weight * share * excess)
             return total, gradient * scale
 
@@ -118,9 +121,9 @@ class PenaltyRound:
             gained = state.duration - float(nlp.cost @ z)
             trial = Trial(z, values, latest.merit)
             state = replace(state, z=z, values=values)
-            loop.reached(state, Outcome(trial, 0.0, gained, 1.0, True))
+            loop.advance(state, Outcome(trial, 0.0, gained, 1.0, True))
             nlp = loop.program
-            if loop.shown is not None or len(loop.history) >= self.most:
+            if loop.callback_status is not None or len(loop.history) >= self.most:
                 raise StopIteration
 
         minimize(
@@ -141,11 +144,11 @@ class PenaltyRound:
 
 
 def _scaled(torques: AdjointTranscription, z: Array) -> tuple[Array, Array, Array]:
-    """Units of the unknowns, and their bounds in these.
+    """Units of the unknowns, and their bounds in these units.
 
-    The torques count as functions of time: one of an interval counts by its length. So
-    the iterations end 6 % to 10 % lower than with each torque in its range, in the same
-    time.
+    Torques are scaled as functions of time: the torque of an interval is weighted by
+    the length of the interval. In the same time, the iterations then end 6 % to 10 %
+    lower than with torques in shares of their ranges.
     """
     columns, intervals = torques.shares.shape[1], torques.intervals
     count = z.size - columns

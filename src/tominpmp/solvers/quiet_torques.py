@@ -1,24 +1,24 @@
-r"""Quiet torques and straight ways in a given time.
+r"""Quiet torques and straight joint paths in a given time.
 
-The least of two sums of squares is looked for, each in shares of what it was:
+The objective adds two sums of squares, each divided by its initial value:
 
 - torque variation, the squared differences of neighbouring torques,
 
   .. math:: \sum_k \frac{\bar d}{d_k} |u_{k+1} - u_k|^2
 
-  over a sequence of torques u_k, in full ranges, a time d_k apart: the mean torques of
-  the intervals, where torques jump between these, or those at nodes and middles; dbar
-  is the mean of the d_k, so that the sum does not depend on how the grid is spaced;
+  over a sequence of torques u_k, in shares of their ranges, at distances d_k in time:
+  the mean torques of the intervals if torques jump between these, otherwise the torques
+  at nodes and at midpoints of intervals. dbar is the mean of the d_k, so that the sum
+  does not depend on the spacing of the grid;
 
-- with a small weight mean speeds, the squares of the speeds that take a motion from
-  node to node,
+- with a small weight, mean speeds between nodes,
 
   .. math:: \frac{1}{T} \sum_k h_k
       \left| \frac{q_{k+1} - q_k}{h_k \, \hat v} \right|^2
 
-  of all joints, in shares of their limits v, which is least for joints that go
-  straight, each at one speed. Torques do not tell: a light joint may go to and fro for
-  next to nothing.
+  of all joints, in shares of their limits v. This sum is least for joints that move
+  straight at a constant speed. The torque variation alone does not ensure that: a light
+  joint may move to and fro at negligible torques.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
-# Further steps are not worth their time for this share of the objective.
+# Relative reduction of the objective below which progress has settled.
 SETTLED = 5e-3
-# Residuals of what does not vary at all are measured against this.
+# Least norm that residuals are divided by, for quantities that do not vary at all.
 LEAST_NORM = 1e-6
-# Weight of the mean speeds beside the torque variation. A third of it leaves half as
-# much again of the ways beyond the straight ones; three times as much makes torques
-# less quiet by a sixth (24 goals of four arms).
+# Weight of the mean speeds relative to the torque variation. With a third of it the
+# detours of joints are half as long again; with three times as much torques are less
+# quiet by a sixth (24 goals of four arms).
 SPEED_WEIGHT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class QuietTorques(Objective):
-    """Half the sum of both squares: (1 + the weight of the speeds) / 2 at first.
+    """Half the sum of both squares; initially (1 + the weight of the speeds) / 2.
 
     Attributes:
         times: Instants of the sequence of torques as shares of T, shape (k,).
-        torque_norm: What the differences of torques are measured against.
-        speeds: Mean speeds in their shares, linear in the unknowns.
+        torque_norm: Initial norm of the torque differences, by which they are divided.
+        speeds: Weighted mean speeds, linear in the unknowns.
     """
 
     times: Array
@@ -68,7 +68,7 @@ class QuietTorques(Objective):
         Args:
             nlp: The nonlinear program.
             z: Its iterate.
-            feasibility: Largest violation that is let pass.
+            feasibility: Largest tolerated violation.
         """
         times = nlp.transcription.sequence_times(z)
         torques, _ = _differences(nlp, times, z, nlp.evaluate(z))
@@ -78,7 +78,7 @@ class QuietTorques(Objective):
         return cls(SETTLED, feasibility, times, _norm(torques), speeds)
 
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
-        """Half the sum of the squares."""
+        """Half the sum of the squared residuals."""
         torques, _ = _differences(program, self.times, z, values)
         residuals = self._residuals(z, torques)
         return 0.5 * float(residuals @ residuals)
@@ -90,7 +90,7 @@ class QuietTorques(Objective):
         steps: StepBounds,
         linearization: Linearization,
     ) -> Model:
-        """The squares of residuals that are linear near an iterate."""
+        """Gauss-Newton model: squares of residuals linearised at the iterate."""
         z, times = state.z, self.times
         torques, matrix = _differences(program, times, z, state.values, linearization)
         parts = [matrix / self.torque_norm, self.speeds.matrix]
@@ -105,16 +105,16 @@ class QuietTorques(Objective):
         return np.concatenate([torques / self.torque_norm, self.speeds.at(z)])
 
     def within(self, program: NonlinearProgram, steps: StepBounds) -> StepBounds:
-        """The time stays as it is."""
+        """Steps that keep the duration."""
         timed = program.cost != 0.0
         return StepBounds(*(np.where(timed, 0.0, bound) for bound in steps))
 
     def restorable(self, program: NonlinearProgram, state: Iterate) -> bool:
-        """Whether there are no violations: the time is given."""
+        """Whether the iterate is feasible: as T is given, slowing down is no option."""
         return state.violation <= self.feasibility
 
     def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
-        """The motion as it is."""
+        """The motion unchanged, as T is given."""
         return state
 
 
@@ -132,8 +132,8 @@ def _differences(
         times: Instants of the sequence of torques as shares of T, shape (k,).
         z: Unknowns.
         values: Row values there.
-        linearization: Jacobian of the rows, those of all torques among them in order;
-            None where the Jacobian of the differences is not asked for.
+        linearization: Jacobian of the rows, with the rows of all torques in order; None
+            if the Jacobian of the differences is not needed.
     """
     weights = np.sqrt(np.diff(times).mean() / np.diff(times))
     sequence, n = nlp.transcription.torque_sequence, nlp.system.n
@@ -144,37 +144,37 @@ def _differences(
         return np.asarray(matrix @ z), matrix
     rows = np.flatnonzero(nlp.rows.kind == nlp.rows.kinds.index("torque"))
     count = sequence.shape[0]
-    # Torques at instants that have become rows later on are not compared.
+    # Torques at instants whose rows joined later are not compared.
     later = rows.size // n - sequence.shape[1]
     sequence = sp.hstack([sequence, sp.csr_matrix((count, later))])
-    # Rows are in half ranges.
+    # Torque rows are in shares of half their ranges.
     steps = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
     weighted = sp.diags(weights) @ steps @ sequence
     of_rows = sp.csr_matrix(sp.kron(weighted, sp.identity(n)))
     differences = np.asarray(of_rows @ values[rows])
     if linearization is None:
         return differences, of_rows
-    mine = np.isin(linearization.rows, rows)
-    return differences, sp.csr_matrix(of_rows @ linearization.matrix[mine])
+    chosen = np.isin(linearization.rows, rows)
+    return differences, sp.csr_matrix(of_rows @ linearization.matrix[chosen])
 
 
 def mean_speeds(nlp: NonlinearProgram, z: Array) -> Variation:
-    """Weighted mean speeds of all joints between nodes, as a linear function near z.
+    """Weighted mean speeds of all joints between nodes, as a linear function of z.
 
     It is exact, as the duration is fixed. Speeds are in shares of their limits, or of
-    the highest where there are none.
+    the highest speed of the joint if it has no limit.
 
     Args:
         nlp: The nonlinear program.
         z: Its iterate.
     """
-    of, n, count = nlp.transcription, nlp.system.n, nlp.transcription.intervals
-    motion = of.motion(z)
+    scheme, n, count = nlp.transcription, nlp.system.n, nlp.transcription.intervals
+    motion = scheme.motion(z)
     middles = Instants.spread(count, (0.5,))
-    highest = np.abs(of.states(motion, middles, 1).v).max(axis=0)
+    highest = np.abs(scheme.states(motion, middles, 1).v).max(axis=0)
     limits = nlp.system.problem.robot.limits.velocity
     scale = np.where(np.isfinite(limits), limits, highest)
-    # What does not move at all gets no infinite weight.
+    # The lower bound keeps the weights of joints that do not move finite.
     scale = np.maximum(scale, 1e-3 * max(float(scale.max()), 1e-3))
     nodes = Instants.nodes(count)
     node = np.repeat(np.arange(count + 1), n)
@@ -182,8 +182,8 @@ def mean_speeds(nlp: NonlinearProgram, z: Array) -> Variation:
     steps = sp.diags([-1.0, 1.0], [0, 1], shape=(count, count + 1))
     weights = 1.0 / np.sqrt(motion.h * np.sum(motion.h))
     speeds = sp.csr_matrix(sp.kron(sp.diags(weights) @ steps, sp.diags(1.0 / scale)))
-    matrix = sp.csr_matrix(speeds @ of.pull_back(motion, nodes, each))
-    q = of.states(motion, nodes, 0).q
+    matrix = sp.csr_matrix(speeds @ scheme.pull_back(motion, nodes, each))
+    q = scheme.states(motion, nodes, 0).q
     return Variation(matrix, speeds @ q.ravel() - matrix @ z)
 
 

@@ -1,4 +1,4 @@
-"""When an iteration ends: rules that are asked after each step, and go together."""
+"""Stop rules: when an iteration ends. They are evaluated after each step."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from tominpmp.status import Status
 
 
 def first_of(*rules: Rule) -> Rule:
-    """All rules together: the first of them that ends an iteration says how."""
+    """Combine stop rules: the first rule that applies determines the status."""
 
     def rule(loop: Loop) -> Status | None:
-        found = (one(loop) for one in rules)
-        return next((status for status in found if status is not None), None)
+        verdicts = (each(loop) for each in rules)
+        return next((status for status in verdicts if status is not None), None)
 
     return rule
 
 
 def settled(loop: Loop) -> Status | None:
-    """No more progress is to be had, and slowing down removes what is violated."""
+    """CONVERGED if no more progress is made, and slowing down removes violations."""
     outcome = loop.outcome
     if outcome is None or not outcome.settled:
         return None
@@ -29,7 +29,7 @@ def settled(loop: Loop) -> Status | None:
 
 
 def exhausted(loop: Loop) -> Status | None:
-    """Steps have become too small to get anywhere, or no program can be solved."""
+    """STALLED if the trust region has collapsed; a failure if no program was solved."""
     if loop.state.radius >= SMALLEST_RADIUS:
         return None
     return Status.NUMERICAL_FAILURE if loop.outcome is None else Status.STALLED
@@ -37,31 +37,31 @@ def exhausted(loop: Loop) -> Status | None:
 
 @dataclass(frozen=True)
 class Raises:
-    """Violations have stayed though their weights were raised.
+    """Stop rule: violations remain although their penalty weights were raised.
 
     Attributes:
-        most: So many raises of the weights are enough.
+        most: Most raises of the weights.
     """
 
     most: int
 
     def __call__(self, loop: Loop) -> Status | None:
-        """INFEASIBLE once there were more."""
+        """INFEASIBLE once the weights were raised more often."""
         return Status.INFEASIBLE if loop.state.raises > self.most else None
 
 
 @dataclass(frozen=True)
 class Iterations:
-    """There were many iterations.
+    """Stop rule: the iteration limit.
 
     Attributes:
-        most: How many there may be, unless rows that have joined need more.
+        most: The limit, which row exchanges may extend.
     """
 
     most: int
 
     def __call__(self, loop: Loop) -> Status | None:
-        """ITERATION_LIMIT once there were as many."""
-        most = max(self.most, loop.granted)
+        """ITERATION_LIMIT once the limit is reached."""
+        most = max(self.most, loop.extended_limit)
         over = loop.outcome is not None and len(loop.history) >= most
         return Status.ITERATION_LIMIT if over else None

@@ -5,10 +5,11 @@ r"""The convex program of an iteration: step, total variation and elastic variab
     \quad s.t. \quad l \le g(z) + J d - s e_g \le u, \quad
     G (z + d) + G_0 = p - m
 
-Elastic variables e_g exist for the groups of rows that are violated, up to their
-present violation, or a trace. Their coefficients s are the signs of the violations (for
-equations the violations relative to the largest of the group, so that all shrink in
-proportion), and zero on rows that are satisfied: d = 0 is always feasible.
+Elastic variables e_g exist for the groups of rows that are violated. Their upper bound
+is the present violation, but at least a small positive one. Their coefficients s are
+the signs of the violations (for equations, the violations relative to the largest of
+the group, so that all shrink in proportion), and zero on satisfied rows, so that d = 0
+is always feasible.
 """
 
 from __future__ import annotations
@@ -26,23 +27,23 @@ from tominpmp.solvers.model import Model
 from tominpmp.transcription.base import Linearization, StepBounds
 from tominpmp.transcription.rows import Rows
 
-# Keys of rows and columns that are not of the transcription begin here.
+# Keys of rows and columns that do not come from the transcription begin here.
 _KEY_BLOCK = 10_000_000
-# Room of an elastic variable at least: in smaller boxes interior points stand still.
+# Least upper bound of an elastic variable: in smaller boxes interior points stall.
 LEAST_ROOM = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Subproblem:
-    """The program of an iteration and how to read its solution.
+    """The convex program of an iteration, with the mapping of its solution.
 
     Attributes:
-        program: The program, linear but for the curvature of its objective.
-        free: Indices of the unknowns that can move, shape (k,).
-        rows: Indices of the transcription's rows in it, shape (r,).
+        program: The program, linear apart from the curvature of its objective.
+        free: Indices of the unknowns that can change, shape (k,).
+        rows: Indices of the rows of the transcription that it contains, shape (r,).
         size: Number of unknowns of the transcription.
         row_count: Number of rows of the transcription.
-        matrix: Jacobian of its rows in the unknowns that can move, shape (r, k).
+        matrix: Jacobian of the rows by the unknowns that can change, shape (r, k).
     """
 
     program: LinearProgram
@@ -53,7 +54,7 @@ class Subproblem:
     matrix: sp.csr_matrix
 
     def change(self, step: Array) -> Array:
-        """What its linearised rows change by in a step, shape (r,)."""
+        """Change of the linearised rows in a step, shape (r,)."""
         return np.asarray(self.matrix @ step[self.free])
 
     def step(self, solution: LpSolution) -> Array:
@@ -69,7 +70,7 @@ class Subproblem:
         return out
 
     def corrected(self, error: Array) -> tuple[Array, Array]:
-        """Row bounds with a second-order error of the rows put in, shape (r,)."""
+        """Row bounds corrected by a second-order error of the rows, shape (r,)."""
         lower, upper = self.program.row_lower.copy(), self.program.row_upper.copy()
         count = self.rows.size
         lower[:count] -= error
@@ -88,10 +89,10 @@ def build_subproblem(
 
     Args:
         state: The iterate.
-        model: The objective near it.
-        linearization: Jacobian of the rows that may matter.
+        model: Model of the objective near the iterate.
+        linearization: Jacobian of the rows that may become active.
         steps: Box for the step.
-        accuracy: A duality gap that is none [s].
+        accuracy: Duality gap below which the program counts as solved [s].
     """
     values, rows = state.values, state.rows
     moving = steps.upper - steps.lower > 0.0
@@ -102,7 +103,7 @@ def build_subproblem(
     violation = rows.group_violation(values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     every_row, count = body, chosen.size
-    # Costs, bounds and keys of columns, and bounds and keys of rows, part by part.
+    # Costs, bounds and keys of the columns, and bounds and keys of the rows, by blocks.
     columns = [(model.gradient[free], steps.lower[free], steps.upper[free], free)]
     bounds = [(low, high, chosen)]
     further: list[Compressed] = []
@@ -110,8 +111,8 @@ def build_subproblem(
         variation = model.variation
         differences = variation.at(state.z)
         k = differences.size
-        own = Compressed.of(variation.matrix).chosen(moving)
-        every_row, count = body.followed_by(own), count + k
+        jumps = Compressed.of(variation.matrix).chosen(moving)
+        every_row, count = body.followed_by(jumps), count + k
         either = np.repeat([-1.0, 1.0], k)
         places = chosen.size + np.tile(np.arange(k), 2)
         further.append(Compressed.of_table(either[:, None], places[:, None], count))
@@ -144,19 +145,19 @@ def build_subproblem(
 
 
 def _curvature(model: Model, free: IntArray, size: int) -> sp.csc_matrix | None:
-    """Curvature of the objective in all columns, from its roots in the unknowns."""
-    own, root, near = None, model.root, model.near
-    if near is not None:
+    """Hessian of the objective for all columns, from the roots for the unknowns."""
+    diagonal, root, proximal = None, model.root, model.proximal
+    if proximal is not None:
         squares = np.zeros(size)
-        squares[: free.size] = near[free] ** 2
+        squares[: free.size] = proximal[free] ** 2
         every = np.arange(size)
-        own = Compressed.of_table(squares[:, None], every[:, None], size).columns()
+        diagonal = Compressed.of_table(squares[:, None], every[:, None], size).columns()
     if root is None:
-        return own
+        return diagonal
     of_step = root[:, free]
     curved = sp.csc_matrix(of_step.T @ of_step)
-    curved.resize(size, size)  # all other columns have none
-    return curved if own is None else sp.csc_matrix(curved + own)
+    curved.resize(size, size)  # the objective is linear in all other columns
+    return curved if diagonal is None else sp.csc_matrix(curved + diagonal)
 
 
 def _rows_within_reach(
@@ -166,12 +167,12 @@ def _rows_within_reach(
     steps: StepBounds,
     moving: BoolArray,
 ) -> tuple[IntArray, Compressed, Array, Array]:
-    """Rows that a step in the box may bring to a bound: the others are left out.
+    """Rows that may reach a bound within the box for the step; others are left out.
 
     Returns:
-        Their indices, shape (r,), their part of the Jacobian in what can move, and
-        their bounds less their values, infinite where a bound is out of reach, which
-        helps the solver.
+        Indices of these rows, shape (r,), their Jacobian by the unknowns that can
+        change, and their bounds minus their values. Bounds that are out of reach are
+        infinite, which helps the solver.
     """
     matrix = Compressed.of(linearization.matrix)
     change = matrix.reach(np.maximum(np.abs(steps.lower), np.abs(steps.upper)))
@@ -192,7 +193,7 @@ def _elastic_columns(
     slack_groups: IntArray,
     count: int,
 ) -> Compressed:
-    """Coefficients of the elastic variables in the rows, of which some are chosen."""
+    """Coefficients of the elastic variables in the chosen rows."""
     here = values[chosen]
     low, high = rows.lower[chosen], rows.upper[chosen]
     group = rows.group[chosen]

@@ -1,16 +1,16 @@
 r"""Time against energy: T + k times an energy, and convex models of energies.
 
-Both energies are sums over the Gauss points of the intervals, of lengths h and with
-weights w, with the robot and the load of each segment:
+Both energies are sums over the Gauss points, with weights w, of the intervals, with
+lengths h; each segment has its own robot and load:
 
-- of squared torques, :math:`\sum |r|^2` with r = sqrt(w h) u. Its linearisation in r
-  gives a convex quadratic (Gauss and Newton);
-- of the work that motors do, :math:`\sum \max(p, 0)` with p = w h u v, of each motor
-  by itself: what one gets back by braking drives no other. Linearised in p it is convex
-  and piecewise linear, its kinks and all.
+- squared torques, :math:`\sum |r|^2` with r = sqrt(w h) u. The linearisation of r gives
+  a convex quadratic model (Gauss and Newton);
+- work of the motors, :math:`\sum \max(p, 0)` with p = w h u v, for each motor
+  separately: energy recovered by a braking motor does not drive another one. The
+  linearisation of p gives a convex, piecewise linear model, which keeps the kinks.
 
-The curvature along slower and faster motions is added, which is known and the largest
-of what is left out.
+Of the curvature that these models omit, the largest part is known, and is added: the
+curvature along slower and faster motions.
 """
 
 from __future__ import annotations
@@ -33,31 +33,32 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
-# Shares of an interval and weights of the quadrature: exact where what is summed is of
-# degree 5 in time.
+# Gauss points as shares of an interval, and weights of the quadrature, which is exact
+# for integrands of degree 5 in time.
 SHARES = (0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15))
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
-# Further steps are not worth their time for this share of the objective.
+# Relative reduction of the objective below which progress has settled.
 SETTLED = 1e-6
-# Change of a duration by which curvature along it is found.
+# Relative change of a duration for the difference quotient of the curvature along it.
 STRETCH = 1e-3
-# Share of the work that a step as long as the trust region costs in each unknown.
+# Proximal term: cost of a step of the size of the trust region in each unknown, as a
+# share of the work.
 TRACE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Energy(ABC):
-    """An energy of a program's motions.
+    """An energy of the motions of a program.
 
     Attributes:
-        nlp: The program.
+        nlp: The nonlinear program.
     """
 
     nlp: NonlinearProgram
 
     @abstractmethod
     def __call__(self, z: Array) -> float:
-        """What it is."""
+        """The energy at an iterate."""
 
     @abstractmethod
     def model(self, z: Array, steps: StepBounds) -> Model:
@@ -69,51 +70,52 @@ class Energy(ABC):
         """
 
     def _points(self, motion: Motion) -> tuple[Instants, States]:
-        of = self.nlp.transcription
-        at = Instants.spread(of.intervals, SHARES)
-        return at, of.states(motion, at, 2)
+        """The Gauss points of all intervals, and the states there."""
+        scheme = self.nlp.transcription
+        at = Instants.spread(scheme.intervals, SHARES)
+        return at, scheme.states(motion, at, 2)
 
     def _segments(self) -> Iterator[tuple[ProblemFunctions, slice]]:
-        """The functions of each segment, and its Gauss points."""
-        of, count = self.nlp.transcription, len(SHARES)
-        for part, (first, end) in zip(of.system.segments, of.segments, strict=True):
-            yield part, slice(count * first, count * end)
+        """The functions of each segment, and the slice of its Gauss points."""
+        scheme, count = self.nlp.transcription, len(SHARES)
+        for part, (i, j) in zip(scheme.system.segments, scheme.segments, strict=True):
+            yield part, slice(count * i, count * j)
 
     def _torques(self, states: States) -> Array:
-        """Torques of the motors, dry friction and all, shape (m, n)."""
+        """Torques of the motors, including dry friction, shape (m, n)."""
         torques = np.empty_like(states.v)
-        for part, mine in self._segments():
-            torques[mine] = part.motors.torque(_some(states, mine))
+        for part, points in self._segments():
+            torques[points] = part.motors.torque(_states_at(states, points))
         return torques + self.nlp.system.problem.robot.friction * np.sign(states.v)
 
     def _torque_partials(self, states: States) -> Iterator[tuple[slice, Partials]]:
-        """Derivatives of these torques by the states, of each segment, row by row."""
+        """Derivatives of the torques by the states, with their rows, by segment."""
         n = states.v.shape[1]
-        for part, mine in self._segments():
-            every = np.arange(mine.start, mine.stop)
+        for part, points in self._segments():
+            every = np.arange(points.start, points.stop)
             at, joints = np.repeat(every, n), np.tile(np.arange(n), every.size)
             partials = part.motors.differentiate(states, at, joints)
-            rows = slice(mine.start * n, mine.stop * n)
+            rows = slice(points.start * n, points.stop * n)
             yield rows, partials.times(part.motors.half[joints][:, None])
 
     def _lengths(self, motion: Motion) -> sp.csr_matrix:
         """Derivatives of the lengths of the intervals, shape (N, size)."""
-        of = self.nlp.transcription
-        every = np.arange(of.intervals)
+        scheme = self.nlp.transcription
+        every = np.arange(scheme.intervals)
         times = Partials(every, by_t=np.ones(every.size))
         ends, begins = (
-            of.pull_back(motion, Instants(every, np.full(every.size, share)), times)
+            scheme.pull_back(motion, Instants(every, np.full(every.size, share)), times)
             for share in (1.0, 0.0)
         )
         return sp.csr_matrix(ends - begins)
 
-    def _of_pace(
+    def _pace_curvature(
         self, z: Array, value: float, jacobian: sp.csr_matrix
     ) -> sp.csr_matrix:
-        """Root of the curvature along slower motions that the squares do not have.
+        """Root of the curvature along time scaling that the squares do not contain.
 
-        From rest to rest the pace is changed as one, of several segments too: with that
-        of a part of them alone, the path would change.
+        Between stops the speed of the motion is scaled as a whole, even across several
+        segments: to scale only some of these would change the path.
         """
         nlp, roots = self.nlp, []
         paces = list(self._paces(z))
@@ -130,30 +132,30 @@ class Energy(ABC):
         return sp.csr_matrix(np.array(roots))
 
     def _paces(self, z: Array) -> Iterator[Array]:
-        """Which unknowns are durations, for each part of the motion between stops."""
+        """Indicators of the durations, for each part of the motion between stops."""
         nlp = self.nlp
         durations = np.flatnonzero(nlp.cost)
         stops = [segment.stop for segment in nlp.system.problem.segments[:-1]]
         number = np.concatenate([[0], np.cumsum(stops)])
         if number.size != durations.size:
             number = np.zeros(durations.size)
-        for one in np.unique(number):
+        for part in np.unique(number):
             pace = np.zeros(z.size)
-            pace[durations[number == one]] = 1.0
+            pace[durations[number == part]] = 1.0
             yield pace
 
 
-def _some(states: States, which: slice) -> States:
-    """States at some of the instants."""
+def _states_at(states: States, which: slice) -> States:
+    """States at the chosen instants."""
     t, q, v, a, u = states
-    some_u = None if u is None else u[which]
-    return States(t[which], q[which], v[which], a[which] if len(a) else a, some_u)
+    chosen_u = None if u is None else u[which]
+    return States(t[which], q[which], v[which], a[which] if len(a) else a, chosen_u)
 
 
 class SquaredTorques(Energy):
     """The integral of the squared torques [N^2 m^2 s].
 
-    Where the arm stays at the end of a segment, it is that of the torques that hold it.
+    During a dwell at the end of a segment the torques are those that hold the arm.
     """
 
     def __call__(self, z: Array) -> float:
@@ -161,20 +163,20 @@ class SquaredTorques(Energy):
         motion = self.nlp.transcription.motion(z)
         squares = np.sum(self._torques(self._points(motion)[1]) ** 2, axis=1)
         moving = float(np.sum(squares.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
-        return moving + sum(float(held @ held) for held, _ in self._held(motion))
+        return moving + sum(float(held @ held) for held, _ in self._holding(motion))
 
     def model(self, z: Array, steps: StepBounds) -> Model:
-        """The integral near an iterate."""
+        """Gauss-Newton model of the integral near an iterate."""
         residual, jacobian = self._terms(z)
         gradient = np.asarray(2.0 * (jacobian.T @ residual))
-        pace = self._of_pace(z, float(residual @ residual), jacobian)
+        pace = self._pace_curvature(z, float(residual @ residual), jacobian)
         root = sp.vstack([np.sqrt(2.0) * jacobian, pace], format="csr")
         return Model(lambda z, _: self(z), gradient, root)
 
     def _terms(self, z: Array) -> tuple[Array, sp.csr_matrix]:
         """Roots of the terms of the sum, and their Jacobian."""
-        of = self.nlp.transcription
-        motion = of.motion(z)
+        scheme = self.nlp.transcription
+        motion = scheme.motion(z)
         at, states = self._points(motion)
         h, n = motion.h, states.v.shape[1]
         torques = self._torques(states).ravel()
@@ -182,44 +184,41 @@ class SquaredTorques(Energy):
         size = np.repeat(np.sqrt(h[at.interval]), n) * np.sqrt(share)
         by_length = self._lengths(motion)[np.repeat(at.interval, n)]
         parts = [
-            of.pull_back(motion, at, partials)
+            scheme.pull_back(motion, at, partials)
             for _, partials in self._torque_partials(states)
         ]
         jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
         longer = 0.5 * torques * share / size
         jacobian = sp.csr_matrix(jacobian + sp.diags(longer) @ by_length)
         values, matrices = [size * torques], [jacobian]
-        for held, by in self._held(motion):
+        for held, by in self._holding(motion):
             values.append(held)
             matrices.append(by)
         return np.concatenate(values), sp.vstack(matrices, format="csr")
 
-    def _held(self, motion: Motion) -> Iterator[tuple[Array, sp.csr_matrix]]:
-        """Roots of what it takes to stay at the ends of segments, and their Jacobians.
-
-        Of segments that have a dwell.
-        """
-        of = self.nlp.transcription
-        asked = of.system.problem.segments
-        segments = zip(of.system.segments, of.segments, asked, strict=False)
-        for part, (_, end), one in segments:
-            if one.dwell == 0.0:
+    def _holding(self, motion: Motion) -> Iterator[tuple[Array, sp.csr_matrix]]:
+        """Residuals of the holding torques during dwells, and their Jacobians."""
+        scheme = self.nlp.transcription
+        parts = scheme.system.segments
+        dwells = [segment.dwell for segment in scheme.system.problem.segments]
+        for part, (_, end), dwell in zip(parts, scheme.segments, dwells, strict=False):
+            if dwell == 0.0:
                 continue
             at = Instants.end(end)
-            states = of.states(motion, at, 0)
+            states = scheme.states(motion, at, 0)
             still = np.zeros_like(states.q)
             states = States(states.t, states.q, still, still)
-            root = np.sqrt(one.dwell)
+            root = np.sqrt(dwell)
             held = root * part.motors.torque(states)[0]
             joints = np.arange(held.size)
             partials = part.motors.differentiate(states, 0 * joints, joints)
             scale = root * part.motors.half[:, None]
             by_q = Partials(partials.at, by_q=partials.times(scale).by_q)
-            yield held, of.pull_back(motion, at, by_q)
+            yield held, scheme.pull_back(motion, at, by_q)
 
 
 class PositiveWork(Energy):
-    """The work that the motors do [J]; what they get back by braking is lost."""
+    """The work of the motors [J]; energy from braking is not recovered."""
 
     def __call__(self, z: Array) -> float:
         """The work [J]."""
@@ -229,9 +228,10 @@ class PositiveWork(Energy):
         return float(np.sum(power.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
 
     def model(self, z: Array, steps: StepBounds) -> Model:
-        """The work near an iterate: max(p, 0) is half of p, and half of its size.
+        """Model of the work near an iterate: max(p, 0) is half of p + abs(p).
 
-        Of terms that no step of the box brings to zero the sign is known.
+        Terms that no step within the box brings to zero have a known sign, and are
+        linear.
         """
         power, jacobian = self._terms(z)
         value = float(np.sum(np.maximum(power, 0.0)))
@@ -239,22 +239,22 @@ class PositiveWork(Energy):
         near = np.abs(power) <= abs(jacobian) @ box
         kinks = jacobian[near]
         signs = np.where(near, 0.5, power > 0.0)
-        # A trace of curvature for what is free to be anything.
+        # A small proximal term determines the unknowns that do not affect the work.
         trace = np.sqrt(TRACE * value)
         still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
         return Model(
             lambda z, _: self(z),
             np.asarray(jacobian.T @ signs),
-            self._of_pace(z, value, sp.csr_matrix((1, z.size))),
+            self._pace_curvature(z, value, sp.csr_matrix((1, z.size))),
             still,
             Variation(kinks, power[near] - kinks @ z),
             0.5,
         )
 
     def _terms(self, z: Array) -> tuple[Array, sp.csr_matrix]:
-        """Work of each motor by Gauss points, and its Jacobian."""
-        of = self.nlp.transcription
-        motion = of.motion(z)
+        """Work of each motor at each Gauss point, and the Jacobian."""
+        scheme = self.nlp.transcription
+        motion = scheme.motion(z)
         at, states = self._points(motion)
         h, n = motion.h, states.v.shape[1]
         torques, speeds = self._torques(states), states.v
@@ -262,7 +262,7 @@ class PositiveWork(Energy):
         size = share * np.repeat(h[at.interval], n)
         by_length = self._lengths(motion)[np.repeat(at.interval, n)]
         parts = [
-            of.pull_back(motion, at, _power(partials, rows, torques, speeds))
+            scheme.pull_back(motion, at, _power(partials, rows, torques, speeds))
             for rows, partials in self._torque_partials(states)
         ]
         power = (torques * speeds).ravel()
@@ -272,7 +272,7 @@ class PositiveWork(Energy):
 
 
 def _power(partials: Partials, rows: slice, torques: Array, speeds: Array) -> Partials:
-    """Derivatives of powers from those of torques."""
+    """Derivatives of the powers from the derivatives of the torques."""
     n = speeds.shape[1]
     by = partials.times(speeds.ravel()[rows][:, None])
     direct = np.zeros((rows.stop - rows.start, n))
@@ -295,8 +295,8 @@ class TimeAndEnergy(Objective):
         T + k \int_0^T \sum_i \max(u_i \dot q_i, 0) \, dt
 
     Attributes:
-        measure: Which energy, as options name it.
-        weight: Its weight k [1/(N^2 m^2) or s/J].
+        measure: Kind of energy, by its name in options.
+        weight: Weight k of the energy [1/(N^2 m^2) or s/J].
     """
 
     measure: str
@@ -304,12 +304,12 @@ class TimeAndEnergy(Objective):
 
     @classmethod
     def of(cls, options: Options) -> TimeAndEnergy:
-        """The energy that options weigh."""
+        """The objective with the energy and the weight of options."""
         weighed = options.energy, options.energy_weight
         return cls(SETTLED, options.feasibility, *weighed)
 
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
-        """T + k times the energy [s]; infinite for no motion."""
+        """T + k times the energy [s]; infinite if the motion is not finite."""
         energy = self._energy(program)
         if not energy.nlp.transcription.motion(z).finite:
             return np.inf
@@ -324,12 +324,12 @@ class TimeAndEnergy(Objective):
     ) -> Model:
         """The duration, and a convex model of the energy."""
         model, k = self._energy(program).model(state.z, steps), self.weight
-        near = None if model.near is None else np.sqrt(k) * model.near
+        proximal = None if model.proximal is None else np.sqrt(k) * model.proximal
         return Model(
             lambda z, values: self.value(program, z, values),
             program.cost + k * model.gradient,
             np.sqrt(k) * model.root,
-            near,
+            proximal,
             model.variation,
             k * model.weight,
         )

@@ -1,17 +1,18 @@
 """Sequential convex programming: linearise, solve, correct, accept or shrink.
 
-A linear program knows nothing of what bends. Where the solution is no vertex of its
-rows, as on a way that a tool speed rules and that is shortest where it is straight, its
-steps loop to the ends of the trust region and back. Constraints that are convex
-functions of what is linear tell their curvature; weighted with the multipliers of the
-last program it is added to the objective, and the steps are those of Newton's method.
+Linear programs ignore curvature. If the solution is no vertex of the constraints, for
+example if a limit of the tool speed rules a motion whose shortest path is straight,
+their steps oscillate between the bounds of the trust region. Constraints that are
+convex functions of linearised quantities provide their curvature; weighted with the
+multipliers of the last program, it is added to the objective, and the steps become
+those of Newton's method.
 
-The error of a linearisation is put into the right-hand side and the same program is
-solved once more, which keeps steps along curved constraints from being refused
-(Maratos effect; Fletcher and Sainz de la Maza, 1989; as feasibility iterations
+Second-order correction: the error of the linearisation is moved to the right-hand side,
+and the same program is solved once more, so that steps along curved constraints are not
+rejected (Maratos effect; Fletcher and Sainz de la Maza, 1989; as feasibility iterations
 Kiessling, Zanelli, Nurkanovic, Gillis, Diehl, Zeilinger, Pipeleers and Swevers, 2022).
-If the merit still does not fall, a shorter step is sought: that costs evaluations,
-while a smaller trust region would cost another program.
+If the merit still does not fall, a line search tries shorter steps: it only costs
+evaluations, while a smaller trust region would cost another program.
 """
 
 from __future__ import annotations
@@ -43,54 +44,59 @@ from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
 from tominpmp.transcription.program import NonlinearProgram
 
-# Weights of the merit before any multiplier is known, in shares of the objective: what
-# the duration can gain at most from a violation of 100 % of a torque (T/2), or of a
-# limit of joints' velocities or of the speed of a tool (T).
+# Penalty weights before any multiplier is known, as multiples of the objective. They
+# exceed the most that the duration can gain from a violation of 100 %: T/2 for torques,
+# T for velocities of joints and for speeds of tools.
 FIRST_WEIGHTS = {"torque": 0.7, "acceleration": 0.7, "velocity": 2.0, "speed": 2.0}
 OTHER_WEIGHT = 10.0
-# Raising of the weights when the iteration settles on a violated constraint.
+# Factor by which the weights are raised if the iteration settles on a violated
+# constraint, and most raises.
 WEIGHT_GROWTH = 10.0
 WEIGHT_RAISES = 4
-# Gap of a program that is none, as a share of the tolerance. With half of it programs
-# take more iterations; with twice as much warm starts on a clock took a period more.
+# Duality gap below which a program counts as solved, as a share of the tolerance. With
+# half of it programs take more iterations; with twice as much, warm starts on a clock
+# took a period more.
 ACCURACY = 0.1
-# No progress is predicted if it is less than this share of the tolerance.
+# A predicted reduction below this share of the tolerance counts as no progress.
 QUIET = 0.1
-# Progress is judged over this many iterations.
+# Number of iterations over which progress is judged.
 WINDOW = 3
-# Rounds of putting rows into a program that its step breaks by more than this.
+# Rows that the step violates by more than MISSED join the program, in at most this many
+# rounds.
 ADDITIONS = 3
 MISSED = 1e-4
+# Damping factors of the line search.
 LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
-# A step that brings this share of what was predicted needs no correction.
+# A step that achieves this share of the predicted reduction needs no correction.
 ENOUGH = 0.8
-# Second-order corrections of a step, by what the rows are: without equations a second
-# one costs a third more programs and brings nothing (benchmarks/random_goals.py).
+# Most second-order corrections of a step, for programs without and with equations:
+# without equations a second one costs a third more programs and gains nothing
+# (benchmarks/random_goals.py).
 CORRECTIONS, CORRECTIONS_OF_EQUATIONS = 1, 4
-# Another correction follows while one leaves at most this share of the violation.
+# Another correction follows if the last one leaves at most this share of the violation.
 CONTRACTION = 0.5
-# They are for violations between these.
+# Largest and smallest violation that is corrected.
 CORRECTABLE = 1.0
 EXACT = 1e-10
-# Share of the violation that the error of a step may have once the objective has
-# settled, and the radius that is left at least.
+# Once the objective has settled, the second-order error of the next step may be at most
+# this share of the violation; and the least radius then, as a share of the initial one.
 SETTLED_ERROR = 0.05
 SETTLED_RADIUS = 0.01
-# Shorter motions are settled to a share of this: an arm that is at its goal already
-# would get there sooner and sooner [s].
+# Least duration for relative tolerances: the motion of an arm that stands at its goal
+# would become ever shorter [s].
 SHORTEST = 0.01
 
 
 def trust_regions(
     options: Options, lp: LpSolver | None = None, accuracy: float | None = None
 ) -> tuple[TrustRegionStep, Rule]:
-    """Steps within trust regions, and when they end.
+    """Steps within trust regions, and their stop rule.
 
     Args:
-        options: The first radius, the solver and the limit on the iterations.
-        lp: Another solver of the programs of the steps; None for that of the options.
-        accuracy: Gap of such a program that is none, as a share of the objective; None
-            fits its tolerance.
+        options: Options with the initial radius, the solver and the iteration limit.
+        lp: Solver of the subproblems; None for the solver of the options.
+        accuracy: Duality gap below which a subproblem counts as solved, as a share of
+            the objective; None for a gap that fits the tolerance of the objective.
     """
     lp = make_solver(options.lp_solver) if lp is None else lp
     limits = Raises(WEIGHT_RAISES), exhausted, Iterations(options.max_iterations)
@@ -99,17 +105,17 @@ def trust_regions(
 
 
 class _Proposal(NamedTuple):
-    """What the program of an iteration proposes.
+    """The step that the subproblem of an iteration proposes.
 
     Attributes:
-        program: The program.
-        model: Its objective.
-        solution: Its solution.
+        program: The subproblem.
+        model: The model of the objective.
+        solution: The solution of the subproblem.
         value: The objective at the iterate.
         step: The step, shape (size,).
-        promised: Row values that the linearisation promises, shape (m,).
-        reached: Row values where the step leads, shape (m,).
-        room: Rows that have more of it need not be exact.
+        promised: Row values that the linearisation predicts, shape (m,).
+        reached: Row values after the step, shape (m,).
+        room: Rows whose slack exceeds this need not be evaluated exactly.
     """
 
     program: Subproblem
@@ -124,13 +130,13 @@ class _Proposal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrustRegionStep:
-    """A step of sequential linear, or quadratic, programming on any transcription.
+    """A step of sequential linear or quadratic programming, for any transcription.
 
     Attributes:
-        lp: Solver of the programs.
-        radius: Radius of the trust region to begin with [rad].
-        accuracy: Gap of a program that is none, as a share of the objective; None fits
-            its tolerance.
+        lp: Solver of the subproblems.
+        radius: Initial trust-region radius [rad].
+        accuracy: Duality gap below which a subproblem counts as solved, as a share of
+            the objective; None for a gap that fits the tolerance of the objective.
     """
 
     lp: LpSolver
@@ -140,30 +146,30 @@ class TrustRegionStep:
     def start(
         self, program: NonlinearProgram, objective: Objective, z: Array
     ) -> Iterate:
-        """The iterate to begin with, and the weights of its violations."""
+        """The initial iterate, with the penalty weights of its violations."""
         state = Iterate.of(program, z, 0.0)
         shares = np.array([first_weight(kind) for kind in program.rows.kinds])
         weights = objective.value(program, z, state.values) * shares
         return replace(state, weights=weights)
 
     def __call__(self, loop: Loop) -> None:
-        """Linearise, solve, correct, search, accept or shrink."""
+        """Linearise, solve, correct, search; accept the step or shrink the radius."""
         state, objective = loop.state, loop.objective
-        found = self._propose(loop)
-        if found is None:
+        proposal = self._propose(loop)
+        if proposal is None:
             radius = next_radius(state.radius, 0.0, 0.1)
-            loop.reached(replace(state, radius=radius), None)
+            loop.advance(replace(state, radius=radius), None)
             return
-        outcome = self._search(loop, found)
-        multipliers = found.program.multipliers(found.solution)
-        weights = state.raised_weights(multipliers, found.promised)
+        outcome = self._search(loop, proposal)
+        multipliers = proposal.program.multipliers(proposal.solution)
+        weights = state.raised_weights(multipliers, proposal.promised)
         if outcome.accepted:
             state = replace(state, z=outcome.trial.z, values=outcome.trial.values)
         gained = max(outcome.actual, 0.0)
         state = replace(
             state,
             weights=weights,
-            radius=self._radius_after(loop, found, outcome),
+            radius=self._radius_after(loop, proposal, outcome),
             multipliers=multipliers,
             gains=(*state.gains, gained)[-WINDOW:],
         )
@@ -172,25 +178,25 @@ class TrustRegionStep:
         slow = len(state.gains) == WINDOW and sum(state.gains) < little
         settled = slow or outcome.predicted < QUIET * little
         if settled and not objective.restorable(loop.program, state):
-            # Settled on a violated constraint: its weight may be below its multiplier.
+            # The weight of the violated constraint may be below its multiplier.
             weights = WEIGHT_GROWTH * state.weights
             state = replace(state, weights=weights, raises=state.raises + 1, gains=())
-        loop.reached(state, replace(outcome, settled=settled))
+        loop.advance(state, replace(outcome, settled=settled))
 
     def _propose(self, loop: Loop) -> _Proposal | None:
-        """Build the program of an iteration and solve it.
+        """Build the subproblem of an iteration and solve it.
 
-        Rows far from their bounds are left out at first; those that the step breaks are
-        put in.
+        Rows far from their bounds are left out at first; rows that the step violates
+        join the subproblem, which is then solved again.
 
         Returns:
-            The proposal; None if the program could not be solved.
+            The proposal; None if the subproblem could not be solved.
         """
         nlp, objective, state, lp = loop.program, loop.objective, loop.state, self.lp
         z, values = state.z, state.values
         radius = self.radius * state.radius
         steps = objective.within(nlp, nlp.step_bounds(z, radius))
-        # The next step may be as much longer as trust regions grow.
+        # The trust region of the next step may be larger by the factor GROWTH.
         room = GROWTH * nlp.attention(steps)
         accuracy = self.accuracy
         if accuracy is None:
@@ -198,23 +204,23 @@ class TrustRegionStep:
         value = objective.value(nlp, z, values)
         accuracy *= value
         root = nlp.curvature(z, state.multipliers) if lp.curved else None
-        unknown = lp.curved and root is None  # no multipliers yet, or nothing bends
+        unknown = lp.curved and root is None  # no multipliers yet, or no curvature
         selecting = values
         linearization = nlp.linearize(z, selecting, steps)
-        model = objective.model(nlp, state, steps, linearization).bent(root)
+        model = objective.model(nlp, state, steps, linearization).with_curvature(root)
         for additions in range(1 + ADDITIONS):
             check()
             program = build_subproblem(state, model, linearization, steps, accuracy)
-            solution = loop.counted(self.lp.solve(program.program))
+            solution = loop.count(self.lp.solve(program.program))
             if unknown and solution.optimal:
                 root = nlp.curvature(z, program.multipliers(solution))
                 unknown = False
                 if root is not None:
-                    model = model.bent(root)
+                    model = model.with_curvature(root)
                     program = build_subproblem(
                         state, model, linearization, steps, accuracy
                     )
-                    solution = loop.counted(self.lp.solve(program.program))
+                    solution = loop.count(self.lp.solve(program.program))
             if not solution.optimal:
                 return None
             step = program.step(solution)
@@ -229,30 +235,30 @@ class TrustRegionStep:
         promised[program.rows] += program.change(step)
         return _Proposal(program, model, solution, value, step, promised, reached, room)
 
-    def _search(self, loop: Loop, found: _Proposal) -> Outcome:
-        """Try the step, corrections of it, then shorter ones."""
+    def _search(self, loop: Loop, proposal: _Proposal) -> Outcome:
+        """Try the step, then its second-order corrections, then shorter steps."""
         nlp, state, rows = loop.program, loop.state, loop.program.rows
-        program, model, penalty = found.program, found.model, state.penalty
-        z, values, step = state.z, state.values, found.step
+        program, model, penalty = proposal.program, proposal.model, state.penalty
+        z, values, step = state.z, state.values, proposal.step
 
         def tried(
             step: Array, damping: float = 1.0, known: Array | None = None
         ) -> Trial:
             check()
             there = z + damping * step
-            reached = nlp.evaluate(there, found.room) if known is None else known
+            reached = nlp.evaluate(there, proposal.room) if known is None else known
             merit = model.value(there, reached) + penalty(reached)
             return Trial(there, reached, merit, damping)
 
         now = model.value(z, values)
-        # In this order nothing is rounded where the objective is its model.
-        promise = now - model.straight(z) + model.straight(z + step)
-        promise += penalty(found.promised)
-        if found.solution.curved:
-            promise += model.bend(step)
+        # In this order there is no rounding error if the model is exact.
+        promise = now - model.without_curvature(z) + model.without_curvature(z + step)
+        promise += penalty(proposal.promised)
+        if proposal.solution.curved:
+            promise += model.curvature_term(step)
         now += penalty(values)
         predicted = max(now - promise, 0.0)
-        trial = best = tried(step, known=found.reached)
+        trial = best = tried(step, known=proposal.reached)
         equations = bool(np.any(rows.lower == rows.upper))
         for _ in range(CORRECTIONS_OF_EQUATIONS if equations else CORRECTIONS):
             left = rows.largest_violation(trial.values)
@@ -261,7 +267,7 @@ class TrustRegionStep:
                 break
             linear = values[program.rows] + program.change(trial.z - z)
             error = trial.values[program.rows] - linear
-            again = loop.counted(self.lp.resolve(*program.corrected(error)))
+            again = loop.count(self.lp.resolve(*program.corrected(error)))
             if not again.optimal:
                 break
             trial = tried(program.step(again))
@@ -280,19 +286,20 @@ class TrustRegionStep:
         actual = now - best.merit
         return Outcome(best, predicted, actual, ratio, actual > 0.0)
 
-    def _radius_after(self, loop: Loop, found: _Proposal, outcome: Outcome) -> float:
-        """Radius of the trust region for the next step, as a share of the first one.
+    def _radius_after(self, loop: Loop, proposal: _Proposal, outcome: Outcome) -> float:
+        """Trust-region radius for the next step, as a share of the initial one.
 
-        A linear program uses the whole of it for unknowns that the objective leaves
-        free, with an error of the square of the radius. Once the objective has settled
-        it is kept below the last violation, which a step of its size removes.
+        A linear program uses the whole trust region for unknowns that the objective
+        leaves free, which causes violations of the order of the squared radius. Once
+        the objective has settled, the radius is therefore limited, so that the next
+        step removes the last violation instead of causing another one.
         """
         state, trial, objective = loop.state, outcome.trial, loop.objective
         radius = next_radius(state.radius, outcome.ratio, trial.damping)
         left = loop.program.rows.largest_violation(trial.values)
-        little = objective.tolerance * found.value
-        gradient = found.model.gradient
-        change = max(abs(gradient @ (trial.z - state.z)), abs(gradient @ found.step))
+        little = objective.tolerance * proposal.value
+        gradient = proposal.model.gradient
+        change = max(abs(gradient @ (trial.z - state.z)), abs(gradient @ proposal.step))
         if change > little or not objective.feasibility < left <= RESTORABLE:
             return radius
         enough = math.sqrt(SETTLED_ERROR * left) / self.radius
@@ -300,10 +307,10 @@ class TrustRegionStep:
 
 
 def first_weight(kind: str) -> float:
-    """Weight of a kind of rows before any multiplier is known, in shares of T.
+    """Penalty weight of a kind of rows before any multiplier is known, as a share of T.
 
-    Kinds are named as "torque", "torque on segment 2", or "speed of frame tip".
+    Examples of kinds are "torque", "torque on segment 2", or "speed of frame tip".
     """
-    of_all, _, _ = kind.partition(" on segment")
-    quantity, _, _ = of_all.partition(" of ")
+    on_any_segment, _, _ = kind.partition(" on segment")
+    quantity, _, _ = on_any_segment.partition(" of ")
     return FIRST_WEIGHTS.get(quantity, OTHER_WEIGHT)
