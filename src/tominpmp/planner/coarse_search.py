@@ -97,7 +97,7 @@ ABOVE_AMONG_OBSTACLES = 1.2
 # A descent among obstacles on the requested grid is stopped after this many iterations
 # unless it is nearly feasible and its gap to the lower bound is at most GAP; and at any
 # iteration where the gap exceeds LARGE_GAP. Coarse grids follow.
-DIRECT, LARGE_GAP = 8, 0.1
+DIRECT_ITERATIONS, LARGE_GAP = 8, 0.1
 # Stop rule of probes: number of consecutive starts that predict no gain, for arms of
 # few joints, and of many.
 FAILURES, FAILURES_MANY_JOINTS = 4, 8
@@ -148,13 +148,13 @@ def search(
     """Search for the best motion of a problem with one goal.
 
     Args:
-        system: The functions of the problem.
+        system: Functions of the problem.
         state: The plan.
         guesses: Guesses, the most promising first.
         compared: Number of guesses that are compared before the best one is finished.
     """
-    first_ones = list(itertools.islice(guesses.since(0), compared))
-    first = next((guess for guess in first_ones if guess.timed), first_ones[0])
+    head = list(itertools.islice(guesses.since(0), compared))
+    first = next((guess for guess in head if guess.timed), head[0])
     torques = torques_rule(system, first)
     coarse = CoarseSearch(system, state.options, state, torques=torques)
     if system.final_configuration is not None and not torques:
@@ -197,9 +197,9 @@ def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status 
     record = loop.history[-1]
     bound = state.lower_bound(system.problem).T
     above = record.duration / max(bound, 1e-12) - 1.0
-    early = len(state.records) < DIRECT
-    near = early or (above <= GAP and record.violation <= NEARLY)
-    return None if near and above <= LARGE_GAP else Status.ITERATION_LIMIT
+    early = len(state.records) < DIRECT_ITERATIONS
+    good = early or (above <= GAP and record.violation <= NEARLY)
+    return None if good and above <= LARGE_GAP else Status.ITERATION_LIMIT
 
 
 def _further_guesses(
