@@ -7,9 +7,9 @@ problem = tm.Problem(robot, q_start, tm.JointGoal(q_goal))
 solution = tm.plan(problem)
 print(solution.T, solution.trajectory(0.1).q)
 
-``__init__.pyi`` says where the public names are: a module is imported when one of its
-names is first used, so that the command line heeds signals, and shows its help, before
-anything that takes long is imported.
+``__init__.pyi`` lists the modules of the public names: a module is imported when one of
+its names is first used, so that the command line handles signals, and shows its help,
+before any slow import.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def __getattr__(name: str) -> Any:
         import lazy_loader
 
         _attached = lazy_loader.attach_stub(__name__, __file__)
-    of_a_module, _, names = _attached
-    return names if name == "__all__" else of_a_module(name)
+    load_attribute, _, names = _attached
+    return names if name == "__all__" else load_attribute(name)
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,7 @@
 """The array type of the library, and records that hold arrays.
 
-Problem data are frozen: the arrays in them cannot be written to, so that a problem that
-was checked once stays as it was checked.
+Problem data are frozen: their arrays are read-only, so that a problem remains valid
+once it has been checked.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from tominpmp.exceptions import brief, shortened
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-#: Marks what may be None although it is not where all is well: whoever has a solution
-#: that is a success need not ask. Type checkers know the other type beside it.
+#: Type of an attribute that is None only after a failure: who has a successful solution
+#: need not test it. An annotation names the usual type as well, for type checkers.
 MaybeNone: TypeAlias = Any
 
-#: Takes a caller's value and its name in messages; returns the value that is kept.
+#: Takes a caller's value and its name in messages; returns the value to be stored.
 Check = Callable[[Any, str], Any]
 
 _T = TypeVar("_T")
@@ -34,9 +34,9 @@ _R = TypeVar("_R", bound="Record")
 _Given = TypeVar("_Given", contravariant=True)
 _Kept = TypeVar("_Kept", covariant=True)
 
-# A range may stand for any number of numbers without holding them.
+# Longest range that is converted: it may denote far more numbers than fit in memory.
 MOST_NUMBERS = 10_000_000
-# Characters of the fields of a record, and numbers of an array in them.
+# Characters that a record's line spends on its fields; largest array written out in it.
 LINE = 150
 FEW_NUMBERS = 12
 
@@ -58,7 +58,7 @@ def _read_only(values: ArrayLike, _: str) -> NDArray[Any]:
     return array
 
 
-# Types of fields of which a Record keeps a read-only copy.
+# Field types of which a Record stores a read-only copy.
 FrozenArray: TypeAlias = Annotated[Array, _read_only]
 FrozenFlags: TypeAlias = Annotated[BoolArray, _read_only]
 
@@ -66,10 +66,10 @@ FrozenFlags: TypeAlias = Annotated[BoolArray, _read_only]
 def real_array(values: object) -> Array:
     """Take a caller's numbers as a read-only array of floats.
 
-    Unlike NumPy, this refuses text that looks like numbers, truth values and None.
+    Unlike NumPy, this refuses numeric strings, truth values and None.
 
     Returns:
-        A new array that cannot be written to; NaN and infinities are let through.
+        A new read-only array; NaN and infinities are accepted.
 
     Raises:
         ValueError: If the values are not real numbers in a regular array.
@@ -89,7 +89,7 @@ def real_number(value: object) -> float:
     """Take a caller's number as a float.
 
     Returns:
-        The number; NaN and infinities are let through.
+        The number; NaN and infinities are accepted.
 
     Raises:
         ValueError: If it is not a single real number.
@@ -101,7 +101,7 @@ def real_number(value: object) -> float:
 
 
 def array_or_nan(values: object) -> Array:
-    """A caller's numbers as by :func:`real_array`; a single NaN if they are none."""
+    """A caller's numbers as by :func:`real_array`; a single NaN if it refuses them."""
     try:
         return real_array(values)
     except ValueError:
@@ -109,7 +109,7 @@ def array_or_nan(values: object) -> Array:
 
 
 def number_or_nan(value: object) -> float:
-    """A caller's number as by :func:`real_number`; NaN if it is none."""
+    """A caller's number as by :func:`real_number`; NaN if it refuses the value."""
     try:
         return real_number(value)
     except ValueError:
@@ -117,7 +117,7 @@ def number_or_nan(value: object) -> float:
 
 
 def pair_or_nan(value: object) -> tuple[float, float]:
-    """A caller's two numbers as by :func:`real_number`; NaN if they are not two."""
+    """A caller's pair of numbers, each by :func:`real_number`; NaN for invalid ones."""
     try:
         first, second = map(number_or_nan, value)  # type: ignore[call-overload]
     except (TypeError, ValueError):
@@ -126,16 +126,16 @@ def pair_or_nan(value: object) -> tuple[float, float]:
 
 
 def is_single(value: object) -> bool:
-    """Whether a caller's value is one number, or anything that is no row of them.
+    """Whether a caller's value is a single number, or an object that is not a sequence.
 
-    Ranges are rows however long they are, without being written out; so are lists of
-    whatever they hold.
+    Ranges count as sequences without being written out, whatever their length; so do
+    lists, whatever their elements.
     """
     return not isinstance(value, range | list | tuple) and np.ndim(value) == 0  # type: ignore[arg-type]
 
 
 def comparable(value: Any) -> Any:
-    """Turn an array into its shape and numbers; other values remain."""
+    """Turn an array into its shape and numbers; return other values unchanged."""
     # Poses of Pinocchio are compared by their matrices.
     value = getattr(value, "homogeneous", value)
     if isinstance(value, np.ndarray):
@@ -144,23 +144,23 @@ def comparable(value: Any) -> Any:
 
 
 class Converted(Generic[_Given, _Kept]):
-    """Type of a field for which callers may give more than what is kept of it.
+    """Type of a field whose constructor accepts more types than the field stores.
 
-    Type checkers know it by that: ``Converted[VectorLike, Array]`` is a vector in any
-    form for who makes a record, and an array for who reads it.
+    It exists for type checkers: ``Converted[VectorLike, Array]`` accepts a vector in
+    any form when a record is made, and is an array when the field is read.
     """
 
     def __get__(self, record: object, kind: Any, /) -> _Kept:
-        """What is kept; only type checkers ask, as no field is such an object."""
+        """Type of the stored value; read by type checkers only, never called."""
         raise NotImplementedError
 
     def __set__(self, record: object, value: _Given, /) -> None:
-        """What is given."""
+        """Type of the value that a caller may pass."""
         raise NotImplementedError
 
 
 def default(value: object) -> Any:
-    """Default of a converted field, as a caller would give it."""
+    """Default of a converted field, in a form that a caller may pass."""
     return value
 
 
@@ -177,7 +177,7 @@ else:
 
 
 def record_line(record: Any) -> str:
-    """Show a dataclass on one line: the fields that are not at their defaults."""
+    """Show a dataclass on one line: the fields that differ from their defaults."""
     parts = []
     for item in fields(record):
         value = getattr(record, item.name, None)
@@ -195,7 +195,7 @@ def _same(value: object, default: object) -> bool:
 
 
 def in_brief(value: object) -> str:
-    """Show a value of a record: long arrays by their shape."""
+    """Show a value of a record; long arrays by their shape only."""
     if isinstance(value, np.ndarray) and value.size > FEW_NUMBERS:
         return f"<array of shape {value.shape}>"
     if isinstance(value, np.ndarray):
@@ -204,24 +204,24 @@ def in_brief(value: object) -> str:
 
 
 class Record:
-    """Base of frozen dataclasses that hold arrays: of those that :func:`record` makes.
+    """Base of the frozen dataclasses with arrays that :func:`record` makes.
 
-    Records are equal if they are of one class and all fields are, arrays element by
-    element; fields declared with ``compare=False`` do not count. Arrays remain
-    read-only when a record is copied or passed to another process. A record shows
-    itself on one line: its fields that are not at their defaults, each in brief.
+    Records are equal if they are of one class and all fields are equal, arrays element
+    by element; fields declared with ``compare=False`` do not count. Arrays remain
+    read-only when a record is copied or passed to another process. The ``repr`` of a
+    record is one line with the fields that differ from their defaults, abbreviated.
 
-    A field is checked, and turned into what is kept of it, where its type says how: is
-    the name of an ``Annotated`` type with a :data:`Check`, as ``Direction`` is. What a
-    base class checks is checked in subclasses that declare the field again, too.
+    A field is checked and converted if its annotation names an ``Annotated`` type with
+    a :data:`Check`, as ``Direction`` is. The checks of a base class hold in subclasses
+    as well, even if they declare the field again.
     """
 
-    # Stands before the names of the fields in messages.
+    # Prefix of the field names in messages.
     _owner: ClassVar[str] = ""
     _field_checks: ClassVar[Mapping[str, Check]] = MappingProxyType({})
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Keep dataclasses from making another ``__repr__``; look for checks."""
+        """Keep dataclasses from generating ``__repr__``; collect checks of fields."""
         super().__init_subclass__(**options)
         if "__repr__" not in cls.__dict__:
             setattr(cls, "__repr__", cls.__repr__)  # noqa: B010
@@ -233,16 +233,16 @@ class Record:
             self._keep(**{name: check(getattr(self, name), self._owner + name)})
 
     def __repr__(self) -> str:
-        """Name of the class, and what was given."""
+        """Name of the class, and the fields that differ from their defaults."""
         return record_line(self)
 
     def _keep(self, **values: Any) -> None:
-        """Set fields of a record that is being made, to what is kept in them."""
+        """Set fields of a record under construction, past its being frozen."""
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
     def _altered(self: _R, *forgotten: str, **values: Any) -> _R:
-        """A copy with other values, unchecked, that has forgotten cached properties."""
+        """A copy with other values, unchecked, without the named cached properties."""
         other = copy.copy(self)
         for name in forgotten:
             other.__dict__.pop(name, None)
@@ -250,7 +250,7 @@ class Record:
         return other
 
     def _values(self) -> tuple[Any, ...]:
-        """What is compared: the fields, with arrays as shapes and numbers."""
+        """Values to compare and hash: the fields, arrays as shapes and numbers."""
         values = (getattr(self, f.name) for f in fields(self) if f.compare)  # type: ignore[arg-type]
         return tuple(map(comparable, values))
 
@@ -265,7 +265,7 @@ class Record:
         return hash((type(self), self._values()))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore a copy; NumPy forgets that its arrays were read-only."""
+        """Restore a copy; NumPy does not preserve that its arrays were read-only."""
         for value in state.values():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
@@ -273,7 +273,7 @@ class Record:
 
 
 def field_type(kind: type, name: str) -> Any:
-    """The type of a field; the text of its annotation where that is no mere name."""
+    """Type of a field; the text of its annotation if that is more than a name."""
     for base in kind.__mro__:
         declared = inspect.get_annotations(base).get(name)
         if declared is not None:
@@ -284,7 +284,7 @@ def field_type(kind: type, name: str) -> Any:
 
 
 def _checks_of(kind: type) -> Iterator[tuple[str, Check]]:
-    """Fields that a class declares by types with a check, and these checks."""
+    """Fields that a class declares with a check in their type, and these checks."""
     for name in inspect.get_annotations(kind):
         for check in getattr(field_type(kind, name), "__metadata__", ()):
             yield name, check

@@ -1,8 +1,8 @@
 """Linear algebra on one thread.
 
-Matrices of a motion are small or sparse: more threads are of no use, and where other
-programs have the cores, each product waits for the thread that comes last. A plan took
-2.7 times as long there, and its replay seven times (``benchmarks/blas_threads.py``).
+Matrices of a motion are small or sparse: more threads bring no gain, and where other
+programs occupy the cores, each product waits for its last thread. A plan took 2.7 times
+as long there, and its replay seven times (``benchmarks/blas_threads.py``).
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# The number of threads is that of the whole process: one call has it at a time. Those
-# within it, and those of other threads meanwhile, have what it has set.
+# The number of threads belongs to the whole process: one call sets it at a time. Nested
+# calls, and calls of other threads meanwhile, run with the number that it has set.
 _taken = threading.Lock()
 
 
 @functools.cache
 def blas() -> Any:
-    """The libraries of linear algebra, whose threads can be limited.
+    """Thread controls of the loaded linear-algebra libraries.
 
-    To look for them takes some milliseconds, once.
+    The search for these libraries takes some milliseconds, once.
     """
-    # Brings one of its own, which is found where it is loaded.
+    # SciPy brings a BLAS of its own, which can be found only once it is loaded.
     import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
 
@@ -33,7 +33,7 @@ def blas() -> Any:
 
 
 def on_one_thread(function: F) -> F:
-    """Let a function take one thread for linear algebra, and give back the others."""
+    """Let a function use one thread for linear algebra, and restore the number."""
 
     @functools.wraps(function)
     def call(*args: Any, **named: Any) -> Any:

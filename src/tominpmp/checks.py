@@ -1,15 +1,15 @@
-"""What callers give, looked at where it comes in.
+"""Checks of callers' arguments, made where the arguments enter the library.
 
-Each check returns the value as it is kept, or raises an error of the library that names
-the argument, shows its value on one line and says what was expected. Nothing but the
-argument is looked at, and before anything is done with it: what fails later is no fault
-of a caller, and is raised as it is.
+Each check returns the value in the form in which it is stored, or raises an error of
+the library that names the argument, shows its value on one line and says what was
+expected. A check looks at nothing but the argument, and comes before any work is done
+with it: an error that arises later is no fault of the caller, and is raised unchanged.
 
 Points, rotations, poses and values by joint come as NumPy arrays, SciPy's ``Rotation``
 and ``RigidTransform``, ``pinocchio.SE3`` and its quaternions, matrices, pairs of a
-position and a rotation, messages of ROS and mappings. They are brought into plain
-numbers here, and nowhere else. A value of another kind is left: whoever asked for it
-knows what to say of it.
+position and a rotation, messages of ROS and mappings. They are converted to plain
+numbers here, and nowhere else. A value of any other kind is returned unchanged, for the
+calling function to accept or to refuse with its own message.
 """
 
 from __future__ import annotations
@@ -42,26 +42,27 @@ from tominpmp.exceptions import (
 )
 
 T = TypeVar("T")
-#: An error of a message and the name of an argument.
+#: Makes an error from a message and the name of an argument.
 MakeError = Callable[[str, str], TominpmpError]
 
-# Whole numbers from here on are none of NumPy's.
+# Integers from here on exceed NumPy's 64 bits.
 LARGEST = 2**63
 FLAG = "True or False"
-#: What arrays that have a number for each joint hold.
+#: Content of arrays with one number for each joint, in messages.
 JOINTS = "numbers, one for each joint"
 
 
 def wrong(
     value: object, name: str, expected: str, error: MakeError = ProblemError
 ) -> TominpmpError:
-    """The error that says what an argument is, and what was expected.
+    """Error that names an argument, shows its value and says what was expected.
 
     Args:
         value: The argument.
         name: Its name.
-        expected: What was expected, in words.
-        error: Makes the error of a message and the name; so below.
+        expected: Description of valid values.
+        error: Makes the error from the message and the name, here and in the checks
+            below.
     """
     return error(f"{name} is {brief(value)}, expected {expected}", name)
 
@@ -69,7 +70,7 @@ def wrong(
 def instance(
     value: T, kinds: type | tuple[type, ...], name: str, expected: str = ""
 ) -> T:
-    """Check the type of an argument; what is expected is by default that type.
+    """Check the type of an argument, which the error by default names as expected.
 
     Raises:
         ProblemError: If it is of another type.
@@ -89,7 +90,7 @@ def of_kind(
     expected: str,
     field: str | None = None,
 ) -> T:
-    """Check the type of an argument whose value says less than its type, if wrong.
+    """Check the type of an argument; the error shows its type instead of its value.
 
     Raises:
         ProblemError: If it is of another type.
@@ -104,7 +105,7 @@ def flag(value: object, name: str) -> bool:
     """Check a truth value.
 
     Raises:
-        ProblemError: If it is none.
+        ProblemError: If it is not a truth value.
     """
     return bool(instance(value, (bool, np.bool_), name, FLAG))
 
@@ -115,10 +116,10 @@ def text(
     expected: str = "a text",
     error: MakeError = ProblemError,
 ) -> str:
-    """Check a text, which is not empty.
+    """Check a text that must not be empty.
 
     Raises:
-        ProblemError: If it is none.
+        ProblemError: If it is not a text, or empty.
     """
     if not isinstance(value, str) or not value:
         raise wrong(value, name, expected, error)
@@ -132,10 +133,10 @@ def choice(
     expected: str = "",
     error: MakeError = ProblemError,
 ) -> T:
-    """Check that an argument is one of some texts, or None where that is one of them.
+    """Check that an argument is one of the known texts, or None if that is known, too.
 
     Raises:
-        ProblemError: If it is none of them.
+        ProblemError: If the argument is not among them.
     """
     if not isinstance(value, str | None) or value not in known:
         expected = expected or f"one of: {', '.join(map(str, known))}"
@@ -154,10 +155,10 @@ def number(
     infinite: bool = False,
     error: MakeError = ProblemError,
 ) -> float:
-    """Check a number in a range; it may be infinite only where that is said.
+    """Check a number in a range; ``infinite`` allows it to be infinite.
 
     Raises:
-        ProblemError: If it is none, or out of range.
+        ProblemError: If it is not a number, or out of range.
     """
     found = value if type(value) is float else number_or_nan(value)
     ranged = least <= found <= most and (above == -math.inf or found > above)
@@ -173,10 +174,10 @@ def positive(
     most: float = math.inf,
     error: MakeError = ProblemError,
 ) -> float:
-    """Check a positive number of a unit.
+    """Check a positive number, with its unit in the message.
 
     Raises:
-        ProblemError: If it is none, or too large.
+        ProblemError: If it is not a positive number, or too large.
     """
     expected = "a positive number" + (f" [{unit}]" if unit else "")
     expected += "" if math.isinf(most) else f", {most:.4g} at most"
@@ -184,7 +185,7 @@ def positive(
 
 
 def _is_whole(value: object) -> TypeGuard[int]:
-    """Whether a caller's value is a whole number; truth values are none."""
+    """Whether a caller's value is an integer; truth values do not count as integers."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
@@ -197,10 +198,10 @@ def whole(
     *,
     error: MakeError = ProblemError,
 ) -> int:
-    """Check a whole number in a range.
+    """Check an integer in a range.
 
     Raises:
-        ProblemError: If it is none, or out of range.
+        ProblemError: If it is not an integer, or out of range.
     """
     if not _is_whole(value) or not least <= value <= most:
         beyond = _is_whole(value) and value > most
@@ -212,16 +213,16 @@ def whole(
 def array(
     value: Any, name: str, shape: tuple[int | EllipsisType | None, ...], content: str
 ) -> Array:
-    """Check an array of numbers by its shape; one of floats is not copied.
+    """Check the shape of an array of numbers; an array of floats is not copied.
 
     Args:
-        value: The array, or what NumPy makes one of.
+        value: The array, or nested sequences that NumPy makes an array of.
         name: Its name.
-        shape: Its shape: None for any length, and an ellipsis first for any more axes.
-        content: What its last axis holds, in words.
+        shape: Its shape: None for any length, an ellipsis first for any leading axes.
+        content: Description of the entries along its last axis.
 
     Raises:
-        ProblemError: If it is none, or of another shape.
+        ProblemError: If it is not an array of numbers, or of another shape.
     """
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
         found = value
@@ -251,7 +252,7 @@ def _fits(found: tuple[int, ...], shape: tuple[Any, ...]) -> bool:
 
 
 def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
-    """Names of joints as a tuple, if they are names, each its own."""
+    """Check joint names, which must not repeat, and return them as a tuple."""
     listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     listed = listed and not (isinstance(value, np.ndarray) and value.ndim == 0)
     good = listed and all(isinstance(name, str) and name for name in value)
@@ -262,10 +263,10 @@ def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
 
 
 def known_joints(names: Iterable[str], joints: Sequence[str]) -> None:
-    """Check that names are those of joints.
+    """Check that names are names of joints.
 
     Raises:
-        JointNotFound: If one is not.
+        JointNotFound: If a name is not the name of a joint.
     """
     for name in names:
         if name not in joints:
@@ -273,10 +274,10 @@ def known_joints(names: Iterable[str], joints: Sequence[str]) -> None:
 
 
 def one_each(values: Array, name: str, joints: Sequence[str]) -> None:
-    """Check that there is a number for each joint.
+    """Check that there is one number for each joint.
 
     Raises:
-        ProblemError: If there are more or fewer.
+        ProblemError: If there are more or fewer numbers than joints.
     """
     if values.size != len(joints):
         raise ProblemError(
@@ -286,7 +287,7 @@ def one_each(values: Array, name: str, joints: Sequence[str]) -> None:
         )
 
 
-#: A point or another vector in space: three numbers, or what has x, y and z.
+#: A point or another vector in space: three numbers, or an object with x, y and z.
 VectorLike: TypeAlias = ArrayLike | Mapping[str, float]
 #: A 3x3 matrix, a quaternion (x, y, z, w), or a ``Rotation`` of SciPy.
 RotationLike: TypeAlias = ArrayLike | Mapping[str, float] | Any
@@ -299,22 +300,22 @@ POSE = (
     "a pinocchio.SE3, a 4x4 matrix, or a pair of a position [m] and a rotation "
     "(3x3 matrix, quaternion xyzw or scipy's Rotation)"
 )
-# What the keys of a pose are called.
+# Names of the two parts of a pose in mappings.
 PLACES = ("position", "translation", "xyz")
 TURNS = ("rotation", "orientation", "quaternion", "xyzw", "quat")
-# A locked joint that is given may be this far from where it is [rad or m].
+# Largest deviation of a given position of a locked joint from its position [rad or m].
 SAME = 1e-6
-# What the square of a unit vector may be off by.
+# Largest deviation of the squared length of a unit vector from 1.
 ROUNDING = 1e-15
 
 
 def plain_vector(value: object) -> object:
-    """A point as numbers: of what has x, y and z, these."""
+    """Coordinates of an object with x, y and z; other values unchanged."""
     return _by_axes(value, "xyz")
 
 
 def plain_rotation(value: object) -> object:
-    """A rotation, or a row of them, as matrices or quaternions (x, y, z, w)."""
+    """A rotation, or a list of rotations, as matrices or quaternions (x, y, z, w)."""
     if isinstance(value, type) or isinstance(value, np.ndarray):
         return value
     if isinstance(value, list | tuple) and value and not _is_number(value[0]):
@@ -324,13 +325,13 @@ def plain_rotation(value: object) -> object:
         if callable(method):
             try:
                 return np.asarray(method())
-            except Exception:  # of a stranger's method
+            except Exception:  # foreign methods may raise anything
                 return value
     return _by_axes(value, "xyzw")
 
 
 def split_pose(value: object) -> tuple[object, object] | None:
-    """Position and rotation of a pose, as plain numbers; None if it is no pose."""
+    """Position and rotation of a pose, as plain numbers; None if it is not a pose."""
     if isinstance(value, type):
         return None
     found = _by_names(value)
@@ -343,7 +344,7 @@ def split_pose(value: object) -> tuple[object, object] | None:
 
 
 def _by_names(value: object) -> tuple[object, object] | None:
-    """What is called the position and the rotation of a pose."""
+    """Position and rotation of a pose, by their keys or attributes."""
     if isinstance(value, Mapping):
         places = [key for key in PLACES if key in value]
         turns = [key for key in TURNS if key in value]
@@ -358,7 +359,7 @@ def _by_names(value: object) -> tuple[object, object] | None:
 
 
 def _of_array(value: object) -> tuple[object, object] | None:
-    """Position and rotation in a matrix, or in seven numbers."""
+    """Position and rotation of a 4x4 matrix, or of seven numbers (xyz, quaternion)."""
     array = array_or_nan(value)
     if array.shape == (4, 4) and np.array_equal(array[3], [0.0, 0.0, 0.0, 1.0]):
         return array[:3, 3], array[:3, :3]
@@ -368,7 +369,7 @@ def _of_array(value: object) -> tuple[object, object] | None:
 
 
 def _by_axes(value: object, names: str) -> object:
-    """Numbers of what has them by the names of axes, and no others."""
+    """Numbers by the names of axes, if a value has these and no others."""
     if isinstance(value, Mapping):
         same = set(value) == set(names)
         return [value[name] for name in names] if same else value
@@ -390,14 +391,14 @@ def vector(
     """Check a caller's vector.
 
     Args:
-        value: What the caller gave.
-        name: What it is, for the message.
-        expected: What it should be.
-        size: How many numbers; None for any.
-        infinite: Whether they may be infinite.
+        value: The caller's value.
+        name: Its name in messages.
+        expected: Description of valid values.
+        size: Number of its elements; None for any number.
+        infinite: Whether elements may be infinite.
 
     Raises:
-        ProblemError: If it is none.
+        ProblemError: If it is not a vector, or has the wrong size or invalid elements.
     """
     try:
         array = real_array(plain_vector(value) if size == 3 else value)
@@ -412,17 +413,17 @@ def vector(
 
 
 def direction(value: object, name: str) -> Array:
-    """Check a caller's direction, of any length but zero, and make it one of length 1.
+    """Check a caller's direction, of any nonzero length, and scale it to unit length.
 
     Raises:
-        ProblemError: If it is none.
+        ProblemError: If it is not a vector of three numbers, or zero.
     """
     expected = "three numbers, not all zero"
     found = vector(value, name, expected, 3)
     largest = float(np.max(np.abs(found)))
     if largest == 0.0:
         raise wrong(found.tolist(), name, expected)
-    # Divided again, as by saving and loading, a unit vector would change.
+    # A unit vector is not scaled again: saving and loading would change its last bits.
     if largest > 1.0 or abs(float(found @ found) - 1.0) > ROUNDING:
         found = found / largest  # so that no square overflows
         found = found / np.linalg.norm(found)
@@ -430,7 +431,7 @@ def direction(value: object, name: str) -> Array:
 
 
 def of_type(kinds: type | tuple[type, ...], expected: str) -> Check:
-    """Check of the type of a value by :func:`instance`."""
+    """Check of the type of a value, by :func:`instance`."""
     return lambda value, name: instance(value, kinds, name, expected)
 
 
@@ -439,7 +440,7 @@ def optional(check: Check) -> Check:
     return lambda value, name: None if value is None else check(value, name)
 
 
-# Types of fields that a Record checks.
+# Field types that a Record checks.
 FrameName: TypeAlias = Annotated[str, partial(text, expected="the name of a frame")]
 Metres: TypeAlias = Annotated[float, partial(positive, unit="m")]
 Direction: TypeAlias = Annotated[Converted[VectorLike, Array], direction]
@@ -448,7 +449,7 @@ Point: TypeAlias = Annotated[Converted[VectorLike, Array], _point]
 PointOrNone: TypeAlias = Annotated[
     Converted[VectorLike | None, Array | None], optional(_point)
 ]
-#: A corner of a box, which may be infinite.
+#: A corner of a box, whose coordinates may be infinite.
 Corner: TypeAlias = Annotated[
     Converted[VectorLike, Array], partial(_point, infinite=True)
 ]
@@ -457,7 +458,7 @@ Corner: TypeAlias = Annotated[
 def _attribute(value: object, name: str) -> Any:
     try:
         return getattr(value, name, None)
-    except Exception:  # of a stranger's property
+    except Exception:  # foreign properties may raise anything
         return None
 
 
@@ -469,10 +470,10 @@ def _is_number(value: object) -> bool:
 
 
 def by_joint(value: object) -> dict[str, object] | None:
-    """Values by the names of joints; None if there are no names.
+    """Values by joint name; None for a value without joint names.
 
-    Mappings, rows with an index of names (pandas) and messages with ``name`` and
-    ``position`` (ROS) have them.
+    Joint names come with mappings, rows with an index of names (pandas) and messages
+    with ``name`` and ``position`` (ROS).
     """
     if isinstance(value, Mapping):
         return dict(value) or None
@@ -492,10 +493,10 @@ def by_joint(value: object) -> dict[str, object] | None:
 
 
 def named_row(value: object, name: str) -> tuple[tuple[str, ...] | None, object]:
-    """Names of joints and their values, in the order given; no names for a plain row.
+    """Joint names and their values, in the given order; None as names for a plain row.
 
     Raises:
-        ProblemError: If names are none.
+        ProblemError: If names are not texts, or empty.
     """
     found = by_joint(value)
     if found is None:
@@ -518,17 +519,17 @@ def in_order(
     Args:
         values: The values.
         joints: Names of the joints.
-        name: What it is, for messages.
-        others: Joints that do not move, with their positions, which may be given too;
-            None if they are not to be looked at.
-        missing: Value of joints that are not named; None if all have to be.
+        name: Name of the values in messages.
+        others: Positions of joints that do not move, by name, which may be among the
+            values; None if no other joints are allowed.
+        missing: Value of joints that are not named; None if all must be named.
 
     Returns:
         Shape (n,).
 
     Raises:
-        ProblemError: If a joint is missing or unknown, a value is no number, or one
-            that does not move is elsewhere.
+        ProblemError: If a joint is missing or unknown, a value is not a number, or the
+            value of a joint that does not move is not its position.
     """
     for joint, value in values.items():
         if joint not in joints:
@@ -559,7 +560,7 @@ def _check_other(
     name: str,
     others: Mapping[str, float] | None,
 ) -> None:
-    """Check a value of a joint that is none of those asked for."""
+    """Check the value of a joint that is not among the moving ones."""
     if others is None or joint not in others:
         raise ProblemError(
             f"{name} has a value for {brief(joint)}{closest(joint, joints)}, expected "

@@ -1,8 +1,8 @@
-"""Several robots in one workspace, taken as one robot with several arms.
+"""Several robots in one workspace, combined into one robot with several arms.
 
-Its joints are those of all of them, and there is one duration T. The names of joints,
-links and frames begin with the name of their robot: "left/tool0". Collisions between
-the robots are self-collisions of the whole.
+Its joints are the joints of all robots, with one common duration T. The names of
+joints, links and frames are prefixed with the name of their robot: "left/tool0".
+Collisions between the robots are self-collisions of the combined robot.
 """
 
 from __future__ import annotations
@@ -32,31 +32,31 @@ from tominpmp.robot.robot import Robot, assembled
 from tominpmp.scene.rotations import rotation_matrix
 from tominpmp.scene.scene import Scene
 
-# Name, robot and where its base is: a placement base_to_world or a position [m].
+# Name of a robot, the robot, and the placement base_to_world or position of its base.
 Part: TypeAlias = "tuple[str, Robot, pin.SE3 | ArrayLike]"
 
-# Bases may overlap by this much: those side by side touch [m].
+# Depth to which bases may overlap: adjacent bases touch [m].
 OVERLAP = 1e-3
-# Bases without shapes are at one place if they are this close [m].
+# Distance below which two bases without collision shapes count as coincident [m].
 SAME_PLACE = 1e-3
 
 
 def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -> Robot:
-    """Make one robot of several in one workspace.
+    """Combine several robots in one workspace into one robot.
 
     Args:
         parts: For each robot its name, the robot, and the placement base_to_world
             (pinocchio.SE3) or the position of its base, shape (3,) [m].
-        gravity: Gravity in the world, shape (3,) [m/s^2]; None for that of the robots,
-            which have to agree.
+        gravity: Gravity in the world, shape (3,) [m/s^2]; None for the gravity of the
+            robots, which must agree.
 
     Returns:
-        The robot; ``robot.stack(left=q1, right=q2)`` joins values of its joints.
+        The robot; ``robot.stack(left=q1, right=q2)`` concatenates values of its joints.
 
     Raises:
-        ProblemError: If two robots have one name, their bases overlap, or their
+        ProblemError: If two robots have the same name, their bases overlap, or their
             gravities differ.
-        OptionsError: If the gravity is no vector.
+        OptionsError: If the gravity is not a vector.
     """
     robots, bases = _checked_parts(parts)
     world = _common_gravity(robots) if gravity is None else check_gravity(gravity)
@@ -109,15 +109,15 @@ def _checked_parts(
 
 
 def base_placement(name: str, base: object, field: str = "robots") -> pin.SE3:
-    """Check where the base of a robot is.
+    """Check the placement of the base of a robot.
 
     Args:
         name: Name of the robot, for the message.
         base: Placement base_to_world, or position, shape (3,) [m].
-        field: The argument that it comes from.
+        field: The argument that holds it.
 
     Raises:
-        ProblemError: If it is neither.
+        ProblemError: If it is neither a placement nor a position.
     """
     pose = split_pose(base)
     position, rotation = (base, np.eye(3)) if pose is None else pose
@@ -147,7 +147,7 @@ def _common_gravity(robots: Mapping[str, Robot]) -> Array:
 
 
 def _all_kinematic(robots: Mapping[str, Robot]) -> bool:
-    """Whether all robots are kinematic; some alone cannot be."""
+    """Whether all robots are kinematic; a mixture of both kinds is an error."""
     kinematic = [name for name, robot in robots.items() if robot.kinematic]
     if kinematic and len(kinematic) < len(robots):
         raise ProblemError(
@@ -170,7 +170,7 @@ def _joined_table(
 def _joined_motion_limits(
     robots: Mapping[str, Robot], joint_names: tuple[str, ...]
 ) -> MotionLimits | None:
-    """Limits of all robots; the share of torques is the least of them."""
+    """Motion limits of all robots; the effort scale is the smallest of theirs."""
     joined: MotionLimits | None = None
     for part, robot in robots.items():
         own = robot.motion_limits
@@ -181,7 +181,7 @@ def _joined_motion_limits(
 
 
 def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
-    """Pairs that no robot watches, and the states that all robots have."""
+    """Link pairs that no robot checks, and the group states that all robots have."""
     disabled = {part: _unwatched(robot) for part, robot in robots.items()}
     apart = {k: r.srdf.never_touch for k, r in robots.items() if r.srdf is not None}
     pairs, never = (
@@ -206,11 +206,11 @@ def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescri
 
 
 def _unwatched(robot: Robot) -> list[tuple[str, str]]:
-    """Pairs of links of a robot whose collision is not to be checked."""
+    """Link pairs of a robot that are not checked for collision."""
     if robot.srdf is not None and robot.srdf.disabled_pairs:
         return list(robot.srdf.disabled_pairs)
-    # Without such a list neighbours are left out, which the whole tree shows.
-    # Which links are watched does not depend on what their meshes are cut into.
+    # Without a list in the SRDF neighbours are left out, which takes the whole tree.
+    # The selection of pairs does not depend on the decomposition of the meshes.
     checker = CollisionChecker(robot, Scene(), self_collision=True, cut=frozenset())
     watched = {frozenset(pair) for pair in checker.pairs}
     frames = robot.model.frames
@@ -220,7 +220,7 @@ def _unwatched(robot: Robot) -> list[tuple[str, str]]:
 
 
 def _check_bases(robot: Robot, bases: Mapping[str, pin.SE3]) -> None:
-    """Check that what is fixed to the world of one robot is not within another."""
+    """Check that links fixed to the world of one robot do not penetrate another's."""
     for (one, here), (other, there) in combinations(bases.items(), 2):
         depth = _base_overlap(robot, f"{one}/", f"{other}/")
         if depth is None:
@@ -240,7 +240,7 @@ def _check_bases(robot: Robot, bases: Mapping[str, pin.SE3]) -> None:
 
 
 def _base_overlap(robot: Robot, one: str, other: str) -> float | None:
-    """Depth to which what is fixed of two robots overlaps [m]; None without shapes."""
+    """Overlap of the fixed links of two robots [m]; None if one has no shapes."""
     fixed = [body for body in links_of(robot, "convex") if not body.joint]
     mine = [i for i, body in enumerate(fixed) if body.name.startswith(one)]
     its = [i for i, body in enumerate(fixed) if body.name.startswith(other)]

@@ -5,9 +5,10 @@ r"""Equations of motion of a robot with viscous and dry friction.
 This is the paper's :math:`\dot x = f(x, u)` (equation 2) with the state x = (q, v).
 Pinocchio evaluates both directions and their derivatives (Featherstone, 2008;
 Carpentier and Mansard, 2018); friction, which its algorithms leave out, is added here.
-The sign is Coulomb's: a joint at rest stays there while its friction, up to F in either
-direction, can hold it. Joints that follow others (mimic) enter through the expansion
-matrix S of the robot: the torque of the free joints is S^T times the torque of all.
+The sign is Coulomb's: a joint at rest stays at rest as long as its friction, up to F in
+either direction, can hold it. Joints that follow others (mimic) enter through the
+expansion matrix S of the robot: the torque of the free joints is S^T times the torque
+of all joints.
 """
 
 from __future__ import annotations
@@ -25,23 +26,24 @@ from tominpmp.stopping import check
 if TYPE_CHECKING:
     from tominpmp.robot.robot import Robot
 
-# Slower joints are at rest [rad/s or m/s] if they accelerate by less than STEADY
-# [rad/s^2 or m/s^2]; with more they are starting or stopping.
+# Joints slower than STANDSTILL [rad/s or m/s] are at rest if they accelerate by less
+# than STEADY [rad/s^2 or m/s^2]; with larger accelerations they are starting or
+# stopping.
 STANDSTILL = 1e-6
 STEADY = 1e-6
-# Joints slower than this are at rest but for rounding [rad/s or m/s]: what comes
-# afterwards tells which way they go.
+# Below this speed only rounding separates a joint from rest [rad/s or m/s]: the sign of
+# its acceleration then gives its direction.
 RESTING = 1e-10
-# Of so many rows it is looked now and then whether it is time to stop.
+# Number of rows after which the deadline is checked.
 MANY = 5_000
-# Share of its dry friction that holds a joint beyond that: rounding.
+# Share of its dry friction by which a joint may exceed it and still be held: rounding.
 HOLD = 1e-9
 
 _Row = TypeVar("_Row")
 
 
 class ForwardJacobians(NamedTuple):
-    """State derivative and its partial derivatives, one row an evaluation point.
+    """State derivative and its partial derivatives, one row per evaluation point.
 
     Attributes:
         f: dx/dt with x = (q, v), shape (m, 2n).
@@ -55,7 +57,7 @@ class ForwardJacobians(NamedTuple):
 
 
 class InverseJacobians(NamedTuple):
-    """Torque and its partial derivatives, one row an evaluation point.
+    """Torque and its partial derivatives, one row per evaluation point.
 
     Attributes:
         tau: Shape (m, n) [N m or N].
@@ -71,7 +73,7 @@ class InverseJacobians(NamedTuple):
 
 
 class Dynamics(Protocol):
-    """What the transcriptions need to know of a mechanical system."""
+    """Interface of a mechanical system that transcriptions use."""
 
     @property
     def n(self) -> int:
@@ -91,7 +93,7 @@ class Dynamics(Protocol):
 
 
 def _heeding(rows: Iterable[_Row]) -> Iterator[_Row]:
-    """Rows, of which there may be so many that it is time to stop before their end."""
+    """Rows, with a check of the deadline every few thousand of them."""
     for number, row in enumerate(rows, 1):
         if number % MANY == 0:
             check()
@@ -99,18 +101,18 @@ def _heeding(rows: Iterable[_Row]) -> Iterator[_Row]:
 
 
 class RobotDynamics:
-    """Dynamics of a robot, on rows of states.
+    """Dynamics of a robot, evaluated at rows of states.
 
-    Those of a kinematic robot are :class:`DoubleIntegrator`.
+    A kinematic robot has the dynamics of :class:`DoubleIntegrator`.
 
     Attributes:
         robot: The robot.
-        friction: Dry friction of its joints, shape (n,) [N m or N]; None if there is
-            none, or if torques are meant that are left when it is overcome.
+        friction: Dry friction of its joints, shape (n,) [N m or N]; None without any,
+            or if torques mean the part that remains after friction is overcome.
     """
 
     def __new__(cls, robot: Robot, *, dry: bool = True) -> RobotDynamics:
-        """The dynamics that suit the robot."""
+        """Dynamics of the class that suits the robot."""
         return object.__new__(DoubleIntegrator if robot.kinematic else cls)
 
     def __init__(self, robot: Robot, *, dry: bool = True) -> None:
@@ -130,8 +132,8 @@ class RobotDynamics:
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
         """Torque for a motion.
 
-        Dry friction acts against the motion; where a joint is at rest, against that
-        which is about to begin.
+        Dry friction acts against the motion; where a joint is at rest, against the
+        motion that is about to begin.
 
         Args:
             q: Positions, shape (m, n) [rad or m].
@@ -146,13 +148,13 @@ class RobotDynamics:
         return self.inverse_along(q, v, a, directions(v, a))
 
     def inverse_along(self, q: Array, v: Array, a: Array, way: Array) -> Array:
-        """Torque for a motion whose ways are known, however slow it may be.
+        """Torque for a motion whose directions are known, however slow it may be.
 
         Args:
             q: Positions, shape (m, n) [rad or m].
             v: Velocities, shape (m, n).
             a: Accelerations, shape (m, n).
-            way: Which way the joints go: 1, -1, or 0 at rest, shape (m, n).
+            way: Direction of each joint: 1, -1, or 0 at rest, shape (m, n).
 
         Returns:
             Torques, shape (m, n) [N m or N].
@@ -161,7 +163,7 @@ class RobotDynamics:
         return tau if self.friction is None else tau + self.friction * way
 
     def _states(self, q: Array, v: Array, a: Array) -> Iterable[tuple[Array, ...]]:
-        """States of all joints of the model, one after the other."""
+        """States of all joints of the model, one state at a time."""
         robot = self.robot
         rates = robot.expand_tangent(v), robot.expand_tangent(a)
         return zip(robot.expand(q), *rates, strict=True)
@@ -173,7 +175,7 @@ class RobotDynamics:
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
 
     def inertial(self, q: Array, a: Array) -> Array:
-        """Torque that accelerations take, beyond what holds the arm: M(q) a.
+        """Torque that accelerations need beyond the torque at rest: M(q) a.
 
         Args:
             q: Positions, shape (m, n).
@@ -193,14 +195,14 @@ class RobotDynamics:
         return self._reduced(from_upper(out))
 
     def _reduced(self, matrices: Array) -> Array:
-        """Matrices of all joints as those of the free ones, shape (..., n, n)."""
+        """Project matrices of all joints onto the free joints, shape (..., n, n)."""
         S = self.robot.expansion_matrix
         return matrices if S is None else np.asarray(S.T @ matrices @ S)
 
     def inverse_jacobians(self, q: Array, v: Array, a: Array) -> InverseJacobians:
         """Torque for a motion, with its derivatives.
 
-        Those of dry friction are zero, away from rest.
+        Dry friction contributes no derivatives: away from rest it is constant.
 
         Args:
             q: Positions, shape (m, n).
@@ -232,7 +234,8 @@ class RobotDynamics:
 
         Args:
             x: States (q, v), shape (m, 2n).
-            u: Torques that dry friction leaves, shape (m, n) [N m or N].
+            u: Torques without the part that dry friction takes, shape (m, n) [N m or
+                N].
 
         Returns:
             dx/dt = (v, dv/dt), shape (m, 2n).
@@ -241,14 +244,14 @@ class RobotDynamics:
         return np.concatenate([v, self._acceleration(q, v, u)], axis=1)
 
     def forward_along(self, q: Array, v: Array, u: Array, way: Array) -> Array:
-        """Accelerations of joints whose ways are known, however slow they may be.
+        """Accelerations of joints with known directions, however slow they may be.
 
         Args:
             q: Positions, shape (m, n) [rad or m].
             v: Velocities, shape (m, n).
             u: Torques, shape (m, n) [N m or N].
-            way: Which way joints with dry friction go: 1, -1, or 0 for those that it
-                holds, shape (m, n).
+            way: Direction of each joint with dry friction: 1, -1, or 0 for joints that
+                the friction holds, shape (m, n).
 
         Returns:
             Accelerations, shape (m, n).
@@ -283,7 +286,7 @@ class RobotDynamics:
 
         Args:
             x: States (q, v), shape (m, 2n).
-            u: Torques that dry friction leaves, shape (m, n).
+            u: Torques without the part that dry friction takes, shape (m, n).
 
         Returns:
             f, f_x and f_u.
@@ -319,9 +322,9 @@ class RobotDynamics:
 
 
 class DoubleIntegrator(RobotDynamics):
-    """Dynamics of a kinematic robot: joints of unit inertia, each by itself.
+    """Dynamics of a kinematic robot: decoupled joints of unit inertia.
 
-    Its controls, in the place of torques, are the accelerations themselves.
+    Its controls are accelerations instead of torques.
     """
 
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
@@ -332,7 +335,7 @@ class DoubleIntegrator(RobotDynamics):
         return np.tile(np.eye(self.n), (len(q), 1, 1))
 
     def inverse_jacobians(self, q: Array, v: Array, a: Array) -> InverseJacobians:
-        """The accelerations, and their derivatives by themselves."""
+        """The accelerations, and their derivatives: zero by q and v, identity by a."""
         none = np.zeros((len(q), self.n, self.n))
         return InverseJacobians(np.array(a), none, none, self.mass(q))
 
@@ -345,21 +348,21 @@ class DoubleIntegrator(RobotDynamics):
 
 
 def no_torques(q: Array, v: Array, a: Array) -> Array:
-    """Inverse dynamics of which nothing is known: NaN, shape (m, n)."""
+    """Inverse dynamics of a motion with unknown torques: NaN, shape (m, n)."""
     return np.full(np.shape(a), np.nan)
 
 
 def torques_of(robot: Robot) -> Callable[[Array, Array, Array], Array]:
-    """Inverse dynamics that a motion of a robot tells its torques by."""
+    """Inverse dynamics that gives the torques of a motion of a robot."""
     return no_torques if robot.kinematic else RobotDynamics(robot).inverse
 
 
 def directions(v: Array, a: Array) -> Array:
-    """Which way joints move, or are about to if they are at rest.
+    """Directions in which joints move, or are about to move if they are at rest.
 
     Args:
         v: Velocities, shape (m, n) [rad/s or m/s].
-        a: Accelerations just afterwards, shape (m, n).
+        a: Accelerations at these velocities or just afterwards, shape (m, n).
 
     Returns:
         1, -1, or 0 for joints that remain at rest, shape (m, n).
@@ -370,17 +373,17 @@ def directions(v: Array, a: Array) -> Array:
 
 
 def from_upper(matrices: Array) -> Array:
-    """Symmetric matrices, of which Pinocchio fills the upper triangle, (..., n, n)."""
+    """Symmetric matrices from Pinocchio's, whose upper triangle is set, (..., n, n)."""
     below = np.tri(matrices.shape[-1], k=-1, dtype=bool)
     return np.where(below, np.swapaxes(matrices, -1, -2), matrices)
 
 
 def held_still(mass: Array, free: Array, held: BoolArray) -> Array:
-    """Accelerations when some joints are held, which are pushed by the others.
+    """Accelerations when some joints are held against the forces of the others.
 
     Args:
         mass: Mass matrices, shape (..., n, n).
-        free: Accelerations without that, or derivatives of them, shape (..., n, k).
+        free: Accelerations with no joint held, or their derivatives, shape (..., n, k).
         held: Which joints are held, shape (n,).
     """
     out, loose = np.zeros_like(free), np.flatnonzero(~held)
@@ -390,19 +393,20 @@ def held_still(mass: Array, free: Array, held: BoolArray) -> Array:
 
 
 def setting_out(mass: Array, force: Array, F: Array, resting: BoolArray) -> Array:
-    """Which joints at rest their dry friction cannot hold.
+    """Directions of the joints at rest whose dry friction cannot hold them.
 
-    Joints are let go, or held again, one at a time: the first that is not as Coulomb's
-    law has it. This ends, at the one answer that there is (Murty, 1974).
+    This is a linear complementarity problem. Joints are released, or held again, one at
+    a time, always the first one that violates Coulomb's law; the iteration is finite,
+    and ends at the only solution (Murty, 1974).
 
     Args:
         mass: Mass matrix, shape (n, n).
-        force: Torques that accelerate without the friction of joints at rest, (n,).
+        force: Accelerating torques without the friction of joints at rest, shape (n,).
         F: Largest dry friction, shape (n,) [N m or N].
-        resting: Which joints are at rest and have some, shape (n,).
+        resting: Which joints are at rest and have dry friction, shape (n,).
 
     Returns:
-        1 or -1 for joints that set out, 0 for all others, shape (n,).
+        1 or -1 for joints that begin to move, 0 for all others, shape (n,).
     """
     way = np.zeros_like(force)
     while True:

@@ -21,34 +21,34 @@ from pathlib import Path
 from typing import Any
 
 LIBRARY = __name__.partition(".")[0]
-# Characters of a value that a message shows.
+# Longest text of a value in a message [characters].
 BRIEF = 80
-# Characters of a whole message: it may list the joints of a large robot.
+# Longest message [characters]: it may list the joints of a large robot.
 LONGEST = 3000
 
-# Looks at the first items only, so that a list of millions costs nothing.
+# It formats only the first items, so that a list of millions costs nothing.
 _repr = reprlib.Repr()
 _repr.maxlevel, _repr.maxother = 4, 10 * BRIEF
 _repr.maxlist = _repr.maxtuple = _repr.maxset = _repr.maxfrozenset = 8
 _repr.maxstring = _repr.maxlong = BRIEF
 
-# A library leaves it to the application whether its log is shown.
+# The application decides whether the log of a library is shown.
 logging.getLogger(LIBRARY).addHandler(logging.NullHandler())
 
 
 def shortened(text: str, most: int = BRIEF) -> str:
-    """Cut a text that is longer than so many characters."""
+    """Cut a text that has more than ``most`` characters."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def brief(value: object, most: int = BRIEF) -> str:
-    """Show a value in a message: what ``repr`` gives, on one line, not a long one."""
+    """Show a value in a message: its ``repr`` on one line, cut to the given length."""
     try:
         if isinstance(value, str):
             text = repr(value[:most]) if len(value) > most else repr(value)
         else:
             text = " ".join(_repr.repr(value).split())
-    except Exception:  # the caller's object may do anything, a long integer does
+    except Exception:  # a foreign __repr__ may raise anything, huge integers do
         text = f"<{type(value).__name__}>"
     return shortened(text, most)
 
@@ -57,20 +57,20 @@ class TominpmpError(Exception):
     """Root of all exceptions of this library."""
 
     def __init__(self, message: str = "") -> None:
-        # What is read from a file may be named in it, and be of any length.
+        # A message may quote text from a file, which may be of any length.
         super().__init__(shortened(message, LONGEST))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the message and the values, not the arguments they were made from."""
+        """Pickle the message and the attributes, not arguments of the constructor."""
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class RobotLoadError(TominpmpError):
     """A robot description cannot be read or is incomplete.
 
-    Cure: the message names the file, and the joint or mesh that is missing. What a
-    file lacks is given to :func:`tominpmp.load_robot` (``effort=``, ``velocity=``,
-    ``package_dirs=``).
+    Cure: the message names the file, and the joint or mesh that is missing. Values that
+    a file lacks can be passed to :func:`tominpmp.load_robot` (``effort=``,
+    ``velocity=``, ``package_dirs=``).
 
     Attributes:
         path: The file in question, if there is one.
@@ -82,12 +82,12 @@ class RobotLoadError(TominpmpError):
 
 
 def closest(name: object, known: Sequence[str]) -> str:
-    """A question after names that are nearly the one given; empty if there are none."""
+    """Question after the known names closest to a name; empty if none is close."""
     if not isinstance(name, str) or len(name) > BRIEF:
         return ""
     lower = {item.lower(): item for item in known}
     found = difflib.get_close_matches(name.lower(), lower, n=2, cutoff=0.6)
-    # Many names of frames begin with that of the robot.
+    # Frame names often begin with the name of the robot.
     found += [item for item in lower if item.endswith(name.lower()) and name]
     found += [item for item in lower if item.startswith(name.lower()) and name[2:]]
     names = list(dict.fromkeys(lower[item] for item in found))[:2]
@@ -95,7 +95,7 @@ def closest(name: object, known: Sequence[str]) -> str:
 
 
 class _NotFound(TominpmpError):
-    """Something that was named is not among what there is."""
+    """A name is not among the available ones."""
 
     _sentence = ""
 
@@ -112,8 +112,8 @@ class FrameNotFound(_NotFound):
     Cure: take one of the names that the message lists; ``tominpmp info`` shows them.
 
     Attributes:
-        name: The name asked for.
-        available: The names there are.
+        name: The unknown name.
+        available: The known names.
     """
 
     _sentence = "there is no frame {}{}; the robot has: {}"
@@ -123,18 +123,18 @@ class JointNotFound(_NotFound):
     """A joint is not part of the robot.
 
     Cure: take one of the names that the message lists. A joint that is locked, or
-    follows another, is none that moves.
+        follows another (mimic), does not count as a joint that moves.
 
     Attributes:
-        name: The name asked for.
-        available: The names there are.
+        name: The unknown name.
+        available: The known names.
     """
 
     _sentence = "there is no joint {}{}; the robot has: {}"
 
 
 class SceneError(TominpmpError):
-    """An obstacle of a scene is wrong: a name twice, a size that is not positive.
+    """An obstacle of a scene is invalid: a repeated name, a size that is not positive.
 
     Cure: the message names the obstacle, the value and what was expected.
 
@@ -148,10 +148,10 @@ class SceneError(TominpmpError):
 
 
 class ProblemError(TominpmpError):
-    """A planning problem is wrong in itself: a shape, a limit, a start in collision.
+    """A planning problem is invalid: a wrong shape or limit, a start in collision.
 
     Cure: the message names the argument, joint or pair of links, the value, and what
-    was expected. Of links that touch it says what lets them.
+        was expected. For links that touch, it names the ways of allowing the contact.
 
     Attributes:
         field: The argument in question, for example ``"q_start"``.
@@ -164,16 +164,16 @@ class ProblemError(TominpmpError):
 
 @contextmanager
 def told_of(what: str, field: str | None = None) -> Iterator[None]:
-    """Name what is looked at in the errors of this library that arise within this.
+    """Prefix the errors of this library that arise within this block with a subject.
 
-    They stay of their class and keep what they know.
+    They keep their class and their attributes.
 
     Args:
-        what: What it is, which goes before their sentences: "station 2 ('drill')".
-        field: Its field, to which a :class:`ProblemError` is then ascribed.
+        what: The subject, which goes before their messages: "station 2 ('drill')".
+        field: Field of the subject, to which a :class:`ProblemError` is then ascribed.
 
     Raises:
-        TominpmpError: What was raised, with the name.
+        TominpmpError: The error that was raised, with the prefix.
     """
     try:
         yield
@@ -187,7 +187,7 @@ def told_of(what: str, field: str | None = None) -> Iterator[None]:
 
 
 class OptionsError(TominpmpError):
-    """An option has a value it cannot have.
+    """An option has an invalid value.
 
     Cure: the message says what was expected; all options are fields of
     :class:`tominpmp.Options`.
@@ -207,21 +207,21 @@ class SolverNotFound(_NotFound):
     Cure: leave ``lp_solver`` at "auto", or install the solver.
 
     Attributes:
-        name: The solver asked for.
-        available: The solvers there are.
+        name: Name of the missing solver.
+        available: Names of the installed solvers.
     """
 
     _sentence = "the solver {} is not available{}; there are: {}"
 
 
 class ScenarioError(TominpmpError):
-    """A scenario, scene or trajectory file is wrong.
+    """A scenario, scene or trajectory file is invalid.
 
-    Cure: mend the key that the message names, in the file that it names.
+    Cure: correct the key that the message names, in the file that it names.
 
     Attributes:
         path: The file.
-        key: The field in it, if one is to blame.
+        key: The key in it that is invalid, if the error concerns a single key.
     """
 
     def __init__(
@@ -233,13 +233,13 @@ class ScenarioError(TominpmpError):
 
 
 class MissingDependency(TominpmpError):
-    """An optional package is needed for what was asked.
+    """An optional package is needed but not installed.
 
     Cure: the command in the message installs it.
 
     Attributes:
         package: Name of the package.
-        extra: The extra of this library that brings it.
+        extra: The extra of this library that installs it.
     """
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
@@ -253,9 +253,9 @@ class MissingDependency(TominpmpError):
 
 @contextmanager
 def optional(package: str, extra: str, purpose: str) -> Iterator[None]:
-    """Import an optional package within this, where it is needed.
+    """Import an optional package within this block, at the place of its use.
 
-    What it has deprecated itself is nothing that a user could mend.
+    Deprecation warnings of its own code are suppressed: users cannot act on them.
 
     Raises:
         MissingDependency: If it is not installed.
@@ -271,12 +271,12 @@ def optional(package: str, extra: str, purpose: str) -> Iterator[None]:
 class PlanningFailed(TominpmpError):
     """Raised by :meth:`Solution.raise_if_failed` when no plan was found.
 
-    Cure: the message says what no motion kept, by how much and when; the page "Why was
-    no motion found?" of the documentation what to try.
+    Cure: the message names the constraint that no motion kept, with the violation and
+    its time; the page "Why was no motion found?" of the documentation lists remedies.
 
     Attributes:
-        solution: The :class:`~tominpmp.solution.Solution`, with its status, sentence
-            and best motion.
+        solution: The :class:`~tominpmp.solution.Solution`, with its status, message and
+            best motion.
     """
 
     def __init__(self, solution: Any) -> None:
@@ -285,17 +285,17 @@ class PlanningFailed(TominpmpError):
 
 
 class TominpmpWarning(UserWarning):
-    """Something was mended on the caller's behalf: a start was clamped, say."""
+    """Input was corrected on the caller's behalf: a start was clamped, for example."""
 
 
 def warn_caller(message: str) -> None:
-    """Warn whoever calls the library, by the line on which that is done.
+    """Warn the user's code, with the line on which it calls the library.
 
     Args:
-        message: What was mended, in a sentence.
+        message: The correction, in a sentence.
     """
     level, frame = 2, sys._getframe(1)
-    # Code that dataclasses generate is in no file; functools keeps cached properties.
+    # Code that dataclasses generate has no file; functools calls cached properties.
     while frame.f_back is not None and (
         str(frame.f_globals.get("__name__")).startswith((f"{LIBRARY}.", "functools"))
         or frame.f_code.co_filename == "<string>"

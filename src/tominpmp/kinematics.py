@@ -1,8 +1,8 @@
-"""Where frames of a robot are and how they move, with derivatives.
+"""Placements, velocities and accelerations of frames of a robot, with derivatives.
 
-:class:`RobotKinematics` looks at one state at a time, :class:`FrameMotions` at many:
-rows are states, as in :class:`~tominpmp.dynamics.RobotDynamics`. Pinocchio is called
-state by state; everything after it is done for all states together.
+:class:`RobotKinematics` evaluates one state at a time, :class:`FrameMotions` many: rows
+are states, as in :class:`~tominpmp.dynamics.RobotDynamics`. Pinocchio is called state
+by state; everything after it is vectorised over the states.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from tominpmp.checks import JOINTS, array
 if TYPE_CHECKING:
     from tominpmp.robot.robot import Robot
 
-# Lengths that scale others [m]: of an arm without any, and the farthest that a joint is
-# taken to slide, as rails of kilometres or without ends do.
+# Bounds of the length by which other lengths are scaled [m]: the least length of an
+# arm, and the longest travel of a sliding joint, as rails may be kilometres long or
+# endless.
 LEAST_LENGTH, LONGEST_TRAVEL = 1e-3, 10.0
 
 LOCAL = pin.ReferenceFrame.LOCAL
@@ -76,7 +77,8 @@ class RobotKinematics:
         Args:
             q: Positions, shape (n,).
             frame: Name of the frame.
-            local: Whether in the axes of the frame, else in those of the world.
+            local: Whether the axes are those of the frame; otherwise those of the
+                world.
 
         Returns:
             Shape (6, n).
@@ -100,18 +102,18 @@ class RobotKinematics:
 
     @property
     def length(self) -> float:
-        """Length of the arm, which scales lengths, finite and above zero [m]."""
+        """Characteristic length of the arm, finite and positive [m]; scales lengths."""
         return max(self.reach(travel=LONGEST_TRAVEL), LEAST_LENGTH)
 
     def reach(self, frame: str | None = None, *, travel: float = np.inf) -> float:
-        """Upper bound on the distance of a frame from the base, at any q [m].
+        """Upper bound on the distance of a frame from the base, over all q [m].
 
         The sum of the offsets along the chain, plus the travel of prismatic joints;
         used to scale lengths and to prove that a position is out of reach.
 
         Args:
-            frame: Name of the frame; None for the one that reaches farthest.
-            travel: Farthest that a prismatic joint is taken to slide [m].
+            frame: Name of the frame; None for the frame with the largest reach.
+            travel: Upper limit of the travel of a prismatic joint [m].
 
         Raises:
             FrameNotFound: If there is no such frame.
@@ -133,15 +135,15 @@ class RobotKinematics:
 
 
 def prismatic_joints(robot: Robot) -> BoolArray:
-    """Which of the joints of a robot slide instead of turning, shape (n,)."""
+    """Which of the joints of a robot are prismatic, shape (n,)."""
     model = robot.model
     return np.array([_slides(model, model.getJointId(j)) for j in robot.joint_names])
 
 
 def endless_joints(robot: Robot) -> BoolArray:
-    """Which joints turn without end, so that a whole turn changes nothing, shape (n,).
+    """Which joints are continuous, so that full turns change nothing, shape (n,).
 
-    Joints that others follow by a ratio (mimic joints) are none.
+    Joints that others follow by a ratio (mimic joints) do not count as continuous.
     """
     limits, links = robot.limits, robot.expansion_matrix
     alone = np.ones(robot.n, dtype=bool)
@@ -156,7 +158,7 @@ def _slides(model: pin.Model, joint: int) -> bool:
 
 
 class Placements(NamedTuple):
-    """Where a frame is.
+    """Placements of a frame in the world.
 
     Attributes:
         rotation: Orientations frame_to_world, shape (m, 3, 3).
@@ -187,10 +189,10 @@ class SpatialSlopes(NamedTuple):
     """Derivatives of the quantities of :class:`SpatialStates`.
 
     Attributes:
-        v_q: Of velocities by q, shape (m, 6, n).
-        v_v: Of velocities by v, and of accelerations by a: the Jacobians.
-        a_q: Of accelerations by q.
-        a_v: Of accelerations by v.
+        v_q: Derivatives of velocities by q, shape (m, 6, n).
+        v_v: Derivatives of velocities by v and of accelerations by a: the Jacobians.
+        a_q: Derivatives of accelerations by q.
+        a_v: Derivatives of accelerations by v.
     """
 
     v_q: Array
@@ -220,7 +222,7 @@ class FrameMotions:
         return type(self), (self.robot, self.frame)
 
     def placements(self, q: Array) -> Placements:
-        """Where the frame is at positions, shape (m, n) [rad or m]."""
+        """Placements of the frame at positions, shape (m, n) [rad or m]."""
         model, data, index = self.robot.model, self._data, self._index
         (rows,) = self._expanded(q)
         found = Placements(np.empty((len(rows), 3, 3)), np.empty((len(rows), 3)))
@@ -235,7 +237,8 @@ class FrameMotions:
 
         Args:
             q: Positions, shape (m, n).
-            local: Whether in the axes of the frame, else in those of the world.
+            local: Whether the axes are those of the frame; otherwise those of the
+                world.
         """
         model, data, index = self.robot.model, self._data, self._index
         axes, nv = LOCAL if local else WORLD, self.robot.model.nv
@@ -289,7 +292,7 @@ class FrameMotions:
         state, by = self.spatial_slopes(q, v, a)
         own = _of_origin(state)
         w, x = skew(state.velocity[:, 3:]), skew(state.velocity[:, :3])
-        # Of R own, where R turns with q by R dR = v_v[3:].
+        # Derivatives of R own, where R turns with q by R dR = v_v[3:].
         by_q = by.a_q[:, :3] + w @ by.v_q[:, :3] - x @ by.v_q[:, 3:]
         by_q -= skew(own) @ by.v_v[:, 3:]
         by_v = by.a_v[:, :3] + w @ by.v_v[:, :3] - x @ by.v_v[:, 3:]
@@ -330,7 +333,7 @@ class FrameMotions:
         return found, SpatialSlopes(v_q, v_v, a_q, a_v)
 
     def _expanded(self, q: Array, **rates: Array) -> tuple[Array, ...]:
-        """Check states in rows, and bring them to the joints of the model."""
+        """Check rows of states, and expand them to all joints of the model."""
         robot = self.robot
         q = array(q, "q", (None, robot.n), JOINTS)
         rows = [array(x, name, q.shape, JOINTS) for name, x in rates.items()]
@@ -341,7 +344,7 @@ class FrameMotions:
         return SpatialStates(np.empty((m, 3, 3)), np.empty((m, 6)), np.empty((m, 6)))
 
     def _read(self, found: SpatialStates, k: int) -> None:
-        """Take over what was computed for a state."""
+        """Copy the results for one state out of Pinocchio's data."""
         model, data, index = self.robot.model, self._data, self._index
         found.rotation[k] = pin.updateFramePlacement(model, data, index).rotation
         found.velocity[k] = pin.getFrameVelocity(model, data, index, LOCAL).vector
@@ -364,6 +367,6 @@ def times(matrices: Array, rows: Array) -> Array:
 
 
 def _of_origin(state: SpatialStates) -> Array:
-    """Accelerations of the origin itself, of spatial ones: a + w x v, shape (m, 3)."""
+    """Accelerations of the origin from spatial ones: a + w x v, shape (m, 3)."""
     turned = np.cross(state.velocity[:, 3:], state.velocity[:, :3])
     return np.asarray(state.acceleration[:, :3] + turned)

@@ -1,9 +1,10 @@
-"""Damped least squares within bounds, of many configurations at once.
+"""Damped least squares within bounds, for many configurations at once.
 
-Each step is the least one that leads to a root to first order, damped where the arm is
-singular or the root far (Sugihara, 2011). Joints at a bound that it would lead beyond
-are held, so that the others do their part. ``scipy.optimize.least_squares`` takes one
-configuration at a time, and does not look for the least step.
+Each step is the shortest one that leads to a root to first order, damped where the arm
+is singular or the root is far (Sugihara, 2011). Joints at a bound that the step would
+cross are held, so that the other joints make up for them.
+``scipy.optimize.least_squares`` takes one configuration at a time, and does not seek
+the shortest step.
 """
 
 from __future__ import annotations
@@ -15,28 +16,29 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.stopping import check
 
-# What is to be brought to zero at configurations, shape (m, n), of rows with given
-# numbers, shape (m,): values, shape (m, k), and their Jacobians, shape (m, k, n). What
-# a row lacks of k values is zero.
+# Residuals at configurations, shape (m, n), of the rows with the given indices, shape
+# (m,): values, shape (m, k), and their Jacobians, shape (m, k, n). Rows with fewer than
+# k residuals are padded with zeros.
 Residual = Callable[[Array, IntArray], tuple[Array, Array]]
 
-# Damping is the squared residual's share of the mean diagonal of a system of equations,
-# but no more than the first of these shares, and at least the second, which keeps it
-# regular.
+# Damping relative to the mean diagonal of the normal equations: it equals the squared
+# residual, but no more than the first number, plus the second one, which keeps the
+# equations regular.
 MOST, LEAST = 1e-2, 1e-10
-# A row is given up when this many steps have not halved its residual; most of the time
-# would go into those that get nowhere.
+# Number of steps after which a row is given up if they have not halved its residual;
+# otherwise rows that make no progress would take most of the time.
 PATIENCE = 12
-# How far a step leads beyond a bound that holds the joint [rad or m].
+# Distance by which a step must cross a bound for the joint to be held there [rad or m].
 BEYOND = 1e-12
 
 
 def each(function: Callable[[int, Array], tuple[Array, Array]]) -> Residual:
-    """The residual of rows of a function of one row.
+    """Make a residual of many rows from a residual function of a single row.
 
     Args:
-        function: Of the number of a row and its configuration, shape (n,): values,
-            shape (k,), and their Jacobian, shape (k, n); k may vary.
+        function: Function of the index of a row and its configuration, shape (n,), that
+            returns the residuals, shape (k,), and their Jacobian, shape (k, n); k may
+            vary.
     """
 
     def residual(q: Array, rows: IntArray) -> tuple[Array, Array]:
@@ -60,20 +62,21 @@ def least_squares(
     reached: float,
     steps: int,
 ) -> tuple[Array, Array]:
-    """Bring residuals to zero within bounds, each by short steps.
+    """Drive residuals to zero within bounds by a damped Gauss-Newton iteration.
 
     Args:
-        residual: What is to be brought to zero.
-        q: Where to begin, shape (m, n) [rad or m].
+        residual: The residuals and their Jacobians.
+        q: Initial configurations, shape (m, n) [rad or m].
         limits: Lower and upper bounds, shape (n,) each.
-        scale: Displacements that count as much as each other, shape (n,) or (m, n): of
-            the steps that do the same, the least one is taken.
-        longest: Longest step of each joint, likewise [rad or m].
-        reached: Norm of a residual that ends the steps of its row.
-        steps: How many of them at most.
+        scale: Displacements of the joints that count as equally long, shape (n,) or (m,
+            n): among the steps with the same effect, the shortest in this norm is
+            taken.
+        longest: Longest step of each joint, shape (n,) or (m, n) [rad or m].
+        reached: Norm of a residual below which its row has converged.
+        steps: Largest number of steps.
 
     Returns:
-        Configurations, shape (m, n), and the norms of what is left there, shape (m,).
+        Configurations, shape (m, n), and the norms of their residuals, shape (m,).
     """
     low, high = limits
     out = np.clip(q, low, high)
@@ -109,14 +112,14 @@ def least_squares(
 
 
 def damped_step(value: Array, slope: Array, scale: Array, damping: Array) -> Array:
-    """The least steps that bring values to zero to first order, damped.
+    """Damped Gauss-Newton steps of least norm.
 
     Args:
-        value: Shape (m, k).
+        value: Residuals, shape (m, k).
         slope: Jacobians, shape (m, k, n).
-        scale: Displacements that count as much as each other, shape (m, n); zero for
-            joints that stay.
-        damping: Share of the mean diagonal of the system of equations, shape (m,).
+        scale: Displacements of the joints that count as equally long, shape (m, n);
+            zero for joints that are held.
+        damping: Damping relative to the mean diagonal of the equations, shape (m,).
 
     Returns:
         Steps, shape (m, n).
@@ -126,7 +129,7 @@ def damped_step(value: Array, slope: Array, scale: Array, damping: Array) -> Arr
     normal = scaled @ turned
     diagonal = np.arange(value.shape[1])
     size = normal[:, diagonal, diagonal].mean(axis=1)
-    # Where all joints stay any other number than zero does.
+    # If all joints are held, any positive damping keeps the equations regular.
     damping = np.where(size > 0.0, (damping + LEAST) * size, 1.0)
     normal[:, diagonal, diagonal] += damping[:, None]
     found = turned @ np.linalg.solve(normal, value[:, :, None])

@@ -1,4 +1,4 @@
-"""Limits beyond those of a description file, as controllers and motors have them."""
+"""Limits of controllers and motors beyond those of a robot description file."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ Row: TypeAlias = Annotated[
 
 @record
 class EffortCurve(Record):
-    """Largest torque of a motor over its speed, joined by straight lines.
+    """Largest torque of a motor over its speed, piecewise linear.
 
     Attributes:
         speed: Absolute speeds, from 0, increasing, shape (k,) [rad/s or m/s].
-        effort: Largest torque there, shape (k,) [N m or N]. Beyond the last speed it
-            stays as it is there.
+        effort: Largest torque at these speeds, shape (k,) [N m or N]; constant beyond
+            the last speed.
     """
 
     speed: Row
@@ -82,11 +82,11 @@ class EffortCurve(Record):
         speed = np.concatenate([[0.0], np.geomspace(knee, max(top_speed, knee), count)])
         if top_speed <= knee:
             return cls(np.array([0.0, knee]), np.array([effort, effort]))
-        # Tangents would be on the safe side everywhere; chords pass it by < 1 %.
+        # Tangents would stay within the power limit; chords exceed it by < 1 %.
         return cls(speed, np.minimum(effort, power / np.maximum(speed, knee)))
 
     def __call__(self, speed: Array) -> tuple[Array, Array]:
-        """Largest torque and its slope over |speed|, of any shape."""
+        """Largest torques and their slopes over |speed|, for speeds of any shape."""
         magnitude = np.abs(array(speed, "speed", (...,), "speeds"))
         value = np.interp(magnitude, self.speed, self.effort)
         slopes = np.append(np.diff(self.effort) / np.diff(self.speed), 0.0)
@@ -94,27 +94,29 @@ class EffortCurve(Record):
         return value, slopes[np.minimum(piece, slopes.size - 1)]
 
 
-# The upper and the lower side of a bound.
+# Signs of the upper and the lower side of a bound.
 SIDES = (1.0, -1.0)
 
 
 @dataclass(frozen=True)
 class LimitKind:
-    """A kind of limit that joints have one by one.
+    """A kind of limit that has a bound for each joint.
 
-    Planner, replay, certificate, sensitivities and files go through all kinds, and name
-    no kind. A new one is an instance of this class, or of a subclass with an excess of
-    its own, and the field of motion limits that holds its bounds.
+    Planner, replay, certificate, sensitivities and files iterate over all kinds, and
+    name none of them. To add a kind, make an instance of this class, or of a subclass
+    with an excess function, and a field of motion limits that holds its bounds.
 
     Attributes:
         name: Its name in messages, reports and records.
-        units: Units of its values, of a joint that turns and of one that slides.
-        of: What it bounds: "q", "v", "a" or "u" for positions, velocities,
-            accelerations or torques; "j" or "du" for rates of accelerations or
-            torques; "uv" for what depends on torques and velocities.
-        order: Power of a factor by which it falls where time is stretched by it; for
-            all that does not depend on torques the order of the derivative.
-        part_of: Name of the kind that a replay counts it as; empty for its own.
+        units: Units of its bounds, for revolute and for prismatic joints.
+        of: Bounded quantity: "q", "v", "a" or "u" for positions, velocities,
+            accelerations or torques; "j" or "du" for rates of accelerations or torques;
+            "uv" for a function of torques and velocities.
+        order: Power of the factor by which the quantity falls if time is stretched by
+            that factor; for quantities that do not depend on torques, the order of the
+            derivative.
+        part_of: Name of the kind under which a replay counts it; empty for its own
+            name.
         numbers: Whether its bounds are numbers.
     """
 
@@ -132,26 +134,26 @@ class LimitKind:
 
     @property
     def of_torques(self) -> bool:
-        """Whether it bounds torques, or what depends on them."""
+        """Whether it bounds torques, or a quantity that depends on them."""
         return self.of in ("u", "du", "uv")
 
     @property
     def of_states(self) -> bool:
-        """Whether position, velocity and torque at an instant tell if it is kept."""
+        """Whether position, velocity and torque at an instant decide if it is kept."""
         return self.of in ("q", "v", "u", "uv")
 
     @property
     def unit(self) -> str:
-        """Both units in words."""
+        """Both units, as a phrase."""
         return " or ".join(self.units)
 
     def checked(self, value: object, key: str, joint: str | None = None) -> Any:
-        """The bound of a joint in checked form, or one for all or each of the joints.
+        """Check and convert the bound of a joint, or the bounds of all joints.
 
         Args:
-            value: What was given.
+            value: The caller's value: a number, or for all joints also an array.
             key: The field of motion limits.
-            joint: The joint; None for all of them.
+            joint: The joint; None for all joints.
         """
         bounds = array_or_nan(value)
         few = bounds.ndim <= (joint is None)
@@ -162,7 +164,7 @@ class LimitKind:
     def excess(
         self, bound: Any, u: Array, v: Array, side: float
     ) -> tuple[Array, Array, Array]:
-        """How far torques and velocities of a joint are beyond a bound ("uv").
+        """Excess of the torques and velocities of a joint over a bound ("uv").
 
         Args:
             bound: The bound.
@@ -171,35 +173,35 @@ class LimitKind:
             side: 1.0 for the upper side, -1.0 for the lower one.
 
         Returns:
-            The excess, and its derivatives by torque and velocity.
+            The excess, and its derivatives by torque and by velocity.
         """
         raise NotImplementedError
 
     def largest_excess(self, bound: Any, u: Array, v: Array) -> Array:
-        """Excess over a bound on the side where it is larger ("uv")."""
+        """Excess over a bound on the side with the larger excess ("uv")."""
         upper, lower = (self.excess(bound, u, v, side)[0] for side in SIDES)
         return np.asarray(np.maximum(upper, lower))
 
     def scale(self, bound: Any, half: float) -> float:
-        """What the excess is a share of: the bound, or half the range of torques."""
+        """Scale of relative excesses: the bound, or half the range of torques."""
         return float(bound) if self.numbers else half
 
     def shifts(self, bound: Any, u: Array, v: Array) -> dict[str, Array]:
-        """By how much a larger bound lowers the excess, in shares of it ("uv").
+        """Decrease of the excess per relative increase of a bound ("uv").
 
         Returns:
-            By the name that sensitivities have for what is changed.
+            Decreases by the name that sensitivities give to the bound.
         """
         return {self.name: self.largest_excess(bound, u, v) + bound}
 
 
 class EffortOverSpeed(LimitKind):
-    """Torques within curves over the speed."""
+    """Torque limits that are curves over the speed."""
 
     numbers = False
 
     def checked(self, value: object, key: str, joint: str | None = None) -> Any:
-        """The curve of a joint."""
+        """Check the curve of a joint."""
         if joint is None:
             raise wrong(value, key, "EffortCurves by joint name")
         return of_kind(
@@ -209,25 +211,25 @@ class EffortOverSpeed(LimitKind):
     def excess(
         self, bound: Any, u: Array, v: Array, side: float
     ) -> tuple[Array, Array, Array]:
-        """Torques beyond the curve."""
+        """Excess of torques over the curve."""
         most, slope = bound(v)
         return side * u - most, np.full(u.shape, side), -slope * np.sign(v)
 
     def shifts(self, bound: Any, u: Array, v: Array) -> dict[str, Array]:
-        """Both axes of the curve."""
+        """Decreases of the excess per relative increase of either axis of the curve."""
         falls = bound(v)[1] * np.abs(v)
         return {self.name: np.abs(u), "speed of effort curve": -falls}
 
 
-# Limits that all robots have.
+# Kinds of the limits that all robots have.
 POSITION = LimitKind("position", ("rad", "m"), "q", 0)
 VELOCITY = LimitKind("velocity", ("rad/s", "m/s"), "v", 1)
 EFFORT = LimitKind("effort", ("N m", "N"), "u", 2)
-# What a feedback adds to the torques in a replay.
+# Bounds the torques that a feedback adds in a replay.
 FEEDBACK = replace(EFFORT, name="feedback")
-# Those of motion limits.
+# Kinds of the fields of motion limits.
 ACCELERATION = LimitKind("acceleration", ("rad/s^2", "m/s^2"), "a", 2)
-# That of kinematic robots, whose controls are accelerations.
+# Acceleration limit of kinematic robots, whose controls are accelerations.
 CONTROL_ACCELERATION = replace(ACCELERATION, of="u")
 JERK = LimitKind("jerk", ("rad/s^3", "m/s^3"), "j", 3)
 EFFORT_RATE = LimitKind("effort rate", ("N m/s", "N/s"), "du", 3)
@@ -241,7 +243,7 @@ def kinds_of(
 
     Args:
         limits: The limits, or a class of them.
-        numbers: Whether those alone are told whose bounds are numbers.
+        numbers: Whether to list only the kinds whose bounds are numbers.
     """
     known = {item.name: item.metadata.get("kind") for item in fields(limits)}
     return {
@@ -253,17 +255,17 @@ def kinds_of(
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits(Record):
-    """Limits beyond those of a description file.
+    """Limits beyond those of a robot description file.
 
     Values per joint are one number for all, an array in joint order, or a mapping of
-    joint names for some; None or infinity is no limit.
+    joint names for some of the joints; None or infinity is no limit.
 
     Attributes:
         acceleration: Largest acceleration [rad/s^2 or m/s^2].
         jerk: Largest jerk [rad/s^3 or m/s^3].
         effort_rate: Largest torque rate [N m/s or N/s] (paper, section 4).
-        effort_scale: Share of the torque limits that the motion may use; the rest is
-            left for the feedback controller.
+        effort_scale: Share of the torque limits that the motion may use; the rest is a
+            reserve for the feedback controller.
         effort_curves: Torque over speed by joint name.
     """
 
@@ -276,7 +278,7 @@ class MotionLimits(Record):
     )
 
     def __post_init__(self) -> None:
-        """Check what can be told without a robot."""
+        """Make the checks that need no robot."""
         expected = "a share in (0, 1]"
         scale = number(self.effort_scale, "effort_scale", expected, above=0.0, most=1.0)
         curves = {} if self.effort_curves is None else self.effort_curves
@@ -290,7 +292,7 @@ class MotionLimits(Record):
                 self._keep(**{name: kind.checked(value, name)})
 
     def _values(self) -> tuple[object, ...]:
-        """What is compared: numbers whatever their shape, mappings in any order."""
+        """Values to compare: numbers whatever their shape, mappings in any order."""
 
         def plain(value: Any) -> object:
             if isinstance(value, Mapping):
@@ -300,7 +302,7 @@ class MotionLimits(Record):
         return tuple(plain(getattr(self, item.name)) for item in fields(self))
 
     def _bounds_of(self, name: str, joint_names: Sequence[str]) -> dict[str, Any]:
-        """Bounds in a field by joint name, of the joints for which it has any."""
+        """Bounds in a field by joint name, of the joints that have one."""
         value, n = getattr(self, name, None), len(joint_names)
         if value is None:
             return {}
@@ -312,7 +314,7 @@ class MotionLimits(Record):
         return dict(zip(joint_names, np.broadcast_to(value, n).tolist(), strict=True))
 
     def by_joint(self, name: str, joint_names: Sequence[str]) -> Array:
-        """Values of a limit for the joints of a robot, infinite for none, shape (n,).
+        """Bounds of the joints of a robot, infinite for no limit, shape (n,).
 
         Args:
             name: "acceleration", "jerk" or "effort_rate".
@@ -331,13 +333,14 @@ class MotionLimits(Record):
     def over(
         self, others: MotionLimits | None, joint_names: Sequence[str]
     ) -> MotionLimits:
-        """These limits, and where they say nothing those of another source.
+        """Complete these limits by others, of lower priority.
 
-        Numbers for all joints, and arrays, say something of every joint; mappings only
-        of the joints in them. An infinite one says that there is no limit.
+        Numbers for all joints, and arrays, set the limit of every joint; mappings only
+        of the joints in them. An infinite value removes the limit of the other source.
 
         Args:
-            others: The other limits, which these go before; None for none.
+            others: Limits of lower priority; None to complete nothing.
+            joint_names: Names of the joints.
             joint_names: Names of the joints.
 
         Raises:
@@ -367,8 +370,8 @@ class MotionLimits(Record):
         """The same limits for some of the joints, under other names.
 
         Args:
-            names: New names by present ones; joints that are not in it are left out.
-            present: Names of all joints the limits are for, in their order.
+            names: New names by current ones; joints that are not in it are left out.
+            present: Current names of all joints of the limits, in their order.
         """
         instance(names, Mapping, "names", "names of joints by their present ones")
         present = joints_named(present, "present")
@@ -392,17 +395,17 @@ class MotionLimits(Record):
 
     @property
     def continuous(self) -> bool:
-        """Whether accelerations must not jump."""
+        """Whether accelerations must be continuous."""
         return any(kind.smooth for kind in self._given)
 
     @property
     def need_smooth(self) -> bool:
-        """Whether there is more than a share of the torque limits."""
+        """Whether there are any limits beyond a share of the torque limits."""
         return bool(self._given)
 
     @property
     def _given(self) -> list[LimitKind]:
-        """Kinds of which there are bounds."""
+        """Kinds of limits that have bounds."""
         found = []
         for name, kind in kinds_of(self).items():
             bounds = getattr(self, name)
@@ -412,12 +415,12 @@ class MotionLimits(Record):
 
 
 def classes_of_limits() -> list[type[MotionLimits]]:
-    """Classes of motion limits, those of a caller too."""
+    """Classes of motion limits, with those that a caller has defined."""
     return [MotionLimits, *MotionLimits.__subclasses__()]
 
 
 def joint_kinds() -> dict[str, LimitKind]:
-    """All kinds of limits of joints by name, those of a caller's motion limits too."""
+    """All kinds of limits of joints by name, with those that a caller has defined."""
     every = classes_of_limits()
     further = [kind for limits in every for kind in kinds_of(limits).values()]
     known = POSITION, VELOCITY, EFFORT, FEEDBACK, *further
@@ -427,11 +430,12 @@ def joint_kinds() -> dict[str, LimitKind]:
 def limits_by_joint(
     values: Mapping[str, Mapping[str, float]], joint_names: Sequence[str]
 ) -> MotionLimits | None:
-    """Accelerations, jerks and torque rates of joints that move; None without any.
+    """Accelerations, jerks and torque rates of the moving joints; None without any.
 
     Args:
-        values: By quantity and joint name, as files and data sheets have them.
-        joint_names: Joints that move; values of others are left out, and infinite ones.
+        values: Values by quantity and joint name, as in files and data sheets.
+        joint_names: Joints that move; values of other joints are dropped, and infinite
+            values.
     """
     found: dict[str, Any] = {}
     for name in kinds_of(MotionLimits):

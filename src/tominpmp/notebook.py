@@ -1,7 +1,7 @@
-"""How objects show themselves in notebooks: small pictures (SVG) and tables (HTML).
+"""Representations of objects in notebooks: small plots (SVG) and tables (HTML).
 
-Nothing but text is made here, so that no plotting library is needed; names are escaped,
-as they come from files of strangers.
+The module writes text only, and needs no plotting library; names are escaped, as they
+may come from untrusted files.
 """
 
 from __future__ import annotations
@@ -16,24 +16,25 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exceptions import brief
 
-# Okabe and Ito's colours, which the colour-blind tell apart.
+# Okabe and Ito's colours, which are distinguishable with colour blindness.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4b8a")
 GREY, LIMIT = "#9aa5b1", "#b3312a"
 WIDTH, HEIGHT, EDGE = 240.0, 110.0, 6.0
 TEXT = "font:11px sans-serif;fill:#4a5867"
-# Rows of a table; robots may have hundreds of joints.
+# Longest table; robots may have hundreds of joints.
 MOST_ROWS = 40
 
 
 def table(
     head: Sequence[str], rows: Sequence[Sequence[object]], *, joints: bool = False
 ) -> str:
-    """A table; numbers are shortened, what is too long is left out.
+    """A table; numbers and long texts are shortened, surplus rows are left out.
 
     Args:
-        head: Titles of the columns; none for no head.
+        head: Titles of the columns; empty for a table without a head.
         rows: The rows.
-        joints: Whether each row is of a joint, and begins with the colour of its curve.
+        joints: Whether each row describes a joint, and begins with the colour of its
+            curve.
     """
     titles = [*([""] if joints else []), *head]
     cells = "".join(f"<th>{escape(name)}</th>" for name in titles)
@@ -56,13 +57,13 @@ def _text(value: object) -> str:
 
 
 def curves(title: str, t: Array, values: Array, limits: Sequence[float] = ()) -> str:
-    """A panel with one curve a column.
+    """A panel with one curve per column.
 
     Args:
-        title: What is drawn, with its unit.
+        title: Quantity that is drawn, with its unit.
         t: Times, shape (m,).
-        values: Shape (m, n); what is not finite is left out.
-        limits: Where to draw lines across.
+        values: Shape (m, n); values that are not finite are drawn as zero.
+        limits: Values at which horizontal lines are drawn.
     """
     finite = np.where(np.isfinite(values), values, 0.0)
     bounds = [*limits, float(finite.min(initial=0.0)), float(finite.max(initial=0.0))]
@@ -93,9 +94,9 @@ def skeletons(title: str, arms: Mapping[str, Array]) -> str:
     """A panel with stick figures.
 
     Args:
-        title: What is drawn.
-        arms: Ends of the sticks, shape (k, 2, 3) [m], by what they are; the last one is
-            in colour.
+        title: Title of the panel.
+        arms: Ends of the sticks, shape (k, 2, 3) [m], by configuration; the last one is
+            drawn in colour.
     """
     points = np.concatenate([arm.reshape(-1, 3) for arm in arms.values()])
     flat = np.ptp(points[:, 2]) < 1e-6
@@ -113,7 +114,7 @@ def skeletons(title: str, arms: Mapping[str, Array]) -> str:
 
 
 def card(title: str, *parts: str) -> str:
-    """Pictures and tables below a title."""
+    """Plots and tables below a title."""
     style = "padding:2px 12px 2px 0"
     inside = "".join(f'<div style="{style}">{part}</div>' for part in parts)
     return (
@@ -125,7 +126,7 @@ def card(title: str, *parts: str) -> str:
 def motion_card(
     title: str, names: Sequence[str], t: Array, q: Array, v: Array, u: Array
 ) -> str:
-    """Curves of a motion, shape (m, n) each, and a line for each joint."""
+    """Curves of a motion, shape (m, n) each, and a table with one row per joint."""
     rates = {"v": v} if np.all(np.isnan(u)) else {"v": v, "u": u}
     panels = [curves(name, t, x) for name, x in {"q": q, **rates}.items()]
     largest = (np.abs(x).max(axis=0).tolist() for x in rates.values())
@@ -143,12 +144,12 @@ def outcome_card(
     motion: Any,
     limits: Any,
 ) -> str:
-    """What planning has led to.
+    """Summary of a planning result.
 
     Args:
-        title: What it is.
+        title: Title of the summary.
         message: A sentence or two.
-        facts: Lines of the table below it.
+        facts: Rows of the table below the message: names and values.
         motion: The trajectory; None if there is none.
         limits: ``JointLimits`` of the robot.
     """

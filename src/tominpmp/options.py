@@ -35,14 +35,15 @@ CHOICES = {
     "energy": get_args(Energy),
     "refine": (*get_args(Refinement), None),
 }
-# Whole numbers, and the least that each may be.
+# Integer options, with the least value of each.
 WHOLE = {"intervals": 4, "max_iterations": 1, "processes": 1, "seed": 0, "starts": 1}
 POSITIVE = (
     *("max_planning_time", "initial_duration", "control_period", "trust_region"),
     *("tolerance", "feasibility", "control_step", "time_step"),
     *("goal_tolerance", "speed_tolerance", "limit_tolerance", "contact_tolerance"),
 )
-# More is taken for a mistake, before it fills the memory or starts too many processes.
+# Largest values: more is taken for a mistake, before it fills the memory or starts too
+# many processes.
 MOST = {
     "intervals": 10_000,
     "max_iterations": 1_000_000,
@@ -52,27 +53,27 @@ MOST = {
     "slack": 10.0,
     "control_period": 1.0,
 }
-# Planning time that is allowed where a caller sets no limit, by effort [s]. On the
-# golden set it cuts short a tenth of the quick plans, and one of 37 standard ones
-# (``python -m benchmarks.latency``).
+# Default limit of the planning time, by effort [s]. On the golden set it cuts short a
+# tenth of the quick plans, and one of 37 standard ones (``python -m
+# benchmarks.latency``).
 TIME_LIMITS = {"quick": 2.0, "standard": 10.0, "thorough": 60.0}
-# Likewise for all other numbers: longer than anybody waits, and squares still fit.
+# Largest value of all other numbers: beyond any use, while its square is still finite.
 LARGEST = 1e9
-# A motion on the clock of a controller, or a segment of one, has so many periods at
-# least; the shortest have more than they need.
+# Least number of periods of a motion on a controller's clock, or of a segment of it;
+# the shortest motions last longer than they need.
 FEWEST_PERIODS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    """What the replay of a motion may be off by to be believed.
+    """Largest deviations with which the replay of a motion still confirms it.
 
     Attributes:
         goal: Distance from the goal at the end [rad or m].
         speed: Difference to the velocity at the end [rad/s or m/s].
-        limits: Excess over position, velocity and effort limits: relative to the limit,
-            for positions and efforts to the range.
-        contact: Clearance that a pair may lack around a start or goal that touches [m].
+        limits: Excess over position, velocity and effort limits: relative to the limit;
+            for positions and efforts relative to the range.
+        contact: Clearance that may be missing at a start or goal in contact [m].
     """
 
     goal: float = 1e-3
@@ -92,7 +93,7 @@ class Tolerances:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Options(Record):
-    """How a motion is planned. The defaults are sensible for any arm.
+    """Options of a plan. The defaults are sensible for any arm.
 
     Attributes:
         method: Transcription: "inverse" (accelerations, torque limits as rows),
@@ -101,67 +102,68 @@ class Options(Record):
             joint, else "collocation".
         intervals: Number N of intervals of the time grid of the search, 10 000 at most.
             Several segments share them, each having 10 (or N) at least.
-            The motion that is found may have more, see ``refine``.
+            The grid of the resulting motion may have more intervals, see ``refine``.
         grid: "cosine" (short intervals at both ends, see
             :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform".
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
             runs over an interval: "constant", or for "inverse" also "linear"
-            (continuous accelerations) and "spline" (smooth ones); "auto" takes
-            "linear" where limits need it, or torques rule on 24 intervals or more, and
-            else, where speeds rule and with several segments, "constant".
+            (continuous accelerations) and "spline" (smooth ones); "auto" takes "linear"
+            where limits need it, or torques are the active limits on 24 intervals or
+            more, and otherwise, where speeds are and with several segments, "constant".
         objective: "time" for the fastest motion, or "feasible" for the first one that
             keeps all constraints, in its replay too; its time is not minimised.
-        effort: How far the best motion is looked for, rather than the nearest: "quick"
-            (one descent), "standard" (a few more on coarse grids, where a faster motion
-            may exist and they take little time), or "thorough" (many more, of all
-            kinds, and for as long as ``max_planning_time`` lasts if that is given).
-            More effort makes the attempts of less, and then others.
-        energy_weight: Weight k of the energy, in 1/(N^2 m^2) or s/J as ``energy`` says:
-            what is least is then T + k times the energy; 0 for time alone.
-        energy: Which energy: "torque_squared", the integral of the squared torques of
-            all motors over time [N^2 m^2 s], forces of joints that slide [N] among
-            them, which is what motors waste by heat; or "work", the mechanical work
-            that all motors do [J], each by itself: what they take up by braking is
-            neither given back nor counted.
-        slack: Share of T to give away for quiet torques: the motion that was found is
-            handed to :func:`tominpmp.smooth`. None leaves it as it is.
-        refine: What follows the first solve: "auto" (intervals of the best motion are
+        effort: How widely the planner searches for a global optimum: "quick" (one
+            descent to the nearest local optimum), "standard" (a few more on coarse
+            grids, where a faster motion may exist and they take little time), or
+            "thorough" (many more, of all kinds, and for as long as
+            ``max_planning_time`` lasts if that is given). A higher effort repeats the
+            attempts of a lower one, and then adds others.
+        energy_weight: Weight k of the energy, in 1/(N^2 m^2) or s/J according to
+            ``energy``: the objective is T + k times the energy; 0 for time alone.
+        energy: Definition of the energy: "torque_squared", the integral of the squared
+            torques of all motors over time [N^2 m^2 s], including the forces of
+            prismatic joints [N], which is proportional to the heat losses of motors; or
+            "work", the mechanical work of all motors [J], each motor by itself: the
+            energy of braking is neither recovered nor counted.
+        slack: Share of T to give away for quiet torques: the planned motion is passed
+            to :func:`tominpmp.smooth`. None skips that step.
+        refine: Stage after the first solve: "auto" (intervals of the best motion are
             halved where its controls bend, as long as that promises 0.3 % of T; not for
             "adjoint" and "penalty"); None, for a motion on the grid of the search;
-            "grid" (the same, as long as that promises 0.03 % of T); "switching"
-            (the instants at which torques switch are placed exactly, for small arms,
-            and other orders of the switches are looked for unless ``starts`` is 1).
+            "grid" (the same, as long as that promises 0.03 % of T); "switching" (the
+            instants at which torques switch become unknowns, for small arms, and other
+            orders of the switches are tried unless ``starts`` is 1).
         smoothing: Weight of the total variation of the controls in the objective, in s
-            per full range: it makes those controls quiet that the minimum time leaves
+            per full range: it makes controls quiet where the minimum time leaves them
             free. None takes 1e-4 T for "inverse" and "collocation" in free space, but
-            none on fine grids, where it costs 0.1 % of T; the same weight on the
+            zero on fine grids, where it costs 0.1 % of T; the same weight on the
             squares of the jumps among obstacles; and 0 for "adjoint".
-        starts: Number of initial guesses; None lets the planner choose. More make the
-            same attempts as fewer would and others after these, and while none has led
-            to a motion, more are made in any case.
-        seed: Seed of everything random.
-        max_planning_time: Time limit [s], kept to 10 % and 0.2 s, from the call of the
-            planner on; the best motion so far is returned, and verified in that time.
-            By default it is that of the effort: 2 s for "quick", 10 s for "standard",
-            60 s for "thorough"; infinity is no limit.
-        max_iterations: Largest number of iterations a start.
+        starts: Number of initial guesses; None lets the planner choose. A larger number
+            keeps the attempts of a smaller one and adds others; as long as no attempt
+            has led to a motion, more are made in any case.
+        seed: Seed of all random numbers.
+        max_planning_time: Time limit [s], kept to 10 % and 0.2 s, counted from the call
+            of the planner; the best motion so far is returned, and verified within that
+            time. The default depends on the effort: 2 s for "quick", 10 s for
+            "standard", 60 s for "thorough"; infinity is no limit.
+        max_iterations: Largest number of iterations per start.
         tolerance: Relative progress below which the iteration stops: when the last
-            three iterations together brought less than this share of T.
-        feasibility: Largest violation that counts as none: relative for torques and
-            velocities, in m and rad for goals and clearances. A start that misses its
-            goal by no more takes no time.
-        goal_tolerance: Distance from the goal [rad or m] that the independent replay of
-            a motion may end at, see :class:`Tolerances`.
+            three iterations together reduced T by less than this share.
+        feasibility: Largest constraint violation that counts as feasible: relative for
+            torques and velocities, in m and rad for goals and clearances. A start
+            within this distance of its goal takes no time.
+        goal_tolerance: Distance from the goal [rad or m] at which the independent
+            replay of a motion may end, see :class:`Tolerances`.
         speed_tolerance: The same for the velocity at the end [rad/s or m/s].
         limit_tolerance: Relative excess over limits that the replay may have.
-        contact_tolerance: Clearance that a pair may lack around a start or goal that is
-            itself at the margin [m]; elsewhere nothing may be missing.
+        contact_tolerance: Clearance that may be missing at a start or goal that is
+            itself at the margin [m]; elsewhere the whole clearance is required.
         trust_region: Initial radius of the trust region [rad].
-        step_rule: For "adjoint": "adaptive", or "paper" (fixed steps, every step
-            taken).
-        control_step: Largest torque change an iteration with step_rule="paper", the
+        step_rule: For "adjoint": "adaptive", or "paper" (fixed radii, every step
+            accepted).
+        control_step: Largest torque change per iteration with step_rule="paper", the
             paper's rho [N m].
-        time_step: Largest change of T an iteration with step_rule="paper", the paper's
+        time_step: Largest change of T per iteration with step_rule="paper", the paper's
             epsilon [s].
         initial_duration: Duration of the initial guess at rest [s], the paper's T^0,
             for "adjoint", "penalty" and goals on frames; None lets the planner choose.
@@ -169,14 +171,14 @@ class Options(Record):
             shape (n,) or (N, n) [N m]; None for zero.
         lp_solver: "highs" (dual simplex, warm started), "piqp" (interior point), the
             name of any other solver that qpsolvers knows, or "auto".
-        control_period: Period of the controller that takes the motion as samples [s]:
-            all knots and the duration become multiples of it, so that the polynomials
-            by which the controller joins the samples are the motion itself, see
-            :mod:`~tominpmp.transcription.grid`. At most a second; None leaves them
-            where they are.
-        processes: Number of processes that several starts are spread over, up to 256;
-            no more are started than there are cores (or two), and the motion is the
-            same for any number of them.
+        control_period: Period of the controller that executes the motion as samples
+            [s]: all knots and the duration become multiples of it, so that the
+            polynomials by which the controller interpolates the samples are the motion
+            itself, see :mod:`~tominpmp.transcription.grid`. At most a second; None
+            leaves the knots free.
+        processes: Number of processes over which several starts are distributed, up to
+            256; no more are started than there are cores (or two), and the result does
+            not depend on their number.
         callback: Called with an IterationRecord after every iteration; returning True
             stops the planning.
     """
@@ -241,7 +243,7 @@ class Options(Record):
 
     @classmethod
     def _is_optional(cls, name: str) -> bool:
-        """Whether an option may be left to the planner."""
+        """Whether an option may be None, for the planner to choose."""
         return getattr(cls, name) is None
 
     def _number(self, name: str, expected: str, above: float = -1.0) -> None:
@@ -260,14 +262,14 @@ class Options(Record):
 
     @property
     def time_limit(self) -> float:
-        """Planning time that is allowed [s]; infinite without a limit."""
+        """Allowed planning time [s]; infinite without a limit."""
         if self.max_planning_time is None:
             return TIME_LIMITS[self.effort]
         return self.max_planning_time
 
     @property
     def tolerances(self) -> Tolerances:
-        """What the replay of a motion may be off by."""
+        """Largest deviations with which the replay still confirms a motion."""
         return Tolerances(
             goal=self.goal_tolerance,
             speed=self.speed_tolerance,
@@ -277,23 +279,23 @@ class Options(Record):
 
     @classmethod
     def of(cls, options: Options | None) -> Options:
-        """The options that a caller gave; None for the defaults.
+        """The caller's options; the defaults for None.
 
         Raises:
-            ProblemError: If they are none.
+            ProblemError: If they are not options.
         """
         if options is None:
             return cls()
         return instance(options, Options, "options", "Options or None")
 
     def changed(self, changes: Mapping[str, Any]) -> Options:
-        """These options, some of them with other values.
+        """A copy of these options with some values changed.
 
         Args:
-            changes: Values by name.
+            changes: New values by the name of the option.
 
         Raises:
-            OptionsError: If there is no option of such a name, or its value is wrong.
+            OptionsError: If an option is unknown, or its value is wrong.
         """
         instance(changes, Mapping, "changes", "values of options by name")
         for name in changes:
@@ -308,7 +310,7 @@ class Options(Record):
 
 
 def _unknown(name: object, known: tuple[str, ...]) -> str:
-    """Say that there is no option of a name, and which may be meant."""
+    """Message for an unknown option, with the closest known name."""
     near = difflib.get_close_matches(name, known, n=1) if isinstance(name, str) else []
     hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(known)}"
     return f"there is no option {brief(name)}; {hint}"

@@ -1,4 +1,4 @@
-"""What planning returns: a motion, how it ended and how it got there."""
+"""Result of planning: a motion, its status, and the history of the iteration."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The outcome of planning; true if it is a success.
+    """The result of planning; true if planning succeeded.
 
     Attributes:
         problem: The problem.
-        options: The options it was planned with, "auto" replaced by what was taken.
-        status: How it ended.
+        options: The options of the plan, "auto" replaced by the choice of the planner.
+        status: How planning ended.
         message: The status with its reason, in a sentence or two.
         feasible: Whether the motion keeps all constraints.
-        trajectory: The best motion found; None if there is none at all.
-        initial: The motion the iteration began with.
-        history: One record an iteration.
+        trajectory: The best motion; None if no motion was found at all.
+        initial: The motion from which the iteration started.
+        history: One record per iteration.
         planning_time: Time taken [s].
-        violations: Largest violation by kind of constraint, scaled as in the rows.
+        violations: Largest violation by kind of constraint, in the scaling of the rows.
         verification: Independent replay of the torques, if it was done.
-        lower_bound: Time that no motion can beat, if it was computed.
+        lower_bound: Lower bound on the duration of any motion, if it was computed.
     """
 
     problem: Problem
@@ -73,7 +73,7 @@ class Solution:
     lower_bound: LowerBound | MaybeNone = None
 
     def __post_init__(self) -> None:
-        """Take accelerations, which drive a kinematic robot, out of the torques."""
+        """Remove the controls of a kinematic robot, accelerations, from the torques."""
         robot = instance(self.problem, Problem, "problem").robot
         for name in ("trajectory", "initial"):
             motion = getattr(self, name)
@@ -86,7 +86,7 @@ class Solution:
         return self.feasible and self.trajectory is not None
 
     def __bool__(self) -> bool:
-        """Whether planning was a success."""
+        """Whether planning succeeded."""
         return self.success
 
     def __repr__(self) -> str:
@@ -101,7 +101,7 @@ class Solution:
         )
 
     def _repr_html_(self) -> str:
-        """Speeds and torques as shares of their limits, and the outcome; notebooks."""
+        """Speeds and torques relative to their limits, and the status (notebooks)."""
         title = "Solution" if self.success else "No motion"
         facts: list[tuple[str, object]] = [("T [s]", self.T)]
         facts += [("planned in [s]", self.planning_time)]
@@ -111,7 +111,7 @@ class Solution:
         return outcome_card(title, self.message, facts, motion, limits)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is copied and pickled: all but the callback, which has done its work."""
+        """State to copy and pickle: all but the callback, which is no longer needed."""
         state = dict(self.__dict__)
         if self.options.callback is not None:
             state["options"] = replace(self.options, callback=None)
@@ -121,19 +121,20 @@ class Solution:
     def T(self) -> float:
         """Duration of the motion [s]; infinite if planning failed.
 
-        The best motion of a failed planning, if any, has one of its own:
-        ``solution.trajectory.duration``.
+        After a failure the best motion, if any, has a duration of its own:
+            ``solution.trajectory.duration``.
         """
         return self.trajectory.duration if self.success else math.inf
 
     @cached_property
     def energy(self) -> float | None:
-        """The energy that ``options.energy`` names.
+        """Energy according to ``options.energy``.
 
         None if there is no motion, or the robot is kinematic.
 
-        The integral of the squared torques of all motors over time [N^2 m^2 s], forces
-        of joints that slide [N] among them, or the mechanical work that they do [J].
+        The integral of the squared torques of all motors over time [N^2 m^2 s],
+        including the forces of prismatic joints [N], or the mechanical work of all
+        motors [J].
         """
         if self.trajectory is None or self.problem.robot.kinematic:
             return None
@@ -143,7 +144,7 @@ class Solution:
 
     @property
     def cost(self) -> float:
-        """What the plan makes least: T + energy_weight times the energy [s].
+        """Objective of the plan: T + energy_weight times the energy [s].
 
         Infinite if planning failed.
         """
@@ -154,10 +155,10 @@ class Solution:
 
     @property
     def gap(self) -> float | None:
-        """T over the lower bound, less one; None without success or bound.
+        """Relative gap between T and the lower bound; None without success or bound.
 
-        Where it is above 1, the bound is less than half of T: it says little of the
-        motion, and is not put into words.
+        A gap above 1 means a bound below half of T: it says little about the motion,
+            and messages do not mention it.
         """
         bound = self.lower_bound
         if not self.success or bound is None or not bound.T > 0.0:
@@ -166,17 +167,17 @@ class Solution:
 
     @cached_property
     def segments(self) -> tuple[SegmentOfMotion, ...]:
-        """The segments of the motion, one after the other; none without a motion."""
+        """The segments of the motion in their order; empty without a motion."""
         if self.trajectory is None:
             return ()
         return segments_of(self.trajectory, self.problem.segments)
 
     @property
     def roughness(self) -> float:
-        """How unquiet the torques are; infinite if planning failed, NaN without any.
+        """Roughness of the torques; infinite if planning failed, NaN without torques.
 
-        The sum over the joints of the squared differences of the torques at
-        neighbouring ones of 100 instants, in full ranges of the torque.
+        The sum over the joints of the squared torque differences between neighbouring
+        instants of 100, in full ranges of the torque.
         """
         if self.trajectory is None or not self.success:
             return math.inf
@@ -184,7 +185,7 @@ class Solution:
 
     @cached_property
     def peak_acceleration(self) -> PeakAcceleration | None:
-        """Largest acceleration of the motion, of joints without a limit if there are.
+        """Largest acceleration of the motion; of joints without a limit, if any.
 
         None if there is no motion.
         """
@@ -199,12 +200,12 @@ class Solution:
 
     @cached_property
     def certificate(self) -> Certificate | MaybeNone:
-        """How near the motion is to the first-order conditions of an optimal one.
+        """Certificate of the first-order optimality conditions of the motion.
 
-        It is made when it is first asked for; None if there is no motion.
+        It is computed at the first access; None if there is no motion.
 
         Raises:
-            ProblemError: If the motion is not one of the problem's robot.
+            ProblemError: If the motion does not belong to the robot of the problem.
         """
         from tominpmp.certificate.allowances import with_bound
         from tominpmp.certificate.minimum_principle import certify
@@ -228,10 +229,10 @@ class Solution:
 
     @cached_property
     def sensitivities(self) -> Sensitivities:
-        """What holds the motion back: how T changes with every limit of the problem.
+        """Sensitivity of T to every limit of the problem, which shows the active ones.
 
-        They come from the multipliers of the certificate, without another plan, when
-        they are first asked for; see ``docs/sensitivities.md``.
+        They follow from the multipliers of the certificate, without another plan, at
+        the first access; see ``docs/sensitivities.md``.
 
         Raises:
             ProblemError: If there is no motion, its segments have times of arrival, or
@@ -250,10 +251,10 @@ class Solution:
     def prove_clearance(self) -> ClearanceProof:
         """Prove that the motion keeps its clearance at all times, not at samples only.
 
-        Each segment is among its own obstacles, with its own load.
+        Each segment is checked among its own obstacles, with its own load.
 
         Returns:
-            The proof, or where it fails, with the tightest place.
+            The proof, or the failure with its place and the tightest place.
 
         Raises:
             ProblemError: If there is no motion.
@@ -265,7 +266,7 @@ class Solution:
         return clearance_of(self.problem, self._motion(), deviation)
 
     def raise_if_failed(self) -> Solution:
-        """Return itself, or raise if planning failed.
+        """Return the solution itself, or raise an error if planning failed.
 
         Raises:
             PlanningFailed: If there is no motion that keeps all constraints.
@@ -284,7 +285,7 @@ class Solution:
 
         Args:
             path: Where to write a page that works offline; None opens a browser.
-            **options: Passed on.
+            **options: Further arguments of that function.
 
         Raises:
             ProblemError: If there is no motion.
@@ -304,9 +305,9 @@ class Solution:
 
         Args:
             path: File to write (PNG, PDF or SVG by its ending), if any.
-            ax: Axes of matplotlib to draw on, instead of a new figure: one, for the
-                torques as shares of their limits, or three, for positions, velocities
-                and torques of all joints.
+            ax: Axes of matplotlib to draw on, instead of a new figure: one axes object
+                for the torques relative to their limits, or three for positions,
+                velocities and torques of all joints.
 
         Returns:
             The figure.
@@ -345,10 +346,10 @@ class Solution:
         See :func:`tominpmp.physics.replay.replay`.
 
         Raises:
-            ProblemError: If there is no motion, or no such engine.
+            ProblemError: If there is no motion, or the engine is unknown.
             MissingDependency: If the engine is not installed.
         """
-        # An add-on: loaded by name, so that the core works without it.
+        # An add-on is imported by name, so that the core works without it.
         physics = import_module("tominpmp.physics.replay")
         replayed: PhysicsReplay = physics.replay(
             self.problem, self._motion(), engine=engine, **options
@@ -366,17 +367,18 @@ class Solution:
     ) -> Path:
         """Write the motion as CSV, NPZ or ROS message, by the ending of the path.
 
-        The file is read back and judged as its reader will follow it, and a warning
-        says so if that does not solve the problem. What was found can be had from
+        The file is read back and verified with the interpolation that its reader will
+        use; if that motion does not solve the problem, a warning says so. The full
+        result of this check comes from
         :func:`~tominpmp.files.export_check.check_export`.
 
         Args:
             path: File to write.
-            dt: Time between rows [s]; None takes the period that the motion was planned
-                for, or the nodes if there is none.
-            with_effort: Whether ROS messages have the torques.
-            message: Which ROS message, see :func:`~tominpmp.files.export.export`.
-            verify: Whether to judge the file.
+            dt: Time between rows [s]; None takes the control period of the plan, or the
+                nodes if it has none.
+            with_effort: Whether ROS messages contain the torques.
+            message: Type of the ROS message, see :func:`~tominpmp.files.export.export`.
+            verify: Whether to verify the file.
 
         Returns:
             The path.

@@ -1,4 +1,4 @@
-"""How an iteration ended, and what it did on the way."""
+"""Outcome of planning, and the record of an iteration."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Status(Enum):
-    """How planning ended; the value is a sentence."""
+    """Outcome of planning; the value is a sentence."""
 
     CONVERGED = "A locally time-optimal motion was found."
     FEASIBLE = "A motion that keeps all constraints was found, not the fastest one."
@@ -20,7 +20,7 @@ class Status(Enum):
     NUMERICAL_FAILURE = "The linear programs could not be solved."
 
 
-# How an iteration ends when it was asked to.
+# Outcomes of an iteration that was stopped from outside.
 STOPPED = (Status.TIME_LIMIT, Status.INTERRUPTED)
 
 
@@ -34,14 +34,14 @@ class IterationRecord:
         violation: Largest violation after it, in the scaled units of the rows.
         objective: Merit after it [s].
         predicted: Reduction of the merit that the linear program predicted [s].
-        actual: Reduction that was had [s].
+        actual: Reduction of the merit that the step achieved [s].
         radius: Trust region radius, as a share of the initial one.
         accepted: Whether the step was taken.
         programs: Linear programs solved in it.
         pivots: Simplex or interior-point iterations in them.
         program_seconds: Time spent in them [s].
-        seconds: Time since the start [s].
-        start: Number of the initial guess it belongs to.
+        seconds: Time since the start of planning [s].
+        start: Number of the initial guess that it belongs to.
     """
 
     iteration: int

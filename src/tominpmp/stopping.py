@@ -1,12 +1,14 @@
-"""When to stop: a deadline and a request to stop, heeded wherever time may pass.
+"""When to stop: a deadline and a stop request, checked wherever time may pass.
 
-A plan has one :class:`Deadline`. While it is in force, :func:`check` ends whatever goes
-on by raising :class:`Stop`, in every loop that may take long; what was found until then
-is with the :class:`~tominpmp.planner.plan_state.PlanState`, which knows what to do
-then. Native code that cannot ask is given :func:`seconds_left` as its time limit.
+A plan has one :class:`Deadline`. While it is in force, every loop that may take long
+calls :func:`check`, which ends the computation by raising :class:`Stop`; the best
+motion so far is in the :class:`~tominpmp.planner.plan_state.PlanState`, which handles
+the exception. Native code that cannot call back gets :func:`seconds_left` as its time
+limit.
 
-Ctrl-C is such a request while a deadline is in force, so that nothing is torn apart in
-the middle; a second one, or one that is not heeded soon, raises KeyboardInterrupt.
+Ctrl-C is a stop request while a deadline is in force, so that no state is left
+half-written; a second Ctrl-C, or one that is ignored for too long, raises
+KeyboardInterrupt.
 """
 
 from __future__ import annotations
@@ -21,19 +23,19 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from types import FrameType
 
-# A request that is not heeded for this long becomes a KeyboardInterrupt [s].
+# A request that is ignored for this long becomes a KeyboardInterrupt [s].
 PATIENCE = 2.0
-# Requests of another process are asked for this often [s].
+# Period at which another process is polled for a stop request [s].
 ASKING = 0.05
-# Evaluations of the dynamics for one start at most: some seconds for a small arm.
+# Most evaluations of the dynamics for one start: some seconds for a small arm.
 EVALUATIONS = 300_000
 
 
 class Stop(BaseException):
-    """Ends what is going on. It is not for callers of the library.
+    """Ends a computation. It never reaches callers of the library.
 
     Attributes:
-        requested: Whether somebody asked for it; else the time is used up.
+        requested: Whether the stop was requested; otherwise the time is used up.
     """
 
     def __init__(self, requested: bool) -> None:
@@ -42,18 +44,18 @@ class Stop(BaseException):
 
 
 class Deadline:
-    """A deadline and a request to stop.
+    """A deadline and a stop request.
 
     Args:
-        asked: Tells whether another process asks to stop.
+        asked: Whether another process requests a stop.
 
     Attributes:
-        end: When to stop, on the clock of ``time.perf_counter`` [s]; infinite
+        end: Time at which to stop, on the clock of ``time.perf_counter`` [s]; infinite
             without a limit.
-        last: When all must have come to its end, what was found being saved by then,
-            on the same clock [s]; infinite without a limit.
-        requested: Whether somebody asked to stop.
-        heeded: Whether a request has been seen.
+        last: Time at which the plan must have returned, its result saved, on the same
+            clock [s]; infinite without a limit.
+        requested: Whether a stop was requested.
+        heeded: Whether the request has been noticed.
     """
 
     def __init__(self, asked: Callable[[], bool] | None = None) -> None:
@@ -81,21 +83,21 @@ class Deadline:
 
     @property
     def interrupted(self) -> bool:
-        """Whether somebody asked to stop, be it before a time of grace began."""
+        """Whether a stop was requested, also before a grace period began."""
         return self.requested or self._set_aside
 
     def check(self) -> None:
-        """Stop if it is time.
+        """Stop if it is time to stop.
 
         Raises:
-            Stop: If it is.
+            Stop: If it is time to stop.
         """
         if self.due:
             raise Stop(self.requested)
 
     @contextmanager
     def in_force(self) -> Iterator[None]:
-        """Heed this deadline, and Ctrl-C as a request to it."""
+        """Put this deadline in force, and let Ctrl-C request a stop."""
         token = _present.set(self)
         try:
             with self._interruptible():
@@ -106,7 +108,7 @@ class Deadline:
 
     @contextmanager
     def grace(self, until: float) -> Iterator[None]:
-        """Go on until another deadline, or until somebody asks once more.
+        """Continue until another deadline, or until a stop is requested once more.
 
         Args:
             until: The deadline, on the clock of ``time.perf_counter`` [s].
@@ -122,7 +124,7 @@ class Deadline:
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
-        """Take Ctrl-C as a request, where it would raise KeyboardInterrupt."""
+        """Let Ctrl-C request a stop, where it would raise KeyboardInterrupt."""
         main = threading.current_thread() is threading.main_thread()
         usual = signal.default_int_handler
         if not main or signal.getsignal(signal.SIGINT) is not usual:
@@ -141,7 +143,7 @@ class Deadline:
             self.heeded = True
 
     def ask(self) -> bool:
-        """Ask to stop; returns whether that will do, as it was not asked before."""
+        """Request a stop; False if one was requested before."""
         if self.requested:
             return False
         self.requested, self.heeded = True, False
@@ -154,7 +156,7 @@ class Deadline:
         timer.start()
 
     def _insist(self) -> None:
-        """Interrupt code that does not heed a request, again if that is lost."""
+        """Interrupt code that ignores a request, and repeat the interrupt if needed."""
         if not self.heeded:
             _thread.interrupt_main()
             self._wait()
@@ -164,10 +166,10 @@ _present: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
 
 
 def check() -> None:
-    """Stop if it is time; cheap enough for any loop.
+    """Stop if it is time to stop; cheap enough for any loop.
 
     Raises:
-        Stop: If it is.
+        Stop: If it is time to stop.
     """
     deadline = _present.get()
     if deadline is not None and deadline.due:
@@ -181,7 +183,7 @@ def due() -> bool:
 
 
 def seconds_left() -> float:
-    """Time until the deadline, a little at least; infinite without one [s]."""
+    """Time until the deadline, 1 ms at least; infinite without a deadline [s]."""
     deadline = _present.get()
     if deadline is None or math.isinf(deadline.end):
         return math.inf
@@ -189,7 +191,7 @@ def seconds_left() -> float:
 
 
 def seconds_to_end() -> float:
-    """Time until all must have come to its end; infinite without a limit [s]."""
+    """Time until the plan must have returned; infinite without a limit [s]."""
     deadline = _present.get()
     if deadline is None or math.isinf(deadline.last):
         return math.inf
@@ -197,14 +199,14 @@ def seconds_to_end() -> float:
 
 
 def request() -> bool:
-    """Ask what is going on to stop; returns whether there is anything that will."""
+    """Request a stop of the running computation; False if none accepts the request."""
     deadline = _present.get()
     return deadline is not None and deadline.ask()
 
 
 @contextmanager
 def grace(seconds: float) -> Iterator[None]:
-    """Go on for a little, to save what there is, although it is time to stop."""
+    """Continue for a grace period after the deadline, to save the results."""
     deadline = _present.get()
     if deadline is None:
         yield
@@ -215,7 +217,7 @@ def grace(seconds: float) -> Iterator[None]:
 
 @contextmanager
 def bounded(seconds: float | None) -> Iterator[None]:
-    """A stage that has so many seconds where nothing tells yet when to stop."""
+    """A stage with a time limit of its own, unless a deadline is in force already."""
     if _present.get() is not None:
         yield
         return
@@ -229,12 +231,12 @@ def bounded(seconds: float | None) -> Iterator[None]:
 class Budget:
     """Work that may be done before the deadline.
 
-    It is counted in evaluations and time of the processor, not by the clock: what comes
-    out shall not depend on what else the machine does.
+    It is measured in evaluations and processor time, not by the clock: results must not
+    depend on the load of the machine.
 
     Args:
         evaluations: Number of states at which the dynamics may be evaluated.
-        seconds: Time of the processor [s].
+        seconds: Processor time [s].
     """
 
     def __init__(
@@ -245,29 +247,29 @@ class Budget:
 
     @property
     def spent(self) -> bool:
-        """Whether there is nothing left.
+        """Whether the budget is used up.
 
         Raises:
-            Stop: If it is time to stop altogether.
+            Stop: If it is time to stop the plan.
         """
         check()
         return self.left <= 0 or time.process_time() > self._end
 
     def part(self, evaluations: float = EVALUATIONS) -> Budget:
-        """A part of it, to be taken off when it is used."""
+        """A share of the budget; :meth:`take` deducts its use."""
         part = Budget(min(evaluations, self.left))
         part._end = self._end
         return part
 
     def take(self, part: Budget) -> None:
-        """Take off what was used of a part."""
+        """Deduct the evaluations that a share has used."""
         self.left -= part._first - part.left
 
     def pay(self, evaluations: int) -> None:
-        """Pay for evaluations.
+        """Deduct evaluations.
 
         Raises:
-            StopIteration: If there is nothing left.
+            StopIteration: If the budget is used up.
         """
         self.left -= evaluations
         if self.spent:

@@ -1,4 +1,4 @@
-"""Robots: what a description file, or the caller, says about an arm."""
+"""Robots: arms, described by files, data sheets and the caller's values."""
 
 import lazy_loader
 

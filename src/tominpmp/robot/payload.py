@@ -1,7 +1,7 @@
-"""Payloads: what an arm carries, as part of its description.
+"""Payloads: bodies that an arm carries, as part of its description.
 
-A payload becomes a link that is fixed to the one that carries it: its mass is part of
-the dynamics, its shapes of collisions and pictures, and its name is that of a frame.
+A payload becomes a link that is fixed to the link that carries it: its mass enters the
+dynamics, its shapes collisions and pictures, and its name becomes the name of a frame.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from tominpmp.exceptions import FrameNotFound, ProblemError, brief
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 
-# Products of inertia may differ by this share from those across the diagonal.
+# Relative asymmetry that an inertia matrix may have by rounding.
 ROUNDING = 1e-6
 
 
@@ -50,10 +50,10 @@ Name: TypeAlias = Annotated[str, partial(text, expected="a name")]
 
 
 def checked_inertia(value: object, name: str) -> Array:
-    """Check that a body can have such an inertia, shape (3, 3).
+    """Check that a rigid body can have an inertia, and symmetrise it, shape (3, 3).
 
     Raises:
-        ProblemError: If it is none.
+        ProblemError: If it is not a symmetric matrix, or impossible for a rigid body.
     """
     array = array_or_nan(value)
     shaped = array.shape == (3, 3) and bool(np.all(np.isfinite(array)))
@@ -70,12 +70,12 @@ InertiaOrNone: TypeAlias = Annotated[
 ]
 
 
-def _checked_shapes(given: Any, name: str) -> tuple[Obstacle, ...]:
+def _checked_shapes(shapes: Any, name: str) -> tuple[Obstacle, ...]:
     """Check the shapes of a payload."""
-    if isinstance(given, Obstacle):
-        given = (given,)
+    if isinstance(shapes, Obstacle):
+        shapes = (shapes,)
     expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
-    for item in instance(given, Sequence, name, expected):
+    for item in instance(shapes, Sequence, name, expected):
         known = isinstance(item, (Box, Sphere, Cylinder, Capsule, Mesh))
         if not known or (isinstance(item, Mesh) and item.path is None):
             kind = type(item).__name__
@@ -86,7 +86,7 @@ def _checked_shapes(given: Any, name: str) -> tuple[Obstacle, ...]:
                 "it goes with the frame",
                 name,
             )
-    return tuple(given)
+    return tuple(shapes)
 
 
 Shapes: TypeAlias = Annotated[
@@ -100,13 +100,12 @@ class Payload(Record):
 
     Attributes:
         mass: Mass [kg].
-        frame: Name of the frame that carries it.
-        com: Centre of mass in the frame, shape (3,) [m].
         inertia: Inertia about the centre of mass, in the axes of the frame, shape (3,
             3) [kg m^2]; None for a point mass.
-        geometry: Its shapes, one or a list, with positions and rotations in the frame
-            instead of the world.
-        name: Name of the link that it becomes, and so in pairs of bodies.
+            3) [kg m^2]; None for a point mass.
+        geometry: Its shapes, one or a list, with positions and rotations relative to
+            the frame instead of the world.
+        name: Name of the link that it becomes, which also appears in link pairs.
     """
 
     mass: Mass
@@ -126,19 +125,20 @@ def attach(
     model: pin.Model,
     geometry: pin.GeometryModel,
 ) -> tuple[UrdfDescription, SemanticDescription | None]:
-    """Make a payload part of the descriptions of a robot.
+    """Add a payload to the descriptions of a robot.
 
     Args:
         payload: The payload.
-        description: What the URDF file says.
-        srdf: What the SRDF file says; where it disables pairs of links, the payload may
-            touch those beside the joint that carries it, too.
+        description: Content of the URDF file.
+        srdf: Content of the SRDF file; if it disables link pairs, contact is also
+            allowed between the payload and links on the carrying joint and the joints
+            next to it.
         model: The robot without the payload.
         geometry: Its collision geometry.
 
     Raises:
-        ProblemError: If its name is that of another link.
-        FrameNotFound: If there is no such frame.
+        ProblemError: If its name is the name of another link.
+        FrameNotFound: If the robot has no frame of this name.
     """
     instance(payload, Payload, "payload")
     names = [frame.name for frame in model.frames[1:]]
@@ -156,19 +156,19 @@ def attach(
     carried = LinkDescription(
         payload.name, payload.mass, payload.com, frozen_array(inertia), shapes, shapes
     )
-    described = description.with_link(carried, link, payload)
+    extended = description.with_link(carried, link, payload)
     if srdf is None or not srdf.disabled_pairs:
-        return described, srdf
-    beside = _links_beside(model, geometry, int(model.getBodyId(link)))
-    pairs = [(min(name, payload.name), max(name, payload.name)) for name in beside]
+        return extended, srdf
+    adjacent = _adjacent_links(model, geometry, int(model.getBodyId(link)))
+    pairs = [(min(name, payload.name), max(name, payload.name)) for name in adjacent]
     pairs = [*srdf.disabled_pairs, *pairs]
-    return described, replace(srdf, disabled_pairs=tuple(dict.fromkeys(pairs)))
+    return extended, replace(srdf, disabled_pairs=tuple(dict.fromkeys(pairs)))
 
 
-def _links_beside(
+def _adjacent_links(
     model: pin.Model, geometry: pin.GeometryModel, body: int
 ) -> list[str]:
-    """Links with shapes on the joint of a link and on those next to it."""
+    """Links with shapes on the joint of a link and on the adjacent joints."""
     items, joint = geometry.geometryObjects, int(model.frames[body].parentJoint)
     carriers = {joint, *(int(item.parentJoint) for item in items)}
     near = {k for k in carriers if are_neighbours(model, joint, k, carriers)} | {joint}
@@ -182,5 +182,5 @@ def _shape(item: Obstacle) -> Shape:
     if isinstance(item, Mesh):
         file = str(Path(str(item.path)).absolute())
         return Shape(kind, tuple(item.scale.tolist()), place, file)
-    given = [np.ravel(getattr(item, name)) for name in SIZES[kind]]
-    return Shape(kind, tuple(np.concatenate(given).tolist()), place)
+    sizes = [np.ravel(getattr(item, name)) for name in SIZES[kind]]
+    return Shape(kind, tuple(np.concatenate(sizes).tolist()), place)

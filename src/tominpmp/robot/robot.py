@@ -1,9 +1,8 @@
 """Robot arms: model, limits, friction and geometry, and loading them.
 
-Beside a name or the path of a URDF file a robot is loaded from a text that is one, a
-``yourdfpy.URDF``, a ``pinocchio.Model`` with or without geometry (also as Pinocchio and
-example-robot-data return them), and the modules of the package robot_descriptions, or
-their names.
+A robot is loaded from a name, the path or the text of a URDF file, a ``yourdfpy.URDF``,
+a ``pinocchio.Model`` with or without geometry (also as Pinocchio and example-robot-data
+return them), or a module of the package robot_descriptions, or its name.
 """
 
 from __future__ import annotations
@@ -86,13 +85,13 @@ class Robot(Record):
 
     .. math:: q_{model} = S q + c
 
-    Torques on the n joints are :math:`S^T \tau_{model}`. Robots are not changed;
+    Torques on the n joints are :math:`S^T \tau_{model}`. Robots are immutable;
     :meth:`with_changes` makes another one.
 
     Attributes:
-        name: Name asked for, or the one in the description.
+        name: Name under which it was loaded, or the name in the description.
         model: Kinematics and inertia, with ``gravity`` and ``armature`` set; not to be
-            changed. Every joint has one coordinate: nq = nv.
+            modified. Every joint has one coordinate: nq = nv.
         joint_names: Names of the n joints in the order of all arrays.
         limits: Limits of the n joints.
         damping: Viscous friction, shape (n,) [N m s/rad or N s/m]. Pinocchio's
@@ -106,12 +105,12 @@ class Robot(Record):
         expansion_offset: c, shape (nv,) [rad or m], or ``None`` if it is zero.
         locked_joints: Positions of the locked joints by name [rad or m].
         srdf: Semantic description, if there is one.
-        description: The URDF file, as read.
-        motion_limits: Limits beyond those of a URDF file, which problems with this
-            robot have unless they say otherwise; None for none.
-        kinematic: Whether nothing is known of its dynamics: its motions keep limits of
-            positions, speeds, accelerations and jerks, and have no torques. Its limits
-            of torques are infinite, its friction and rotor inertia zero.
+        description: Content of the URDF file.
+        motion_limits: Limits beyond those of a URDF file, the default of problems with
+            this robot; None without any.
+        kinematic: Whether its dynamics are unknown: motions keep limits of positions,
+            speeds, accelerations and jerks, and have no torques. Its torque limits are
+            infinite, its friction and rotor inertia zero.
     """
 
     name: str
@@ -148,21 +147,21 @@ class Robot(Record):
             limits.check(self.joint_names)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle without the geometry, which is read again where it is needed.
+        """Pickle without the geometry, which is read again on demand.
 
-        Meshes would make it hundreds of megabytes.
+        Meshes would make the pickle hundreds of megabytes large.
         """
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         values["locked_joints"] = dict(self.locked_joints)
         return type(self), tuple(values.values())
 
     def _values(self) -> tuple[Any, ...]:
-        """What is compared; of the model, only what the rest does not determine."""
-        found = {f.name: getattr(self, f.name) for f in fields(self)}
-        model = found.pop("model")
-        found["locked_joints"] = tuple(sorted(self.locked_joints.items()))
-        found["inertias"] = np.array([i.toDynamicParameters() for i in model.inertias])
-        return tuple(map(comparable, found.values()))
+        """Values to compare; of the model, only those that other fields do not fix."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        model = values.pop("model")
+        values["locked_joints"] = tuple(sorted(self.locked_joints.items()))
+        values["inertias"] = np.array([i.toDynamicParameters() for i in model.inertias])
+        return tuple(map(comparable, values.values()))
 
     def __repr__(self) -> str:
         """Name and joints, on one line."""
@@ -194,7 +193,7 @@ class Robot(Record):
 
     @property
     def package_dirs(self) -> tuple[Path, ...]:
-        """Folders given for ``package://``."""
+        """Folders in which ``package://`` is resolved, as passed by the caller."""
         return self.description.package_dirs
 
     @property
@@ -205,24 +204,24 @@ class Robot(Record):
 
     @cached_property
     def collision_model(self) -> pin.GeometryModel:
-        """Collision geometry of the links; not to be changed."""
+        """Collision geometry of the links; not to be modified."""
         return build_geometry(self.description, self.model, pin.GeometryType.COLLISION)
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
-        """Geometry to look at; read at first use, as it takes up to seconds."""
+        """Visual geometry; read at the first access, which takes up to seconds."""
         return build_geometry(self.description, self.model, pin.GeometryType.VISUAL)
 
     @cached_property
     def frame_names(self) -> tuple[str, ...]:
-        """Names of all frames: links, joints and whatever is fixed to them."""
+        """Names of all frames: links, joints and the frames fixed to them."""
         return tuple(frame.name for frame in self.model.frames[1:])
 
     def frame_id(self, name: str) -> int:
-        """Index of a frame in ``model.frames``; a link goes before a joint.
+        """Index of a frame in ``model.frames``; links take precedence over joints.
 
         Raises:
-            FrameNotFound: If there is none of that name, with those there are.
+            FrameNotFound: If the robot has no frame of this name; lists the frames.
         """
         index = self._frame_ids.get(name) if isinstance(name, str) else None
         if index is None:
@@ -231,15 +230,15 @@ class Robot(Record):
 
     @cached_property
     def _frame_ids(self) -> dict[str, int]:
-        """Indices of the frames by name, without that of the world."""
-        found: dict[str, int] = {}
+        """Indices of the frames by name, except the frame of the world."""
+        indices: dict[str, int] = {}
         for index, frame in enumerate(self.model.frames[1:], 1):
-            if frame.type == pin.FrameType.BODY or frame.name not in found:
-                found[frame.name] = index
-        return found
+            if frame.type == pin.FrameType.BODY or frame.name not in indices:
+                indices[frame.name] = index
+        return indices
 
     def expand(self, q: ArrayLike) -> Array:
-        """Configuration of ``model`` at joint positions: S q + c.
+        """Configuration of ``model`` for joint positions: S q + c.
 
         Args:
             q: Joint positions, shape (..., n) [rad or m].
@@ -248,7 +247,7 @@ class Robot(Record):
             Shape (..., model.nq).
 
         Raises:
-            ProblemError: If they are no numbers, or not one for each joint.
+            ProblemError: If the values are not numbers, or not one for each joint.
         """
         q = array(q, "q", (..., self.n), JOINTS)
         if self.expansion_matrix is None or self.expansion_offset is None:
@@ -256,7 +255,7 @@ class Robot(Record):
         return np.asarray(q @ self.expansion_matrix.T + self.expansion_offset)
 
     def expand_tangent(self, v: ArrayLike) -> Array:
-        """Velocity or acceleration of ``model`` at that of the joints: S v.
+        """Velocity or acceleration of ``model`` from that of the joints: S v.
 
         Args:
             v: Joint velocities or accelerations, shape (..., n).
@@ -265,7 +264,7 @@ class Robot(Record):
             Shape (..., model.nv).
 
         Raises:
-            ProblemError: If they are no numbers, or not one for each joint.
+            ProblemError: If the values are not numbers, or not one for each joint.
         """
         v = array(v, "v", (..., self.n), JOINTS)
         if self.expansion_matrix is None:
@@ -273,7 +272,7 @@ class Robot(Record):
         return np.asarray(v @ self.expansion_matrix.T)
 
     def reduce_tangent(self, rows: ArrayLike) -> Array:
-        """Bring gradients, Jacobians or torques from ``model`` to the joints: J S.
+        """Project gradients, Jacobians or torques of ``model`` onto the joints: J S.
 
         Args:
             rows: Shape (..., model.nv).
@@ -282,7 +281,7 @@ class Robot(Record):
             Shape (..., n).
 
         Raises:
-            ProblemError: If they are no numbers, or not one for each joint.
+            ProblemError: If the values are not numbers, or not one for each joint.
         """
         rows = array(rows, "rows", (..., self.model.nv), JOINTS)
         if self.expansion_matrix is None:
@@ -290,7 +289,7 @@ class Robot(Record):
         return np.asarray(rows @ self.expansion_matrix)
 
     def group_state(self, name: str) -> Array:
-        """Joint positions that the semantic description names, for example "home".
+        """Joint positions of a group state of the SRDF file, for example "home".
 
         Args:
             name: Name of the group state.
@@ -299,7 +298,7 @@ class Robot(Record):
             Joint positions, shape (n,) [rad or m].
 
         Raises:
-            ProblemError: If there is no such state, or it lacks a joint.
+            ProblemError: If there is no group state of this name, or it lacks a joint.
         """
         states = {} if self.srdf is None else self.srdf.group_states
         if not isinstance(name, str) or name not in states:
@@ -327,7 +326,7 @@ class Robot(Record):
         position_lower: JointValues | None = None,
         position_upper: JointValues | None = None,
     ) -> Robot:
-        """Make a robot that differs in some values, given as to :func:`load_robot`.
+        """Make a robot with some values changed, in the forms of :func:`load_robot`.
 
         Raises:
             OptionsError: If a value is wrong.
@@ -348,23 +347,23 @@ class Robot(Record):
         changed = check_gravity(self.gravity if gravity is None else gravity)
         robot = self._rebuilt(table=table, gravity=changed)
         robot._check_inertia()
-        # Geometry does not depend on any of this; it need not be read again.
+        # The geometry does not depend on these values and need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
                 robot.__dict__[name] = self.__dict__[name]
         return robot
 
     def with_locked(self, positions: Mapping[str, float]) -> Robot:
-        """Make a robot of which further joints do not move.
+        """Make a robot with further joints locked.
 
         Args:
             positions: Positions by joint name [rad or m]; joints that are locked
-                already stay where they are.
+                already keep their positions.
 
         Raises:
             OptionsError: If a position is wrong.
             JointNotFound: If a joint is unknown.
-            RobotLoadError: If no joint is left that moves.
+            RobotLoadError: If no moving joint remains.
         """
         instance(positions, Mapping, "positions", "positions by joint name")
         joints = self.description.joints
@@ -380,8 +379,8 @@ class Robot(Record):
         """Make a robot that carries a body on one of its frames.
 
         Raises:
-            ProblemError: If its name is taken.
-            FrameNotFound: If there is no such frame.
+            ProblemError: If another frame has its name.
+            FrameNotFound: If the robot has no frame to carry it.
         """
         description, srdf = attach(
             payload, self.description, self.srdf, self.model, self.collision_model
@@ -390,7 +389,7 @@ class Robot(Record):
 
     @property
     def payloads(self) -> tuple[Payload, ...]:
-        """What :meth:`with_payload` attached, in that order."""
+        """Payloads that :meth:`with_payload` attached, in that order."""
         return self.description.attached
 
     def _table(self) -> JointTable:
@@ -403,10 +402,10 @@ class Robot(Record):
         return JointTable(self.joint_names, rows)
 
     def _check_inertia(self) -> None:
-        """Check that no joint moves without inertia, unless the robot has no torques.
+        """Check that every joint moves some inertia, unless the robot has no torques.
 
         Raises:
-            RobotLoadError: If one does.
+            RobotLoadError: If a joint moves without inertia.
         """
         if not self.kinematic:
             ties = self.expansion_matrix, self.expansion_offset
@@ -422,7 +421,7 @@ class Robot(Record):
         table: JointTable | None = None,
         **changes: Any,
     ) -> Robot:
-        """The robot with fields changed, and the model that follows from them."""
+        """The robot with fields changed, and the model derived from them again."""
         kept = ("name", "description", "gravity", "srdf", "motion_limits", "kinematic")
         values = {name: getattr(self, name) for name in kept} | changes
         linkage = linkage or self._linkage()
@@ -431,11 +430,11 @@ class Robot(Record):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the robots that this one was combined from; mostly none."""
+        """Names of the robots that were combined into this one; usually empty."""
         return self.description.parts
 
     def stack(self, **parts: ArrayLike) -> Array:
-        """Join values of the joints of all robots combined, by name: shape (n,).
+        """Concatenate values of the joints of all combined robots, by name: shape (n,).
 
         Raises:
             ProblemError: If a robot is missing or unknown, or a length is wrong.
@@ -451,17 +450,17 @@ def assembled(
     gravity: Array,
     **values: Any,
 ) -> Robot:
-    """Make a robot with the model that follows from its description.
+    """Make a robot with the model derived from its description.
 
     Args:
         description: Links and joints.
         linkage: Which joints are locked, and which follow others.
         table_for: Values of the joints that move freely, by their names.
         gravity: Gravity in the world, shape (3,) [m/s^2].
-        **values: Its further fields.
+        **values: Further fields of the robot.
 
     Raises:
-        RobotLoadError: If no joint is left that moves.
+        RobotLoadError: If no moving joint remains.
     """
     plain = build_model(description, linkage.locked)
     joint_names, *ties = expansion(plain, linkage.followers, description.order)
@@ -486,7 +485,7 @@ def assembled(
 
 
 def datasheet_hint(robot: Robot, joint: str) -> str:
-    """Says that a data sheet has accelerations of a joint; empty if none has."""
+    """Hint that a data sheet has the accelerations of a joint; empty otherwise."""
     joints = [joint.name for joint in robot.description.joints]
     names = robot.name, robot.description.name, robot.description.path.stem
     published = published_values(names, joints, needed=False)
@@ -494,9 +493,9 @@ def datasheet_hint(robot: Robot, joint: str) -> str:
     return "; limits='datasheet' has them" if known else ""
 
 
-# What the argument ``limits`` may be.
+# Values of the argument ``limits``.
 DATASHEET, URDF = "datasheet", "urdf"
-# How names in the package robot_descriptions end.
+# Suffix of the module names of the package robot_descriptions.
 MODULE_ENDING = "_description"
 EXPECTED = (
     "the name of a robot, the path or the text of a URDF file, a pinocchio.Model, a "
@@ -506,14 +505,15 @@ EXPECTED = (
 
 @dataclass(frozen=True)
 class RobotSource:
-    """What was given for a robot, read.
+    """Descriptions and values read from the source of a robot.
 
     Attributes:
-        files: The files; names in angle brackets where there are none.
-        description: What a URDF file says.
-        semantics: What an SRDF file says, if there is one.
-        values: Values by argument of ``load_robot`` and joint name that neither says.
-        stated: Limits by quantity and joint name that go before all of these.
+        files: The files; names in angle brackets stand for missing files.
+        description: Content of the URDF file, or its equivalent.
+        semantics: Content of the SRDF file, if there is one.
+        values: Values that neither file contains, by argument of ``load_robot`` and
+            joint name.
+        stated: Limits of the highest priority, by quantity and joint name.
     """
 
     files: RobotFiles
@@ -524,59 +524,59 @@ class RobotSource:
 
     @property
     def names(self) -> tuple[str | None, ...]:
-        """Names of the robot: asked for, in its description, of the file."""
+        """Names of the robot: asked for, in its description, and of its file."""
         return self.files.name, self.description.name, self.files.urdf.stem
 
     def known_values(self, limits: str | None) -> dict[str, dict[str, Any]]:
-        """Limits and rotor inertias by quantity and joint name, beside the URDF file's.
+        """Limits and rotor inertias by quantity and joint name, to override the file's.
 
-        They are stated, else those of the maker's data sheet, else what no URDF file
-        says, or what only motion limits have: accelerations and jerks.
+        In falling priority: stated limits, the maker's data sheet, values that no URDF
+        file contains, and values that only motion limits have: accelerations and jerks.
 
         Args:
-            limits: "datasheet" for those of the data sheet, too; "urdf" for those of
-                the file; None for the former of a robot asked for by name, if there is
-                a sheet of it.
+            limits: "datasheet" to include the data sheet; "urdf" to leave it out; None
+                to include it for a robot asked for by name, if it has a data sheet.
 
         Raises:
-            OptionsError: If limits are none of these, or there is no sheet.
+            OptionsError: If the argument has another value, or there is no data sheet.
         """
         expected = f"{DATASHEET!r}, {URDF!r} or None"
         choice(limits, (None, DATASHEET, URDF), "limits", expected, OptionsError)
         joints = self.description.joints
-        described = {
+        beyond_urdf = {
             quantity: {j.name: getattr(j, quantity, math.inf) for j in joints}
             for quantity in kinds_of(MotionLimits, numbers=True)
         }
-        said = self.semantics
-        rotors = {} if said is None else {"armature": said.rotor_inertias}
+        srdf = self.semantics
+        rotors = {} if srdf is None else {"armature": srdf.rotor_inertias}
         moving = [joint.name for joint in joints]
         named = limits is None and self.files.name is not None
         sheet = {}
         if named or limits == DATASHEET:
             sheet = published_values(self.names, moving, needed=not named)
-        found: dict[str, dict[str, Any]] = {}
-        for level in (described, rotors, self.values, sheet, self.stated):
+        merged: dict[str, dict[str, Any]] = {}
+        for level in (beyond_urdf, rotors, self.values, sheet, self.stated):
             for quantity, values in level.items():
-                found.setdefault(quantity, {}).update(values)
-        return found
+                merged.setdefault(quantity, {}).update(values)
+        return merged
 
     def linkage(
         self, group: Group | None, locked_joints: Mapping[str, float] | None
     ) -> Linkage:
-        """Find which joints are locked and which follow others.
+        """Determine which joints are locked and which follow others.
 
         Args:
-            group: Group of joints that move, as to :func:`load_robot`; None for all.
-            locked_joints: Positions of joints that are not to move [rad or m].
+            group: Group of moving joints, as in :func:`load_robot`; None for all
+                joints.
+            locked_joints: Positions of joints to be locked [rad or m].
 
         Raises:
-            OptionsError: If there is no such group, or a position is wrong.
+            OptionsError: If the group is unknown, or a position is wrong.
             JointNotFound: If a joint is unknown.
         """
         joints = self.description.joints
         locked_joints = {} if locked_joints is None else locked_joints
-        # First what the caller gave, with its errors.
+        # The caller's own locks are resolved first, so that errors name them.
         linkage = Linkage.resolve(joints, locked_joints)
         if group is None:
             return linkage
@@ -591,18 +591,18 @@ def read_source(
     geometry: object = None,
     xacro_args: Mapping[str, object] | None = None,
 ) -> RobotSource:
-    """Read what was given for a robot; what was read already is taken as it is.
+    """Read the source of a robot; a source that was read already is returned as is.
 
     Args:
-        source: What ``load_robot`` takes.
-        package_dirs: Folders in which to look for ``package://``.
+        source: The source, in any form that ``load_robot`` accepts.
+        package_dirs: Folders in which ``package://`` is resolved.
         srdf: Path or text of an SRDF file.
         geometry: Geometry of a ``pinocchio.Model``, see ``load_robot``.
         xacro_args: Values of the arguments of a xacro file.
 
     Raises:
-        RobotLoadError: If it is nothing that a robot can be read from.
-        OptionsError: If it has no such arguments.
+        RobotLoadError: If no robot can be read from the source.
+        OptionsError: If the file does not take these xacro arguments.
     """
     if isinstance(source, RobotSource):
         return source
@@ -612,10 +612,10 @@ def read_source(
         raise RobotLoadError(
             f"geometry is given beside {brief(source)}; it belongs to a pinocchio.Model"
         )
-    own: SemanticDescription | None = None
+    embedded: SemanticDescription | None = None
     effort: Mapping[str, Any] = {}
     if parts is not None:
-        description, own, effort = describe_model(*parts, package_dirs=folders)
+        description, embedded, effort = describe_model(*parts, package_dirs=folders)
         files = RobotFiles(description.path, None)
     elif _is_yourdfpy(source):
         files = RobotFiles(Path(f"<yourdfpy.URDF {source.robot.name}>"), None)  # type: ignore[attr-defined]
@@ -625,24 +625,24 @@ def read_source(
         if text is not None:
             files = RobotFiles(Path(f"<text of {len(text)} bytes>"), None)
         else:
-            files, more = _find(source)
-            folders = (*folders, *more)
-        description, own, effort = read_description(
+            files, packages = _find_files(source)
+            folders = (*folders, *packages)
+        description, embedded, effort = read_description(
             files.urdf, folders, text, xacro_args
         )
-    said = read_semantics(files.srdf if srdf is None else srdf, description)
-    return RobotSource(files, description, said or own, {"effort": effort})
+    semantics = read_semantics(files.srdf if srdf is None else srdf, description)
+    return RobotSource(files, description, semantics or embedded, {"effort": effort})
 
 
 def _pinocchio_parts(
     source: object, geometry: object
 ) -> tuple[pin.Model, pin.GeometryModel | None, pin.GeometryModel | None] | None:
-    """Model, collision and visual geometry; None if it is no model of Pinocchio."""
+    """Model, collision and visual geometry; None if it is not a Pinocchio model."""
     shapes: list[Any] = []
     if isinstance(source, tuple) and source and isinstance(source[0], pin.Model):
-        source, *shapes = source  # as buildModelsFromUrdf returns them
+        source, *shapes = source  # as returned by buildModelsFromUrdf
     wrapped = getattr(source, "model", None)
-    if isinstance(wrapped, pin.Model):  # a RobotWrapper, as of example_robot_data
+    if isinstance(wrapped, pin.Model):  # a RobotWrapper, as in example_robot_data
         names = ("collision_model", "visual_model")
         shapes = [getattr(source, name, None) for name in names]
         source = wrapped
@@ -651,8 +651,8 @@ def _pinocchio_parts(
     if geometry is not None:
         listed = isinstance(geometry, tuple | list)
         shapes = list(geometry) if listed else [geometry]  # type: ignore[call-overload]
-    known = all(isinstance(item, pin.GeometryModel | None) for item in shapes)
-    if not known or len(shapes) > 2:
+    valid_shapes = all(isinstance(item, pin.GeometryModel | None) for item in shapes)
+    if not valid_shapes or len(shapes) > 2:
         raise RobotLoadError(
             f"geometry is {brief(geometry if geometry is not None else shapes)}, "
             "expected a pinocchio.GeometryModel to collide with, or two: to collide "
@@ -662,32 +662,32 @@ def _pinocchio_parts(
     return source, collision, visual
 
 
-# What a module of robot_descriptions may have; the first there is is read.
+# Attributes of a module of robot_descriptions with its file; the first one is read.
 _PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
 
 
 def _is_yourdfpy(source: object) -> bool:
-    """Whether it is a ``yourdfpy.URDF``, without importing that."""
-    known = sys.modules.get("yourdfpy")
-    return known is not None and isinstance(source, known.URDF)
+    """Whether it is a ``yourdfpy.URDF``; does not import that package."""
+    yourdfpy = sys.modules.get("yourdfpy")
+    return yourdfpy is not None and isinstance(source, yourdfpy.URDF)
 
 
-def _find(source: object) -> tuple[RobotFiles, tuple[Path, ...]]:
+def _find_files(source: object) -> tuple[RobotFiles, tuple[Path, ...]]:
     """Files of a robot by name, path or module, and folders of its packages."""
     if isinstance(source, str | os.PathLike):
         name = str(source)
         module = name.isidentifier() and name.endswith(MODULE_ENDING)
         if module and name not in robot_names():
-            return _of_module(_imported(name), name)
+            return _module_files(_imported_module(name), name)
         return find_robot(source), ()
     name = str(getattr(source, "__name__", ""))
     if not name.startswith("robot_descriptions") and not _paths(source, _PATHS):
         raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
-    return _of_module(source, name)
+    return _module_files(source, name)
 
 
-def _imported(name: str) -> Any:
-    """Import a module of robot_descriptions, which may fetch files at that."""
+def _imported_module(name: str) -> Any:
+    """Import a module of robot_descriptions, which may download its files."""
     try:
         importlib.import_module("robot_descriptions")
     except ImportError as error:
@@ -703,7 +703,7 @@ def _imported(name: str) -> Any:
             f"the package robot_descriptions has no module {brief(name)}"
             f"{closest(name, _module_names())}"
         ) from error
-    except Exception as error:  # whatever fetching files may raise
+    except Exception as error:  # the download may raise anything
         raise RobotLoadError(
             f"robot_descriptions.{name} cannot be had: {brief(str(error), 200)}"
         ) from error
@@ -717,22 +717,22 @@ def _module_names() -> list[str]:
         return []
 
 
-def _of_module(module: Any, name: str) -> tuple[RobotFiles, tuple[Path, ...]]:
+def _module_files(module: Any, name: str) -> tuple[RobotFiles, tuple[Path, ...]]:
     paths = _paths(module, _PATHS)
     if not paths:
         raise RobotLoadError(
             f"the module {brief(name)} has none of the files {', '.join(_PATHS)}"
         )
     folders = _paths(module, ("PACKAGE_PATH", "REPOSITORY_PATH"))
-    around = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
+    packages = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
     named = name.rpartition(".")[2] or None
-    return RobotFiles(paths[0], find_srdf(paths[0]), named), tuple(sorted(around))
+    return RobotFiles(paths[0], find_srdf(paths[0]), named), tuple(sorted(packages))
 
 
 def _paths(module: object, names: Sequence[str]) -> list[Path]:
-    """Those of some attributes of a module that are paths."""
-    found = [getattr(module, name, None) for name in names]
-    return [Path(p).absolute() for p in found if isinstance(p, str | os.PathLike)]
+    """Paths among the values of some attributes of a module."""
+    values = [getattr(module, name, None) for name in names]
+    return [Path(p).absolute() for p in values if isinstance(p, str | os.PathLike)]
 
 
 #: A name, a path, a text, a ``pinocchio.Model`` (alone or with geometry), a
@@ -741,7 +741,7 @@ RobotLike: TypeAlias = (
     "str | bytes | os.PathLike[str] | pin.Model | tuple[Any, ...] | Any"
 )
 
-# Standard gravity in two decimals, as Pinocchio has it [m/s^2].
+# Standard gravity to two decimals, as in Pinocchio [m/s^2].
 DEFAULT_GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -765,41 +765,42 @@ def load_robot(
     kinematic: bool = False,
     xacro_args: Mapping[str, object] | None = None,
 ) -> Robot:
-    """Load a robot from its file, or from what another library made of it.
+    """Load a robot from its file, or from an object of another library.
 
     Values per joint are one number for all, an array in joint order, or a mapping of
-    joint names for some; they replace what the file says.
+    joint names for some joints; they replace the values of the file.
 
     Args:
         source: A bundled robot (``"planar3r"``), one of the package example-robot-data
             (``"panda"``, ``"ur5"``), the path or the text of a URDF, xacro or MJCF
-            file, told apart by what is in it (of an MJCF file the joints, actuators,
-            shapes and keyframes, which are group states; it has no limits of speed); a
-            ``pinocchio.Model``, alone, as the tuple that ``buildModelsFromUrdf``
-            returns or as a ``RobotWrapper``; a ``yourdfpy.URDF``; a module of the
-            package robot_descriptions or its name (``"panda_description"``).
-        package_dirs: Folders in which to look for ``package://``; those above the file
-            and of ROS are looked through anyway.
-        srdf: Path or text of a semantic description; by default the one that lies
-            beside the file or in the folder ``../srdf`` and has its name.
-        geometry: Of a ``pinocchio.Model``: a ``GeometryModel`` to collide with, or two
-            of them, to collide with and to look at. Its collision pairs, unless they
-            are none or all, say which links are watched against each other; its
-            reference configurations are group states.
-        limits: ``"datasheet"`` for those that the maker publishes (accelerations,
-            jerks, torque rates, and speeds and torques instead of the file's); the
-            arguments below go before them. See :mod:`tominpmp.datasheets`. ``"urdf"``
-            for those of the file. By default those of the data sheet for a robot given
-            by its name, if there is one of it, else those of the file.
-        group: Group of the SRDF file, as ``"panda_arm"``, whose joints move; or a
-            link, for the chain from the base to it; two links, for the chain from one
-            to the other; or names of joints. The others are locked: where
-            ``locked_joints`` has them, else where a group state of the file has them,
-            else at zero. The base stands still.
-        locked_joints: Positions [rad or m] of joints that are not to move; outside
-            their limits they cause a warning. Joints that follow them are locked too.
-        gravity: Gravity in the world, shape (3,) [m/s^2]; by default what the file
-            says, else 9.81 along -z.
+            file, which are distinguished by their content (an MJCF file gives joints,
+            actuators, shapes and keyframes, which become group states; it has no speed
+            limits); a ``pinocchio.Model``, alone, as the tuple that
+            ``buildModelsFromUrdf`` returns or as a ``RobotWrapper``; a
+            ``yourdfpy.URDF``; a module of the package robot_descriptions or its name
+            (``"panda_description"``).
+        package_dirs: Folders in which ``package://`` is resolved, in addition to the
+            folders above the file and those of ROS.
+        srdf: Path or text of a semantic description; by default the SRDF file of the
+            same name next to the file or in the folder ``../srdf``.
+        geometry: Geometry of a ``pinocchio.Model``: a ``GeometryModel`` for collisions,
+            or two, for collisions and for pictures. Its collision pairs, unless it has
+            none or all, select the link pairs to check; its reference configurations
+            become group states.
+        limits: ``"datasheet"`` for the limits that the maker publishes (accelerations,
+            jerks, torque rates, and speeds and torques in place of the file's); the
+            arguments below take precedence. See :mod:`tominpmp.datasheets`. ``"urdf"``
+            for the limits of the file. The default is the data sheet for a robot given
+            by its name, if it has one, otherwise the file.
+        group: Moving joints: a group of the SRDF file, as ``"panda_arm"``; or a link,
+            for the chain from the base to it; two links, for the chain between them; or
+            names of joints. All other joints are locked at their position in
+            ``locked_joints``, else in a group state of the file, else at zero. The base
+            is fixed.
+        locked_joints: Positions [rad or m] of joints to be locked; positions outside
+            the joint limits cause a warning. Joints that follow them are locked too.
+        gravity: Gravity in the world, shape (3,) [m/s^2]; by default that of the file,
+            else 9.81 along -z.
         damping: Viscous friction [N m s/rad or N s/m].
         armature: Rotor inertia seen at the joint [kg m^2 or kg].
         friction: Dry (Coulomb) friction [N m or N].
@@ -808,19 +809,19 @@ def load_robot(
         velocity: Velocity limits [rad/s or m/s], possibly infinite.
         position_lower: Lower position limits [rad or m], possibly infinite.
         position_upper: Upper position limits [rad or m], possibly infinite.
-        kinematic: Whether to leave out the dynamics, of which the description need say
-            nothing then: motions have no torques and keep limits of accelerations
-            instead, which ``MotionLimits`` have where the robot has none.
-        xacro_args: Values of the arguments (``<xacro:arg>``) of a xacro file by name,
-            which the extra ``xacro`` expands. ``$(find NAME)`` is looked for where
+        kinematic: Whether to leave out the dynamics, which the description may then
+            lack: motions have no torques and keep limits of accelerations instead,
+            which come from ``MotionLimits`` if the robot has none.
+        xacro_args: Values of the arguments (``<xacro:arg>``) of a xacro file by name;
+            the extra ``xacro`` expands the file. ``$(find NAME)`` is resolved as
             ``package://`` is.
 
     Returns:
         The robot.
 
     Raises:
-        RobotLoadError: If there is no such robot, its files are wrong or a mesh is not
-            there, or a joint lacks a limit or inertia that no argument gives.
+        RobotLoadError: If the robot is unknown, its files are wrong, a mesh is missing,
+            or a joint lacks a limit or inertia that no argument gives.
         OptionsError: If the value of an argument is wrong.
         JointNotFound: If a joint is unknown.
         MissingDependency: If it is a xacro file and the extra is not installed.
@@ -835,33 +836,33 @@ def load_robot(
         "position_upper": position_upper,
     }
     check_kinematic(kinematic, values)
-    given = read_source(source, package_dirs, srdf, geometry, xacro_args)
-    linkage = given.linkage(group, locked_joints)
-    linkage.warn_of_limits(given.description.joints)
-    known, reasons = given.known_values(limits), linkage.reasons()
+    loaded = read_source(source, package_dirs, srdf, geometry, xacro_args)
+    linkage = loaded.linkage(group, locked_joints)
+    linkage.warn_of_limits(loaded.description.joints)
+    known, reasons = loaded.known_values(limits), linkage.reasons()
 
     def table_for(joint_names: tuple[str, ...]) -> JointTable:
         table = JointTable.from_description(
-            joint_names, given.description.joints, linkage
+            joint_names, loaded.description.joints, linkage
         )
-        own = {
+        overrides = {
             key: {k: v for k, v in known[key].items() if k in joint_names}
             for key in OVERRIDES
             if key in known
         }
-        table = table.overridden(reasons, own).overridden(reasons, values)
+        table = table.overridden(reasons, overrides).overridden(reasons, values)
         table = table.without_dynamics() if kinematic else table
-        table.check_complete(given.files.urdf)
+        table.check_complete(loaded.files.urdf)
         return table
 
-    own = given.description.gravity or DEFAULT_GRAVITY
+    own_gravity = loaded.description.gravity or DEFAULT_GRAVITY
     robot = assembled(
-        name=given.files.name or given.description.name,
-        description=given.description,
+        name=loaded.files.name or loaded.description.name,
+        description=loaded.description,
         linkage=linkage,
         table_for=table_for,
-        gravity=check_gravity(own if gravity is None else gravity),
-        srdf=given.semantics,
+        gravity=check_gravity(own_gravity if gravity is None else gravity),
+        srdf=loaded.semantics,
         kinematic=kinematic,
     )
     if kinematic:
@@ -871,9 +872,9 @@ def load_robot(
     robot = replace(robot, motion_limits=limits_by_joint(known, robot.joint_names))
     robot._check_inertia()
     if not kinematic:
-        warn_of_inertia(robot.model, given.description)
-    if given.semantics is not None:
+        warn_of_inertia(robot.model, loaded.description)
+    if loaded.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
-        warn_of_passive(given.semantics.passive, motors)
-    _ = robot.collision_model  # a mesh that cannot be read is an error now
+        warn_of_passive(loaded.semantics.passive, motors)
+    _ = robot.collision_model  # reports unreadable meshes now
     return robot
