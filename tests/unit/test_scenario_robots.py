@@ -14,7 +14,7 @@ import tominpmp as tm
 from tominpmp.description.files import find_robot, robot_names
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
-from tominpmp.files.scenario import unlike
+from tominpmp.files.scenario import difference_of
 from tominpmp.robot.robot import Robot
 
 URDF = find_robot("planar3r").urdf
@@ -61,7 +61,7 @@ def test_a_robot_that_no_file_holds_comes_back(make: Any, tmp_path: Path) -> Non
         0.1, "tip", com=(0.1, 0, 0), geometry=[tm.Sphere("s", radius=0.05)]
     )
     problem, found = saved_and_loaded(robot.with_payload(load), tmp_path)
-    assert not unlike(found.robot, problem.robot)
+    assert not difference_of(found.robot, problem.robot)
     assert found.robot.urdf_path == tmp_path / "cell_robot.urdf"
     state = START, [1.0, -2.0, 0.5], [3.0, 1.0, -1.0]
     states = [np.array([row]) for row in state]
@@ -87,12 +87,12 @@ def test_semantics_of_a_text_come_back(tmp_path: Path) -> None:
 
 def test_robots_that_differ_are_told_apart() -> None:
     one = from_text()
-    assert not unlike(one, one)
+    assert not difference_of(one, one)
     heavy = one.model.copy()
     heavy.inertias[2] = heavy.inertias[2] + heavy.inertias[2]
     for change in ({"damping": 1.0}, {"gravity": (0, 0, 0)}):
-        assert unlike(one, one.with_changes(**change)) == next(iter(change))
-    assert unlike(one, replace(one, model=heavy)) == "inertias"
+        assert difference_of(one, one.with_changes(**change)) == next(iter(change))
+    assert difference_of(one, replace(one, model=heavy)) == "inertias"
 
 
 def test_where_no_files_can_lie_beside_it_is_said(tmp_path: Path) -> None:
@@ -169,4 +169,4 @@ def test_a_hand_with_followers_comes_back(tmp_path: Path) -> None:
     start, goal = (np.clip(np.full(7, value), *limits) for value in (0.0, 0.1))
     problem = tm.Problem(robot, start, tm.JointGoal(goal), self_collision=False)
     path = tm.save_scenario(tmp_path / "cell.toml", problem)
-    assert not unlike(tm.load_scenario(path).problem.robot, robot)
+    assert not difference_of(tm.load_scenario(path).problem.robot, robot)

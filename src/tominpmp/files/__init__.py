@@ -1,1 +1,1 @@
-"""Files of motions: written, read back, and judged as their readers follow them."""
+"""Files of motions, scenarios and limits, MoveIt's files, and checks of exports."""

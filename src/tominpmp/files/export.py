@@ -1,14 +1,14 @@
-"""Motions as files: CSV for everybody, NPZ for NumPy, YAML, JSON and MCAP for ROS.
+"""Motion files: CSV for any program, NPZ for NumPy, YAML, JSON and MCAP for ROS.
 
-All hold one row a time: the time [s], then for every joint its position [rad or m],
-velocity [rad/s or m/s], acceleration [rad/s^2 or m/s^2] and torque [N m or N]. The
-columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``, ``a_<joint>``
-and ``u_<joint>``, without units, so that any program takes the names as they are; those
-of several segments have a last column ``segment`` with their numbers from 1. YAML
-and JSON files are messages of ROS 2, see :mod:`~tominpmp.files.ros`; MCAP files are
-bags of them. Numbers are written in full: what is read
-back is what was there, to the last bit; the times of ROS messages are whole
-nanoseconds, and the motion is looked at then.
+All formats hold one row per instant: the time [s], then for every joint its position
+[rad or m], velocity [rad/s or m/s], acceleration [rad/s^2 or m/s^2] and torque [N m or
+N]. The columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``,
+``a_<joint>`` and ``u_<joint>``, without units, so that any program accepts the names;
+motions of several segments have a last column ``segment`` with the segment numbers from
+1. YAML and JSON files are messages of ROS 2, see :mod:`~tominpmp.files.ros`; MCAP files
+are bags of them. Numbers are written with full precision, so that reading returns the
+same bits; the times of ROS messages are whole nanoseconds, at which the motion is
+evaluated.
 """
 
 from __future__ import annotations
@@ -47,8 +47,9 @@ from tominpmp.files.writing import write_file
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
 
-# Tables as large as :mod:`~tominpmp.files.tables` reads them fit in, and messages of
-# as many values as YAML may have.
+# Largest files: the first holds tables up to the limits of
+# :mod:`~tominpmp.files.tables`, the second messages with as many values as YAML may
+# have [bytes].
 MAX_BYTES, MAX_MESSAGE = 2**28, 2**26
 
 
@@ -62,27 +63,27 @@ def export(
 ) -> Path:
     """Write a motion as CSV, NPZ or ROS message, by the ending of the path.
 
-    A file that exists is replaced once the new one is complete.
+    An existing file is replaced once the new one is complete.
 
     Args:
         trajectory: The motion.
         path: File to write, ending in ``.csv``, ``.npz``, ``.yaml``, ``.json`` or
             ``.mcap``.
-        dt: Time between rows [s], the end of the motion being the last row in any case;
-            None writes the nodes. At a node where acceleration or torque jump, the row
-            holds the value just after it.
-        with_effort: Whether ROS messages have the torques: controllers that do not
-            command efforts refuse such messages. CSV and NPZ always have them.
-        message: Which ROS message: "JointTrajectory" (the default), the goal of the
-            action "FollowJointTrajectory", or MoveIt's "RobotTrajectory".
+        dt: Time between rows [s], with the end of the motion as the last row in any
+            case; None writes the nodes. At a node where acceleration or torque jump,
+            the row holds the value just after it.
+        with_effort: Whether ROS messages contain the torques: controllers that do not
+            command efforts refuse such messages. CSV and NPZ always contain them.
+        message: Type of the ROS message: "JointTrajectory" (the default), the goal of
+            the action "FollowJointTrajectory", or MoveIt's "RobotTrajectory".
 
     Returns:
         The path.
 
     Raises:
         ProblemError: If the ending or the message is unknown, dt is not a positive
-            number, an option is one of other endings, or the motion has values that are
-            no finite numbers.
+            number, an option does not apply to the ending, or the motion contains
+            values that are not finite.
         ScenarioError: If the file cannot be written.
         MissingDependency: If a package for bags is not installed.
     """
@@ -102,7 +103,7 @@ def export(
 
 
 def is_message(path: str | Path) -> bool:
-    """Whether a file holds a message of ROS, by its ending."""
+    """Whether the ending of a file is that of ROS messages."""
     return Path(path).suffix.lower() in PARSERS
 
 
@@ -113,10 +114,10 @@ def file_samples(
     *,
     with_effort: bool = False,
 ) -> Samples:
-    """What a file holds that a motion is written to; what it leaves out is NaN.
+    """Samples that a file of a motion contains; quantities that it omits are NaN.
 
-    The ending of the path counts; ``dt`` is the time between rows [s], None for the
-    nodes.
+    The format follows from the ending of the path; ``dt`` is the time between rows [s],
+    None for the nodes.
 
     Raises:
         ProblemError: If dt is not a positive number.
@@ -131,10 +132,10 @@ def file_samples(
 
 
 def check_options(path: str | Path, with_effort: bool, message: str | None) -> None:
-    """Check that options of :func:`export` are known, and of use for the ending.
+    """Check that options of :func:`export` are known, and apply to the ending.
 
     Raises:
-        ProblemError: If they are not.
+        ProblemError: If an option is unknown or does not apply.
     """
     flag(with_effort, "with_effort")
     if message is not None:
@@ -148,7 +149,7 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
 
 
 def _not_finite(samples: Samples) -> Iterator[tuple[str, list[int]]]:
-    """Quantities with a value that is no finite number, and its row and joint."""
+    """Quantities with values that are not finite, and row and joint of the first."""
     for key in ("t", *known_quantities(samples)):
         wrong = np.argwhere(~np.isfinite(getattr(samples, key)))
         if len(wrong):
@@ -158,22 +159,23 @@ def _not_finite(samples: Samples) -> Iterator[tuple[str, list[int]]]:
 def load_motion(
     path: str | Path, *, interpolation: Interpolation | None = None
 ) -> Samples:
-    """Read a motion that :func:`export` wrote, or another program in one of its forms.
+    """Read a motion that :func:`export` or another program wrote in one of its formats.
 
-    Positions must be there; velocities, accelerations and torques need not.
+    Positions are required; velocities, accelerations and torques are optional.
 
     Args:
         path: CSV, NPZ, YAML, JSON or MCAP file, by its ending.
-        interpolation: What becomes of the samples between their times, see
+        interpolation: How the samples are interpolated between their times, see
             :class:`~tominpmp.motion.samples.Samples`; None takes "controller" for ROS
-            messages and "auto" for the others.
+            messages and "auto" for other files.
 
     Returns:
         The samples, their times increasing; a quantity that the file lacks is NaN.
 
     Raises:
         ProblemError: If the ending or the interpolation is unknown.
-        ScenarioError: If the file cannot be read or is wrong: the message says where.
+        ScenarioError: If the file cannot be read or is wrong: the message names the
+            place.
     """
     read = _chosen(READERS, path)
     if interpolation is not None:
@@ -184,7 +186,7 @@ def load_motion(
             samples = message_motion(load_message(path), path)
         else:
             samples = _checked(read(read_bytes(path, MAX_BYTES), path), path)
-    except ProblemError as error:  # what the file holds is not samples
+    except ProblemError as error:  # the content is not valid samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
     if interpolation is None:
         return samples
@@ -195,7 +197,7 @@ def load_message(path: str | Path) -> Any:
     """Read a ROS message as plain values, from a YAML, JSON or MCAP file.
 
     Raises:
-        ProblemError: If the ending is of none.
+        ProblemError: If the ending is not that of a message file.
         ScenarioError: If the file cannot be read.
     """
     parse = _chosen(PARSERS, path)
@@ -204,10 +206,10 @@ def load_message(path: str | Path) -> Any:
 
 
 def message_motion(message: Any, path: Path) -> Samples:
-    """Take the motion out of a message as plain values; the path is for messages.
+    """Extract the motion from a message of plain values; the path is for errors.
 
     Raises:
-        ScenarioError: If there is none, or it is wrong.
+        ScenarioError: If it contains no motion, or a wrong one.
     """
     return _checked(read_message(Field(message, path)), path)
 
@@ -219,7 +221,7 @@ def _chosen(
 
 
 def _checked(samples: Samples, path: Path) -> Samples:
-    """Check the values of samples from a file, whose names and shapes are checked."""
+    """Check the values of samples from a file; names and shapes are checked already."""
     for key, (row, *joint) in _not_finite(samples):
         where = f"row {row + 1}"
         if joint:
@@ -248,7 +250,8 @@ WRITERS: dict[str, Callable[..., None]] = {
     ".json": write_json,
     ".mcap": write_bag,
 }
-# What holds messages, and how those are read as plain values.
+# Endings of files with messages, and the parsers that return the messages as plain
+# values.
 PARSERS: dict[str, Callable[[bytes, Path], Any]] = {
     ".yaml": parse_yaml,
     ".yml": parse_yaml,

@@ -1,9 +1,9 @@
-"""Files of motions, judged as their readers will follow them.
+"""Checks of exported motions, interpolated as their readers will interpolate them.
 
-A file is some points of a motion; each reader joins them in a way of its own, and
-what moves the arm is that. So a file is read, joined as its reader does, and judged
-like a plan, whoever made it. Where one does not hold that a plan was written to, other
-times between the points are tried, so that there is something to say beyond that.
+A file holds some points of a motion, each reader interpolates them in its own way, and
+the arm follows the result. So a file from any source is read, interpolated as its
+reader does, and verified like a plan. If the file of a plan fails, other sampling
+periods are tried, so that the message can recommend one that passes.
 """
 
 from __future__ import annotations
@@ -41,42 +41,41 @@ from tominpmp.solution import Solution
 from tominpmp.verification.limit_violations import LimitViolation, state_violations
 from tominpmp.verification.verification import Verification, verify
 
-# Periods that controllers have [s], the longest first.
+# Usual periods of controllers [s], the longest first.
 PERIODS = (0.01, 0.008, 0.004, 0.002, 0.001)
-# A period that controllers have [s], where none is known.
-USUAL = 0.004
-# Instants of each interval that are looked at, as shares of it: near the ends, where
-# polynomials that overshoot are fastest, too.
+# Controller period to recommend where none is known [s].
+DEFAULT_PERIOD = 0.004
+# Instants at which each interval is examined, as shares of it: also near the ends,
+# where overshooting polynomials are fastest.
 INSTANTS = np.array([0.0005, 0.1, 0.3, 0.5, 0.7, 0.9, 0.9995])
-# Times what is tolerated that an excess must be to do without a replay.
-CLEARLY = 2.0
-# Intervals shorter than this [s] are rounding of times.
-SHORTEST = 1e-7
-# Two curves are the same if they differ by no more, in positions [rad or m],
-# velocities [rad/s or m/s] and torques, these relative to their range.
+# Multiple of the tolerance beyond which an excess is evident without a replay.
+EVIDENT = 2.0
+# Intervals shorter than this are rounding of times [s].
+MIN_INTERVAL = 1e-7
+# Two curves count as equal up to these differences, in positions [rad or m], velocities
+# [rad/s or m/s] and torques, the last relative to their range.
 SAME_Q, SAME_V, SAME_U = 1e-7, 1e-5, 2e-4
 
 
 @dataclass(frozen=True, eq=False)
 class ExportCheck:
-    """What a file was found to do.
+    """Result of checking a file.
 
     Attributes:
         path: The file.
-        ok: Whether what its reader makes of it solves the problem, and a controller
-            takes it.
-        joined: How its reader joins the points, in words.
+        ok: Whether the motion that its reader makes of it solves the problem, and a
+            controller accepts it.
+        joined: Interpolation of its reader, in words.
         refusals: Rules of the joint trajectory controller that it breaks, for messages
             of ROS.
         violations: Limits that it breaks, and the goal if it misses it.
-        verification: Its replay; None where the points alone told that it breaks
-            limits.
-        holding: Times between points that would hold [s], of those that were tried;
-            None stands for the nodes of the motion.
-        tried: Those that were tried.
-        replan: Period to plan with for a motion whose samples hold [s]; None if there
-            is nothing to say.
-        notes: What else is to be known of it, in sentences.
+        verification: Its replay; None if the points alone showed that it breaks limits.
+        holding: Sampling periods that would pass [s], among those that were tried; None
+            stands for the nodes of the motion.
+        tried: Sampling periods that were tried [s].
+        replan: Control period to plan with for a motion whose samples pass [s]; None
+            without a recommendation.
+        notes: Further remarks, in sentences.
         seconds: Time taken [s].
         duration: Duration of the motion that its reader makes of it [s].
     """
@@ -96,7 +95,7 @@ class ExportCheck:
 
     @property
     def message(self) -> str:
-        """Whether the file holds; if not, what is wrong and what would hold."""
+        """Whether the file passes; if not, its faults and the remedies."""
         if self.ok:
             return f"{self.path} holds, joined by {self.joined}."
         parts = [f"{self.path} does not hold, joined by {self.joined}"]
@@ -110,7 +109,7 @@ class ExportCheck:
         return ": ".join(parts) + "." + self._advice()
 
     def _advice(self) -> str:
-        """What would hold, as far as it was tried, and what else to do."""
+        """Sampling periods that would pass, among those tried, and other remedies."""
         parts = []
         if self.holding:
             parts.append(f"What holds: {_listed(self.holding)}.")
@@ -131,8 +130,8 @@ def _listed(steps: tuple[float | None, ...]) -> str:
     )
 
 
-# What a judge found of a motion: the limits it breaks, and its replay if there was one.
-Found = tuple[tuple[LimitViolation, ...], Verification | None]
+# Result of a verification: the violated limits, and the replay if there was one.
+Judgement = tuple[tuple[LimitViolation, ...], Verification | None]
 
 
 def check_file(
@@ -142,20 +141,21 @@ def check_file(
     tolerances: Tolerances | None = None,
     interpolation: Interpolation | None = None,
 ) -> ExportCheck:
-    """Read a motion from a file of any origin, and judge it as its reader.
+    """Read a motion from a file of any origin, and verify it as its reader executes it.
 
     Args:
-        problem: What it is to solve.
+        problem: The problem that the motion is to solve.
         path: The file, see :func:`~tominpmp.files.export.load_motion`.
-        tolerances: What is tolerated; None for the defaults.
-        interpolation: How the points are joined; None for what the kind of file says.
+        tolerances: Tolerances of the replay; None for the defaults.
+        interpolation: How the points are interpolated; None for the default of the kind
+            of file.
 
     Returns:
-        What was found, with the replay.
+        The result, with the replay.
 
     Raises:
         ProblemError: If an argument is wrong.
-        ScenarioError: If the file cannot be read, or is of another robot.
+        ScenarioError: If the file cannot be read, or belongs to another robot.
     """
     instance(problem, Problem, "problem")
     if interpolation is not None:
@@ -163,7 +163,7 @@ def check_file(
     within = Tolerances() if tolerances is None else tolerances
     instance(within, Tolerances, "tolerances", "Tolerances or None")
 
-    def judge(motion: Trajectory) -> Found:
+    def judge(motion: Trajectory) -> Judgement:
         found = verify(problem, motion, within)
         return found.violations, found
 
@@ -174,18 +174,19 @@ def check_file(
 def check_export(
     solution: Solution, path: str | Path, *, dt: float | None = None
 ) -> ExportCheck:
-    """Read a file back that a solution was written to, and judge it as its reader.
+    """Read the exported file of a solution, and verify it as its reader executes it.
 
     Args:
         solution: The solution.
         path: The file, as :meth:`Solution.export` wrote it.
-        dt: Time between its points [s], as given to that; only for the advice.
+        dt: Time between its points [s], as passed to the export; for the advice only.
 
     Returns:
-        What was found.
+        The result.
 
     Raises:
-        ProblemError: If the solution is none or has no motion, or an argument is wrong.
+        ProblemError: If the solution is not one or has no motion, or an argument is
+            wrong.
         ScenarioError: If the file cannot be read.
     """
     begin = time.perf_counter()
@@ -194,14 +195,14 @@ def check_export(
     if motion is None:
         raise ProblemError(f"there is no motion: {solution.message}", "trajectory")
     path = checked_path(path)
-    judge = partial(_judged, solution, motion)
+    judge = partial(_verified, solution, motion)
     check = _check(solution.problem, path, judge)
     if not check.violations:
         return check
     holding: list[float | None] = []
     tried: list[float | None] = []
-    for step in _others(dt):
-        # The check must not take longer than planning did.
+    for step in _alternative_steps(dt):
+        # The check must not take longer than planning took.
         if time.perf_counter() - begin > solution.planning_time:
             break
         samples = file_samples(motion, path, step)
@@ -210,7 +211,7 @@ def check_export(
         if not violations:
             holding.append(step)
             if step is not None:
-                break  # shorter periods hold less surprise
+                break  # one period that passes is enough advice
     return replace(
         check,
         holding=tuple(holding),
@@ -223,10 +224,10 @@ def check_export(
 def _check(
     problem: Problem,
     path: str | Path,
-    judge: Callable[[Trajectory], Found],
+    judge: Callable[[Trajectory], Judgement],
     interpolation: Interpolation | None = None,
 ) -> ExportCheck:
-    """Read, join and judge."""
+    """Read a file, interpolate its points, and verify the motion."""
     begin = time.perf_counter()
     path = checked_path(path)
     refusals: tuple[Refusal, ...] = ()
@@ -273,59 +274,59 @@ def _joined(
 
 
 def _replan(solution: Solution, path: Path, dt: float | None) -> float | None:
-    """Period to plan with so that samples hold; None if there is none to name."""
+    """Control period to plan with so that samples pass; None if there is no advice."""
     if solution.problem.robot.passive_joints:
         return None
     if dt is None:
-        return USUAL if is_message(path) else None
+        return DEFAULT_PERIOD if is_message(path) else None
     return None if dt == solution.options.control_period else dt
 
 
-def _others(dt: float | None) -> list[float | None]:
-    """Times between points to try instead of one: the nodes, then shorter periods."""
+def _alternative_steps(dt: float | None) -> list[float | None]:
+    """Sampling periods to try in place of one: the nodes, then shorter periods."""
     if dt is None:
         return list(PERIODS[::-1])
     return [None, *(period for period in PERIODS if period < dt * (1.0 - 1e-9))]
 
 
-def _judged(solution: Solution, planned: Trajectory, motion: Trajectory) -> Found:
-    """Judge what a reader makes of a plan; by its replay if nothing simpler tells."""
+def _verified(solution: Solution, planned: Trajectory, motion: Trajectory) -> Judgement:
+    """Verify a reader's version of a plan; by a replay only if simpler tests pass."""
     problem, known = solution.problem, solution.verification
-    planned, motion = (controlled(one, problem.robot) for one in (planned, motion))
+    planned, motion = (controlled(each, problem.robot) for each in (planned, motion))
     tolerances = solution.options.tolerances
     if known is not None and known.ok and _is_planned(problem, planned, motion):
         return (), known
-    # Of several segments, torques are known only when it is known where they end.
+    # With several segments, torques depend on the segment ends, which a file may lack.
     if not problem.segments:
         times = _inner_instants(motion.t)
-        state, clearly = motion(times), CLEARLY * tolerances.limits
+        state, clearly = motion(times), EVIDENT * tolerances.limits
         found = state_violations(problem, times, state.q, state.v, state.u, clearly)
-        broken = tuple(item for item in found if item.violated)
-        if broken:
-            return broken, None
+        violated = tuple(item for item in found if item.violated)
+        if violated:
+            return violated, None
     replayed = verify(problem, motion, tolerances)
     return replayed.violations, replayed
 
 
 def _is_planned(problem: Problem, planned: Trajectory, motion: Trajectory) -> bool:
-    """Whether a motion is the planned one, up to rounding."""
-    if abs(planned.duration - motion.duration) > SHORTEST:
+    """Whether a motion equals the planned one up to rounding."""
+    if abs(planned.duration - motion.duration) > MIN_INTERVAL:
         return False
     times = _inner_instants(np.union1d(planned.t, motion.t))
-    ours, theirs = planned(times), motion(times)
+    expected, actual = planned(times), motion(times)
     lower, upper = control_bounds(problem.robot, problem.motion_limits)
     span = upper - lower
     span = np.where(span > 0.0, span, max(float(np.max(span)), 1e-12))
-    apart = (
-        (ours.q - theirs.q) / SAME_Q,
-        (ours.v - theirs.v) / SAME_V,
-        (ours.u - theirs.u) / (SAME_U * span),
+    differences = (
+        (expected.q - actual.q) / SAME_Q,
+        (expected.v - actual.v) / SAME_V,
+        (expected.u - actual.u) / (SAME_U * span),
     )
-    return all(bool(np.all(np.abs(part) <= 1.0)) for part in apart)
+    return all(bool(np.all(np.abs(part) <= 1.0)) for part in differences)
 
 
 def _inner_instants(nodes: Array) -> Array:
-    """Times within intervals, on none of their ends [s], shape (m,)."""
+    """Times inside the intervals, away from their ends [s], shape (m,)."""
     h = np.diff(nodes)
-    wide = h > SHORTEST
+    wide = h > MIN_INTERVAL
     return np.ravel(nodes[:-1][wide, None] + INSTANTS * h[wide, None])

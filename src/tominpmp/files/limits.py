@@ -1,7 +1,7 @@
-"""Limits in YAML files: those of MoveIt, and of motors and controllers.
+"""Limits in YAML files: MoveIt's, and those of motors and controllers.
 
-MoveIt's ``joint_limits.yaml`` has limits that a URDF does not have, or has too wide.
-Those of motors and controllers are joint by joint:
+MoveIt's ``joint_limits.yaml`` contains limits that a URDF lacks or sets too wide. The
+limits of motors and controllers are set joint by joint:
 
 ::
 
@@ -19,8 +19,8 @@ Those of motors and controllers are joint by joint:
       panda_joint3:
         effort_curve: {effort: 87, power: 100, top_speed: 2.2}  # power limit
 
-Acceleration, jerk and effort rate may stand at the top, for all joints, and at a joint,
-which goes before.
+Acceleration, jerk and effort rate may stand at the top level, for all joints, and at a
+joint, where they take precedence.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ from tominpmp.motion_limits import (
 )
 from tominpmp.robot.robot import Robot, RobotSource, load_robot, read_source
 
-# What may lie around the table: nodes of ROS 2, namespaces of parameters.
+# Keys that may enclose the table: nodes of ROS 2, namespaces of parameters.
 _WRAPPERS = ("/**", "ros__parameters", "robot_description_planning")
 _SCALINGS = ("default_velocity_scaling_factor", "default_acceleration_scaling_factor")
-# Quantity: key that says whether there is a limit, keys of the limit.
+# By quantity: the key that says whether it is limited, and the key of the limit.
 _KEYS = {
     "velocity": ("has_velocity_limits", "max_velocity"),
     "acceleration": ("has_acceleration_limits", "max_acceleration"),
@@ -62,11 +62,11 @@ _KEYS = {
     "position_lower": ("has_position_limits", "min_position"),
     "position_upper": ("has_position_limits", "max_position"),
 }
-# Pilz' planner knows another limit where a joint slows down, a negative number there.
+# Pilz' planner has a separate limit for deceleration, which is negative.
 _SLOWING = ("has_deceleration_limits", "max_deceleration")
-# Whether a joint turns on without end is said by the URDF file.
+# Key for continuous joints, which the URDF file determines.
 _TURNS = "angle_wraparound"
-# Forms of a curve, by the first of their keys.
+# Constructors of a curve and their keys, by the first key.
 CURVES: dict[str, tuple[Callable[..., EffortCurve], tuple[str, ...]]] = {
     "stall": (EffortCurve.droop, ("stall", "no_load_speed")),
     "power": (EffortCurve.power, ("effort", "power", "top_speed")),
@@ -74,7 +74,7 @@ CURVES: dict[str, tuple[Callable[..., EffortCurve], tuple[str, ...]]] = {
 
 
 def _read_only(value: Mapping[str, float], name: str) -> Mapping[str, float]:
-    """Check limits by joint name, and make them read-only."""
+    """Check limits by joint name, and make the mapping read-only."""
     given = instance(value, Mapping, name, "limits by joint name")
     found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
     return MappingProxyType(found)
@@ -85,7 +85,7 @@ ByJoint: TypeAlias = Annotated[Mapping[str, float], _read_only]
 
 @record
 class MoveItLimits(Record):
-    """Limits by joint name, as far as the file has them.
+    """Limits by joint name, as far as a ``joint_limits.yaml`` has them.
 
     Attributes:
         path: The file.
@@ -95,9 +95,9 @@ class MoveItLimits(Record):
         effort: Largest torques [N m or N].
         position_lower: Lower position limits [rad or m].
         position_upper: Upper position limits [rad or m].
-        velocity_scaling: The factor by which MoveIt scales speeds when a request gives
-            none; 0.1 in many files.
-        acceleration_scaling: Likewise for accelerations.
+        velocity_scaling: Factor by which MoveIt scales speeds if a request sets none;
+            0.1 in many files.
+        acceleration_scaling: The same for accelerations.
     """
 
     path: Path
@@ -117,8 +117,9 @@ class MoveItLimits(Record):
             scaled: Whether the speeds are scaled by ``velocity_scaling``.
 
         Returns:
-            Values by joint name: velocity, effort, position_lower, position_upper, as
-            far as there are any. Accelerations and jerks are :meth:`motion_limits`.
+            Values by joint name for velocity, effort, position_lower and
+            position_upper, as far as the file has them. Accelerations and jerks are in
+            :meth:`motion_limits`.
         """
         factor = self.velocity_scaling if flag(scaled, "scaled") else 1.0
         found = {"velocity": {k: factor * v for k, v in self.velocity.items()}}
@@ -129,10 +130,10 @@ class MoveItLimits(Record):
     def motion_limits(
         self, joint_names: Sequence[str], *, scaled: bool = False
     ) -> MotionLimits | None:
-        """Limits of accelerations and jerks; None if there are none.
+        """Limits of accelerations and jerks; None if the file has none.
 
         Args:
-            joint_names: Joints that move; what is said of others is left out.
+            joint_names: Joints that move; limits of other joints are dropped.
             scaled: Whether accelerations are scaled by ``acceleration_scaling``.
         """
         joint_names = names(joint_names)
@@ -153,24 +154,25 @@ def load_limited_robot(
     changes: Mapping[str, Any],
     **arguments: Any,
 ) -> Robot:
-    """Load a robot with the limits of MoveIt's file, accelerations and jerks too.
+    """Load a robot with the limits of a ``joint_limits.yaml``, including accelerations.
 
-    Limits of joints that do not move are left out; those of joints that the robot
-    lacks, or that follow others, with a warning.
+    Limits of joints that do not move are dropped; limits of joints that the robot
+    lacks, or that follow others, are dropped with a warning.
 
     Args:
-        moveit: The limits; None for those of the robot alone.
-        robot: As for :func:`~tominpmp.load_robot`, or what was read of it.
-        changes: Values per joint and gravity, which go before the file.
-        **arguments: Its further arguments.
+        moveit: The limits; None for the robot's own limits only.
+        robot: Source of the robot, as for :func:`~tominpmp.load_robot`, or its
+            result of reading.
+        changes: Values per joint and gravity, which take precedence over the file.
+        **arguments: Further arguments of ``load_robot``.
 
     Raises:
-        TominpmpError: As by :func:`~tominpmp.load_robot`.
+        TominpmpError: As raised by :func:`~tominpmp.load_robot`.
     """
     if moveit is None:
         return load_robot(robot, **arguments, **changes)
-    of_files = {"package_dirs", "srdf", "xacro_args"}
-    files = {k: arguments[k] for k in of_files & arguments.keys()}
+    file_arguments = {"package_dirs", "srdf", "xacro_args"}
+    files = {k: arguments[k] for k in file_arguments & arguments.keys()}
     source = read_source(robot, **files)
     linkage = source.linkage(arguments.get("group"), arguments.get("locked_joints"))
     joints = [joint.name for joint in source.description.joints]
@@ -203,9 +205,9 @@ def _warn_of_joints(
 def load_joint_limits(path: str | Path) -> MoveItLimits:
     """Read a ``joint_limits.yaml``.
 
-    A limit counts unless the file says that there is none (``has_velocity_limits:
-    false``); then that of the URDF remains. Where a deceleration is limited too, the
-    smaller of both holds for both. Of keys that are not read a warning tells.
+    A limit counts unless the file disables it (``has_velocity_limits: false``); then
+    the limit of the URDF remains. If a deceleration is limited too, the smaller of the
+    two limits holds for both. Keys that are not read cause a warning.
 
     Args:
         path: The file.
@@ -214,7 +216,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
         The limits.
 
     Raises:
-        ScenarioError: If the file cannot be read or is wrong, with the key.
+        ScenarioError: If the file cannot be read or is wrong; names the key.
     """
     path = checked_path(path, "path", ScenarioError)
     table = Field(read_yaml(path), path)
@@ -249,11 +251,11 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
 
 
 def _limit(limits: Field, flag: str, key: str) -> float | None:
-    """A limit, if there is one: it must be there where the flag says so."""
-    said = limits.get(flag)
-    if said.given and not said.flag():
+    """A limit, if the file has it; required if the flag is set."""
+    flagged = limits.get(flag)
+    if flagged.given and not flagged.flag():
         return None
-    value = limits.need(key) if said.given else limits.get(key)
+    value = limits.need(key) if flagged.given else limits.get(key)
     if not value.given:
         return None
     if key == _SLOWING[1] and value.number() == 0.0:
@@ -264,7 +266,7 @@ def _limit(limits: Field, flag: str, key: str) -> float | None:
 
 
 def _unread(limits: Field) -> list[str]:
-    """Keys of a joint that say something that is not used."""
+    """Keys of a joint with a value that is not used."""
     known = {key for keys in (*_KEYS.values(), _SLOWING) for key in keys}
     unread = []
     for key, item in limits.table().items():
@@ -282,9 +284,9 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
     """Read limits of accelerations, jerks and torques from a YAML file.
 
     Args:
-        path: The file; see the module for what is in it.
-        robot: The robot. Joints of it that are locked may be in the file, and are left
-            out.
+        path: The file; its format is described at the top of the module.
+        robot: The robot. The file may include its locked joints, whose limits are
+            dropped.
 
     Returns:
         The limits, for the joints that move.
@@ -328,10 +330,10 @@ def _positive(item: Field, kind: LimitKind) -> float:
 
 
 def read_curve(item: Field) -> EffortCurve:
-    """Read a curve of torque over speed in one of its forms.
+    """Read a curve of torque over speed in any of its forms.
 
     Raises:
-        ScenarioError: If it is none.
+        ScenarioError: If it has none of these forms.
     """
     given = item.table()
     for key, (make, keys) in CURVES.items():

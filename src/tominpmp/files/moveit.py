@@ -1,12 +1,12 @@
 """MoveIt's planning scenes and motion plan requests (YAML): obstacles, start and goal.
 
-Scenes may be in its text format, too (:mod:`~tominpmp.files.scene_text`). Both ways
-of writing the messages are read: short (``type: box``, ``position: [x, y, z]``) and as
-ROS prints them (``type: 1``, ``position: {x: .., y: .., z: ..}``).
+Scenes may also be in MoveIt's text format (:mod:`~tominpmp.files.scene_text`). Both
+notations of the messages are read: the short one (``type: box``, ``position: [x, y,
+z]``) and the one that ROS prints (``type: 1``, ``position: {x: .., y: .., z: ..}``).
 
-A tolerance that stands for accuracy gives a goal at the middle of what is tolerated; a
-wider one is a freedom, and gives a goal region. No region is larger than what the
-request tolerates.
+A tolerance that only expresses accuracy gives a point goal at the middle of its
+interval; a wider one is a freedom, and gives a goal region. No region exceeds the
+tolerances of the request.
 """
 
 from __future__ import annotations
@@ -55,27 +55,28 @@ from tominpmp.scene.obstacles import Box, Cylinder, Obstacle, Sphere
 from tominpmp.scene.rotations import rotation_matrix
 from tominpmp.scene.scene import Scene
 
-# What a MotionPlanRequest and a PlanningScene have: read, refused, or without effect on
-# the motion (bounds for bases that move, and how MoveIt is to look for a motion).
+# Known keys of a MotionPlanRequest and a PlanningScene: read, refused, or without
+# effect on the motion (workspace bounds of mobile bases, and settings of MoveIt's
+# planners).
 REQUEST = """
     start_state goal_constraints path_constraints trajectory_constraints
     workspace_parameters pipeline_id planner_id group_name num_planning_attempts
     allowed_planning_time max_velocity_scaling_factor max_acceleration_scaling_factor
     cartesian_speed_limited_link cartesian_speed_end_effector_link max_cartesian_speed
 """.split()
-# Links are watched as the SRDF says; of entries about objects, and of padding, a
-# warning of its own tells.
+# Link pairs are checked as the SRDF says; entries about objects, and padding, cause a
+# separate warning.
 SCENE = """
     name robot_model_name robot_state world object_colors fixed_frame_transforms
     allowed_collision_matrix link_padding link_scale is_diff
 """.split()
-# Tables in them, and lists of tables, that are looked through for further keys.
+# Tables in them, and lists of tables, whose keys are checked as well.
 TABLES = """
     start_state robot_state joint_state multi_dof_joint_state goal_constraints
     joint_constraints position_constraints orientation_constraints constraint_region
     world collision_objects
 """.split()
-# What else such tables have: read, refused, or without effect on the motion.
+# Further known keys of these tables: read, refused, or without effect on the motion.
 INSIDE = """
     header name position velocity effort joint_names transforms wrench
     attached_collision_objects is_diff joint_name tolerance_above tolerance_below weight
@@ -87,7 +88,7 @@ INSIDE = """
 
 
 def _unread(table: Field, known: Collection[str]) -> Iterator[str]:
-    """Keys of a table and of those in it that say something and are not known."""
+    """Unknown keys of a table and of its inner tables that have a value."""
     for name, item in table.table().items():
         if name not in known and item.says_something:
             yield item.key
@@ -97,37 +98,37 @@ def _unread(table: Field, known: Collection[str]) -> Iterator[str]:
                 yield from _unread(part, (*TABLES, *INSIDE))
 
 
-# Numbers of the shapes in the message SolidPrimitive.
+# Shapes by their numbers in the message SolidPrimitive.
 _SHAPES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
-# Those that are read, with their dimensions.
+# Supported shapes, with the number and the meaning of their dimensions.
 _SIZES = {
     "box": (3, "x, y and z"),
     "sphere": (1, "the radius"),
     "cylinder": (2, "height and radius"),
 }
-# Shapes of an object by their kind.
+# Keys of the lists of shapes of an object, by kind.
 PLURALS = {"primitive": "primitives", "mesh": "meshes", "plane": "planes"}
-# A plane becomes a board that is so wide and thick [m].
+# A plane becomes a board with these edges, the last one its thickness [m].
 BOARD = (50.0, 50.0, 0.1)
-# Keys of the message of which there is one at least.
+# Keys of the message, at least one of which must be present.
 SCENE_KEYS = ("world", "robot_state", "fixed_frame_transforms", "robot_model_name")
-# Places beyond this are a mistake [m].
+# Largest coordinate; beyond it a position is taken for a mistake [m].
 FARTHEST = 1e6
-# Keys under which tools write the file of a mesh.
+# Keys under which tools write the path of a mesh file.
 MESH_FILES = ("resource", "mesh_path", "filename", "path")
-# Frames that are the world whatever the file is about.
+# Names of the world frame in any file.
 _WORLD = ("", "world", "/world")
 
 
 @dataclass(frozen=True)
 class _Frames:
-    """The frames in which poses of a file may be given.
+    """Frames in which poses of a file may be given.
 
     Attributes:
         base: Placement base_to_world of the robot's first link.
-        root: Name of that link, empty if no robot is given.
+        root: Name of that link, empty without a robot.
         fixed: Placements child_to_world of further frames.
-        package_dirs: Folders in which to look for the packages of mesh files.
+        package_dirs: Folders in which the packages of mesh files are searched.
     """
 
     base: pin.SE3 = field(default_factory=pin.SE3.Identity)
@@ -136,7 +137,7 @@ class _Frames:
     package_dirs: tuple[Path, ...] = ()
 
     def to_base(self, header: Field) -> pin.SE3:
-        """Placement frame_to_base of the frame that a header names, else of the world.
+        """Placement frame_to_base of the frame of a header; by default of the world.
 
         Raises:
             ScenarioError: If the frame is not known.
@@ -159,20 +160,20 @@ class _Frames:
 def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
     """Load the obstacles of a MoveIt planning scene.
 
-    Poses become those in the frame of the robot's first link, which the scene may have
-    put elsewhere in the world (a joint of several freedoms in its robot state).
+    Poses are transformed into the frame of the robot's first link, which the scene may
+    have placed elsewhere in the world (a multi-DOF joint in its robot state).
 
     Args:
-        path: YAML file with a ``PlanningScene`` message, or one in MoveIt's text format
-            (``.scene``), as RViz exports it.
-        robot: The robot, whose first link is then known as a frame.
+        path: YAML file with a ``PlanningScene`` message, or a file in MoveIt's text
+            format (``.scene``), as RViz exports it.
+        robot: The robot, which makes its first link known as a frame.
 
     Returns:
-        The scene; an object of several shapes becomes several obstacles, ``NAME.0``,
+        The scene; an object with several shapes becomes several obstacles, ``NAME.0``,
         ``NAME.1`` and so on.
 
     Raises:
-        ScenarioError: If the file is wrong, or holds what cannot be read: attached
+        ScenarioError: If the file is wrong, or contains unsupported parts: attached
             objects, an octree, cones.
     """
     instance(robot, (Robot, NoneType), "robot", "a Robot or None")
@@ -181,10 +182,10 @@ def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
 
 
 def _read_message(path: str | Path) -> Field:
-    """Read a message from a YAML file, or a scene in text; it must be a table.
+    """Read a message from a YAML file, or a scene in text format, as a table.
 
     Raises:
-        ScenarioError: If it is no YAML file with a table.
+        ScenarioError: If the file is neither, or its document is not a table.
     """
     path = checked_path(path, "path", ScenarioError)
     content = read_bytes(path, MAX_BYTES)
@@ -200,7 +201,7 @@ def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames
     Args:
         message: The planning scene.
         robot: The robot, if there is one.
-        *states: Robot states that say more about where the base is.
+        *states: Further robot states, whose placement of the base takes precedence.
     """
     base = pin.SE3.Identity()
     for state in (message.get("robot_state"), *states):
@@ -216,26 +217,26 @@ def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames
         name = item.need("child_frame_id").text()
         parent = item.get("header").get("frame_id")
         if parent.given and parent.value not in (*_WORLD, *fixed, name):
-            # Frames may hang on frames that are said later or not at all.
+            # Parents that are defined later or not at all are not supported.
             continue
         above = fixed.get(str(parent.value), pin.SE3.Identity())
         fixed[name] = above * _read_pose(item.need("transform"))
     if robot is None:
         return _Frames(base, "", fixed)
     urdf = robot.description
-    # Packages are often found beside that of the robot.
+    # Packages of meshes are often next to that of the robot.
     return _Frames(base, urdf.links[0], fixed, urdf.package_dirs)
 
 
 def _read_pose(value: Field) -> pin.SE3:
-    """Read a pose or transform; what is left out is zero.
+    """Read a pose or transform; omitted parts are zero.
 
     Args:
         value: A message ``Pose`` (position, orientation) or ``Transform`` (translation,
             rotation).
 
     Raises:
-        ScenarioError: If it is none.
+        ScenarioError: If it is neither.
     """
     place, turn = value.get("position"), value.get("orientation")
     if not place.given and not turn.given:
@@ -247,7 +248,7 @@ def _read_pose(value: Field) -> pin.SE3:
 
 
 def _read_rotation(value: Field) -> np.ndarray:
-    """Read a quaternion (x, y, z, w); all zeros, the ROS default, is no rotation."""
+    """Read a quaternion (x, y, z, w); all zeros, the ROS default, mean no rotation."""
     quaternion = value.vector("xyzw") if value.given else np.zeros(4)
     if not np.any(quaternion):
         return np.eye(3)
@@ -278,10 +279,10 @@ def _read_scene(message: Field, frames: _Frames) -> Scene:
 
 
 def _refuse_attached(state: Field) -> None:
-    """Refuse a robot state in which the robot holds something.
+    """Refuse a robot state with attached objects.
 
     Raises:
-        ScenarioError: If it does.
+        ScenarioError: If the state has attached objects.
     """
     attached = state.get("attached_collision_objects")
     if attached.given:
@@ -293,7 +294,7 @@ def _refuse_attached(state: Field) -> None:
 
 
 def _unread_precautions(message: Field) -> Iterator[str]:
-    """Keys of a scene that would make a motion safer or freer, and are not read."""
+    """Unread keys of a scene that would make a motion safer or less restricted."""
     for name, key, neutral in (
         ("link_padding", "padding", 0.0),
         ("link_scale", "scale", 1.0),
@@ -334,15 +335,15 @@ def _read_object(item: Field, frames: _Frames) -> list[Obstacle]:
 def _shapes_and_poses(
     item: Field, kind: str, *, optional: str
 ) -> tuple[list[Field], list[Field]]:
-    """Shapes of a kind, and their poses.
+    """Shapes of one kind, and their poses.
 
     Args:
-        item: What has them as lists.
+        item: Table that contains the lists.
         kind: The kind, one of ``PLURALS``.
-        optional: "shapes" or "poses": there may be none of these at all.
+        optional: List that may be empty: "shapes" or "poses".
 
     Raises:
-        ScenarioError: If there are more of one than of the other.
+        ScenarioError: If the lists have different lengths.
     """
     plural = PLURALS[kind]
     shapes, poses = list(item.get(plural).items()), item.get(f"{kind}_poses")
@@ -356,7 +357,7 @@ def _obstacle(name: str, shape: Field, place: pin.SE3, frames: _Frames) -> Obsta
     where: dict[str, Any] = {"position": place.translation, "rotation": place.rotation}
     with blaming(shape):
         if "coef" in shape.table():
-            placed = place * _board(shape.need("coef"))
+            placed = place * _board_placement(shape.need("coef"))
             return Box(name, size=np.array(BOARD), position=placed.homogeneous)
         if "type" not in shape.table():
             return Mesh(name, **_mesh(shape, frames), **where)
@@ -368,8 +369,8 @@ def _obstacle(name: str, shape: Field, place: pin.SE3, frames: _Frames) -> Obsta
         return Cylinder(name, radius=size[1], length=size[0], **where)
 
 
-def _board(coefficients: Field) -> pin.SE3:
-    """Placement of a board behind the plane a x + b y + c z + d = 0, at its origin."""
+def _board_placement(coefficients: Field) -> pin.SE3:
+    """Placement of a board whose top is the plane a x + b y + c z + d = 0."""
     *normal, offset = coefficients.numbers(4)
     norm = float(np.linalg.norm(normal))
     if not norm > 0.0:
@@ -387,7 +388,7 @@ def _read_primitive(shape: Field) -> tuple[str, list[float]]:
         radius; height and radius [m].
 
     Raises:
-        ScenarioError: If it is none of these.
+        ScenarioError: If it is another shape.
     """
     kind = shape.need("type")
     named = isinstance(kind.value, int) and _SHAPES.get(kind.value)
@@ -404,7 +405,7 @@ def _read_primitive(shape: Field) -> tuple[str, list[float]]:
 
 
 def _mesh(shape: Field, frames: _Frames) -> dict[str, Any]:
-    """Read a mesh: corners and triangles, or the name of a file."""
+    """Read a mesh: vertices and triangles, or the name of a file."""
     named = [shape.get(key) for key in MESH_FILES if shape.get(key).given]
     if named:
         scale = shape.get("dimensions" if shape.get("dimensions").given else "scale")
@@ -432,7 +433,7 @@ def _corners(triangle: Field) -> list[int]:
 
 
 def _mesh_file(name: Field, frames: _Frames) -> Path:
-    """Find the file of a mesh: relative to the scene, or in a package."""
+    """Find the file of a mesh: relative to the scene file, or in a package."""
     try:
         path, tried = resolve_resource(name.text(), name.path, frames.package_dirs)
     except RobotLoadError as error:
@@ -442,24 +443,24 @@ def _mesh_file(name: Field, frames: _Frames) -> Path:
     return path
 
 
-# A joint that follows may be this far from where its leader puts it [rad or m].
-TOGETHER = 1e-9
-# A joint that does not move may be this far from where the request has it
-# [rad or m].
-APART = 1e-3
-# Tolerances up to this are the accuracy that MoveIt's tools ask for, not a freedom
-# [m or rad].
+# Largest deviation of a following (mimic) joint from the position that its leader gives
+# it [rad or m].
+MIMIC_OFFSET = 1e-9
+# Largest deviation of a locked joint from its position in the request [rad or m].
+LOCK_OFFSET = 1e-3
+# Tolerances up to this express the accuracy that MoveIt's tools set, not a freedom [m
+# or rad].
 ACCURACY = 0.0101
-# Alternatives beyond this are a mistake: each is planned for.
-MOST = 64
+# Most alternative goals, each of which is planned; more are taken for a mistake.
+MOST_GOALS = 64
 
 
 def _start_values(request: Field, key: str) -> dict[str, float]:
     """Positions or velocities of the start state by joint [SI units].
 
     Raises:
-        ScenarioError: If there are none, or more or fewer than joints, or a joint is
-            there twice.
+        ScenarioError: If there are no values, their number differs from the joints, or
+            a joint name is repeated.
     """
     state = request.get("start_state").get("joint_state")
     joints = [item.text() for item in state.need("name").items()]
@@ -474,7 +475,7 @@ def _start_values(request: Field, key: str) -> dict[str, float]:
 
 
 def _goal_names(request: Field, key: str, *kinds: str) -> list[str]:
-    """Joints ("joint_name") or links ("link_name") of constraints of the goal."""
+    """Joints ("joint_name") or links ("link_name") in the goal constraints."""
     found = [
         item.need(key).text()
         for goal in request.get("goal_constraints").items()
@@ -498,31 +499,31 @@ def _outside_group(
     description: UrdfDescription,
     semantics: SemanticDescription | None,
 ) -> dict[str, float]:
-    """Find the joints outside the group of a request, and where they are held.
+    """Find the joints outside the group of a request, and where to lock them.
 
-    Where the SRDF file lacks the group, its joints are those that the goal names, or
-    that carry the links that it names.
+    If the SRDF file lacks the group, the moving joints are those that the goal names,
+    and those that carry the links that it names.
 
     Args:
         request: A message ``MotionPlanRequest``.
         start: Positions of its start state by joint [rad or m].
-        description: The robot.
-        semantics: Its SRDF file, if there is one.
+        description: Description of the robot.
+        semantics: Content of its SRDF file, if there is one.
 
     Returns:
-        Positions by joint name [rad or m]: of the start state, else of a group state,
-        else zero; empty if the request names no group.
+        Positions by joint name [rad or m]: from the start state, else from a group
+        state, else zero; empty if the request names no group.
     """
     name = request.get("group_name")
     if not name.given:
         return {}
-    said = SemanticDescription() if semantics is None else semantics
-    found, states = said.find_group(name.text()), said.group_states
+    srdf = SemanticDescription() if semantics is None else semantics
+    group, states = srdf.find_group(name.text()), srdf.group_states
     links = _goal_links(request)
-    moving = set[str]() if found is None else set(said.groups[found].joints)
+    moving = set[str]() if group is None else set(srdf.groups[group].joints)
     named = bool(moving)
-    if found is not None and named:
-        warn_of_group(found, said.groups[found])
+    if group is not None and named:
+        warn_of_group(group, srdf.groups[group])
     if not named:
         above = map(description.joints_above, links)
         moving = set(_goal_joints(request)).union(*above)
@@ -530,7 +531,7 @@ def _outside_group(
     if not named and links and outside:
         warn_caller(
             f"{name.path}: {name.key}: the robot has no group {brief(name.text())} (it "
-            f"has: {', '.join(said.groups) or 'none'}); planned are the joints that "
+            f"has: {', '.join(srdf.groups) or 'none'}); planned are the joints that "
             "carry the links of the goal, "
             f"and {', '.join(j.name for j in outside)} are held"
         )
@@ -555,40 +556,41 @@ def load_moveit(
 ) -> Problem:
     """Load a problem from a MoveIt planning scene and a motion plan request.
 
-    Tolerances up to 0.01 rad or m are taken for accuracy, and the goal is the middle of
-    what they leave; wider ones make a goal region. Several sets of goal constraints are
-    alternatives, of which any will do. All poses become those in the frame of the
+    Tolerances up to 0.01 rad or m count as accuracy, and the goal is the middle of
+    their interval; wider ones make a goal region. Several sets of goal constraints are
+    alternatives, of which any suffices. All poses are transformed into the frame of the
     robot's first link. Scaling factors below 1 scale the robot's limits of speeds and
-    of accelerations, if it has any. What the files say and is not read causes a
+    of accelerations, if it has any. Parts of the files that are not read cause a
     warning.
 
     Args:
-        robot: The robot, or its name or path. Planned is the group of its SRDF file
-            that the request names; the other joints are locked where they start.
-            Joints of the group of which a goal of joint positions says nothing stay
-            where they start, too.
+        robot: The robot, or its name or path. The motion is planned for the group of
+            its SRDF file that the request names; all other joints are locked at their
+            start, as are joints of the group that a goal of joint positions does not
+            name.
         scene_path: YAML file with a ``PlanningScene`` message, or one in MoveIt's text
             format (``.scene``).
         request_path: YAML file with a ``MotionPlanRequest`` message.
         margin: Distance to keep from obstacles [m].
-        self_collision: Whether the links keep clear of each other; None as for
-            :class:`~tominpmp.Problem`.
-        kinematic: Whether the robot is loaded without its dynamics, as by
-            :func:`~tominpmp.load_robot`; one that is loaded has to be so already.
-        joint_limits: MoveIt's ``joint_limits.yaml``, whose limits go before those of
-            the robot's files; accelerations that a kinematic robot needs are there. The
-            request says how they are scaled.
+        self_collision: Whether to check the links against each other; None for the
+            default of :class:`~tominpmp.Problem`.
+        kinematic: Whether the robot is loaded without its dynamics, see
+            :func:`~tominpmp.load_robot`; a robot that is loaded already must then
+            be kinematic.
+        joint_limits: MoveIt's ``joint_limits.yaml``, whose limits take precedence over
+            those of the robot's files; it provides the accelerations that a kinematic
+            robot needs. The request sets their scaling.
 
     Returns:
         The problem. Joints of the start state that the robot lacks, and locked ones
         outside their limits, cause a warning.
 
     Raises:
-        ScenarioError: If a file is wrong, or the problem in it, as by a start in
-            collision; with the file and the key in it.
+        ScenarioError: If a file is wrong, or the problem in it, for example a start in
+            collision; names the file and the key in it.
         RobotLoadError: If the robot cannot be loaded.
         ProblemError: If the margin is wrong, or limits are given for a robot that is
-            loaded.
+            loaded already.
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
     state, start = request.get("start_state"), _start_values(request, "position")
@@ -621,10 +623,10 @@ def load_moveit(
 
 
 def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, float]:
-    """Find the joints to lock where a robot is loaded for a request in a YAML file.
+    """Find the joints to lock when a robot is loaded for a request in a YAML file.
 
-    Positions by joint name [rad or m]: of those outside its group, and of those of
-    which a goal of joint positions says nothing.
+    Positions by joint name [rad or m]: of joints outside its group, and of joints that
+    a goal of joint positions does not name.
 
     Raises:
         ScenarioError: If the file is wrong.
@@ -636,10 +638,10 @@ def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, fl
 def _locks(
     request: Field, start: Mapping[str, float], source: RobotSource
 ) -> dict[str, float]:
-    """Joints to lock for a request, and those that follow them, by name [rad or m]."""
+    """Positions of joints to lock for a request, and of their followers [rad or m]."""
     description, moved = source.description, _goal_joints(request)
     locks = _outside_group(request, start, description, source.semantics)
-    # Any joint may move to bring a link to its place.
+    # A goal for a link may move any joint.
     if moved and not _goal_links(request):
         still = (j.name for j in description.joints if j.mimic is None)
         locks |= {k: start[k] for k in still if k in start and k not in moved}
@@ -647,9 +649,9 @@ def _locks(
         mimic = joint.mimic
         if mimic is not None and mimic.leader in locks and joint.name in start:
             there = mimic.multiplier * locks[mimic.leader] + mimic.offset
-            # Where others are follows from their leaders; a warning tells. A lock that
-            # was typed must not contradict one that is told here.
-            if abs(there - start[joint.name]) <= TOGETHER:
+            # A deviating follower is not locked here but causes a warning later: a
+            # caller's lock of it must not contradict one from this function.
+            if abs(there - start[joint.name]) <= MIMIC_OFFSET:
                 locks[joint.name] = start[joint.name]
     return locks
 
@@ -683,7 +685,7 @@ def _grouped_robot(
 
 
 def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None:
-    """Check the joints of the start state against those of the robot."""
+    """Check that the start state names the joints of the robot."""
     known = [joint.name for joint in robot.description.joints]
     lacking = [name for name in robot.joint_names if name not in start]
     unknown = [brief(name) for name in start if name not in known]
@@ -694,14 +696,14 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
             f"says nothing about the joints {', '.join(lacking)}{hint}; the robot "
             f"has: {', '.join(sorted(known))}"
         )
-    if unknown:  # as those of a gripper
+    if unknown:  # for example joints of a gripper
         warn_caller(
             f"{names.path}: {names.key}: the robot has no joints "
             f"{', '.join(unknown[:20])}; what they move is not part of it"
         )
     for name, position in robot.locked_joints.items():
         asked = start.get(name, position)
-        if abs(asked - position) > APART:
+        if abs(asked - position) > LOCK_OFFSET:
             warn_caller(
                 f"{state.path}: joint {name} is at {asked:g} at the start, but the "
                 f"robot has it locked at {position:g}"
@@ -721,19 +723,19 @@ def _start_velocity(robot: Robot, request: Field) -> Array | None:
 
 
 def _refuse_unread(request: Field) -> None:
-    """Refuse constraints on the way, which a motion would silently break."""
+    """Refuse path constraints, which a motion would silently violate."""
     for key in ("path_constraints", "trajectory_constraints"):
         for name, item in (request.get(key).value or {}).items():
             if isinstance(item, list) and item:
                 request.get(key).get(name).fail("constraints on the way are not read")
     speed = request.get("max_cartesian_speed")
-    # MoveIt takes zero, and what is below it, for no limit.
+    # MoveIt takes zero and negative values for no limit.
     if speed.number(default=0.0) > 0.0:
         speed.fail(f"is {speed.number():g}: speeds of links are not limited here")
 
 
 def _check_upright(frames: _Frames, robot: Robot, message: Field) -> None:
-    """Refuse a base that stands askew: gravity would have another direction."""
+    """Refuse a tilted base: the direction of gravity in its frame would change."""
     turned = frames.base.rotation.T @ robot.gravity
     if not np.allclose(turned, robot.gravity, atol=1e-6 * (1.0 + np.abs(turned).max())):
         message.get("robot_state").get("multi_dof_joint_state").fail(
@@ -762,14 +764,14 @@ def _scaled(robot: Robot, request: Field) -> Robot:
 
 
 def _factor(field: Field) -> float:
-    """A factor; MoveIt takes whatever is not in (0, 1] for 1."""
+    """A scaling factor; MoveIt replaces values outside (0, 1] by 1."""
     value = field.number(default=1.0)
     return value if 0.0 < value < 1.0 else 1.0
 
 
 @dataclass(frozen=True)
-class _Turn:
-    """An orientation that is asked for.
+class _Rotation:
+    """An orientation constraint.
 
     Attributes:
         rotation: Rotation of the link in the frame of the base, shape (3, 3).
@@ -784,8 +786,8 @@ class _Turn:
         return not np.any(self.tolerance)
 
 
-#: Where a point is to be: a place in the frame of the base, and the radius of a sphere
-#: about it, or half edges of a box, shape (3,) [m]; a radius of zero is a point.
+#: Target region of a point: its pose in the frame of the base, and the radius of a
+#: sphere about it, or half edges of a box, shape (3,) [m]; a radius of zero is a point.
 _Region: TypeAlias = "tuple[pin.SE3, float | Array]"
 
 
@@ -796,8 +798,8 @@ class _GoalReader:
     Attributes:
         robot: The robot.
         frames: Frames in which poses may be given.
-        start: Start, by joint; joints stay there of which a goal of joint positions
-            says nothing.
+        start: Start positions by joint; joints keep them if a goal of joint positions
+            does not name them.
     """
 
     robot: Robot
@@ -818,17 +820,17 @@ class _GoalReader:
                 goals += self._alternatives(item)
         if not goals:
             constraints.fail("is empty, expected a goal")
-        if len(goals) > MOST:
+        if len(goals) > MOST_GOALS:
             constraints.fail(
-                f"holds {len(goals)} alternatives, expected {MOST} at most"
+                f"holds {len(goals)} alternatives, expected {MOST_GOALS} at most"
             )
         return goals[0] if len(goals) == 1 else AnyGoal(goals)
 
     def _alternatives(self, item: Field) -> list[Goal]:
-        """Goals of which each meets one set of constraints."""
+        """Alternative goals, each of which satisfies one set of constraints."""
         joints = list(item.get("joint_constraints").items())
         places = list(item.get("position_constraints").items())
-        turns = self._turns(item)
+        turns = self._orientations(item)
         if item.get("visibility_constraints").given:
             item.get("visibility_constraints").fail("visibility goals are not read")
         with blaming(item):
@@ -837,8 +839,8 @@ class _GoalReader:
             if joints and alone:
                 return fixed
             choices = [self._regions(place, turns) for place in places]
-            if np.prod([len(regions) for regions in choices]) > MOST:
-                item.fail(f"holds more than {MOST} combinations of regions")
+            if np.prod([len(regions) for regions in choices]) > MOST_GOALS:
+                item.fail(f"holds more than {MOST_GOALS} combinations of regions")
             found = []
             for regions in itertools.product(*choices):
                 parts = [*fixed, *_frame_goals(places, regions, turns)]
@@ -848,20 +850,20 @@ class _GoalReader:
         return found
 
     def _joint_goal(self, constraints: Sequence[Field], alone: bool) -> Goal:
-        """Goal for joints, alone or beside goals for frames."""
-        asked, every = self._joints(constraints), self.robot.joint_names
+        """Goal for joints, alone or combined with goals for frames."""
+        ranges, every = self._joints(constraints), self.robot.joint_names
         if alone:
-            asked = {name: asked.get(name, (self.start[name], 0.0)) for name in every}
-        if not asked:
+            ranges = {name: ranges.get(name, (self.start[name], 0.0)) for name in every}
+        if not ranges:
             constraints[0].get("joint_name").fail("is of a joint that does not move")
-        q, tolerance = np.array(list(asked.values())).T
+        q, tolerance = np.array(list(ranges.values())).T
         if alone and not np.any(tolerance):
             return JointGoal(q)
-        return JointRegionGoal(q, tolerance, None if alone else tuple(asked))
+        return JointRegionGoal(q, tolerance, None if alone else tuple(ranges))
 
     def _joints(self, constraints: Sequence[Field]) -> dict[str, tuple[float, float]]:
-        """Middle and half width of what is tolerated, by joints that move."""
-        asked: dict[str, tuple[float, float]] = {}
+        """Middle and half width of the tolerance interval, by joint that moves."""
+        ranges: dict[str, tuple[float, float]] = {}
         robot, seen = self.robot, set[str]()
         for item in constraints:
             name = item.need("joint_name").text()
@@ -875,7 +877,7 @@ class _GoalReader:
             if name in robot.joint_names:
                 loose = max(above, below) > ACCURACY
                 middle, half = 0.5 * (above - below), 0.5 * (above + below)
-                asked[name] = (position + middle, half) if loose else (position, 0.0)
+                ranges[name] = (position + middle, half) if loose else (position, 0.0)
                 continue
             if name not in robot.locked_joints:
                 item.get("joint_name").fail(
@@ -883,15 +885,15 @@ class _GoalReader:
                     f"{', '.join(robot.joint_names)}"
                 )
             at = robot.locked_joints[name]
-            if not -max(below, APART) <= at - position <= max(above, APART):
+            if not -max(below, LOCK_OFFSET) <= at - position <= max(above, LOCK_OFFSET):
                 item.get("position").fail(
                     f"is {position:g}, but joint {brief(name)} is locked at {at:g}"
                 )
-        return asked
+        return ranges
 
-    def _turns(self, item: Field) -> dict[str, _Turn]:
-        """Orientations that are asked for, by link."""
-        found: dict[str, _Turn] = {}
+    def _orientations(self, item: Field) -> dict[str, _Rotation]:
+        """Orientation constraints by link."""
+        found: dict[str, _Rotation] = {}
         for turn in item.get("orientation_constraints").items():
             link = self._link(turn)
             if link in found:
@@ -901,11 +903,11 @@ class _GoalReader:
             tolerance = np.minimum([_tolerance(turn.get(k)) for k in keys], np.pi)
             tolerance[tolerance <= ACCURACY] = 0.0
             base = self.frames.to_base(turn.get("header")).rotation
-            found[link] = _Turn(base @ rotation, tolerance)
+            found[link] = _Rotation(base @ rotation, tolerance)
         return found
 
-    def _regions(self, place: Field, turns: Mapping[str, _Turn]) -> list[_Region]:
-        """Regions for the origin of a link, any of which will do."""
+    def _regions(self, place: Field, turns: Mapping[str, _Rotation]) -> list[_Region]:
+        """Alternative regions for the origin of a link."""
         turn = turns.get(self._link(place))
         region = place.need("constraint_region")
         base = self.frames.to_base(place.get("header"))
@@ -925,13 +927,13 @@ class _GoalReader:
                 if shape is not None and kind == "primitive":
                     size = _region_size(shape)
                 elif shape is not None:
-                    # The middle of a mesh is within what is tolerated, its convex hull.
+                    # The mean of the vertices is inside the region, their convex hull.
                     with blaming(shape):
                         mesh = Mesh("region", **_mesh(shape, self.frames))
                     spot = spot * pin.SE3(np.eye(3), mesh.points.mean(axis=0))
                 found.append((spot, size))
-        if not 0 < len(found) <= MOST:
-            region.fail(f"holds {len(found)} regions, expected 1 to {MOST}")
+        if not 0 < len(found) <= MOST_GOALS:
+            region.fail(f"holds {len(found)} regions, expected 1 to {MOST_GOALS}")
         return found
 
     def _link(self, item: Field) -> str:
@@ -946,7 +948,7 @@ def _tolerance(item: Field) -> float:
 
 
 def _region_size(shape: Field) -> float | Array:
-    """Radius or half edges of a region [m], zero where it stands for accuracy."""
+    """Radius or half edges of a region [m], zero if they only express accuracy."""
     kind, size = _read_primitive(shape)
     if not min(size) > 0.0:
         shape.get("dimensions").fail(f"is {size}, expected positive lengths [m]")
@@ -954,40 +956,40 @@ def _region_size(shape: Field) -> float | Array:
     if kind == "sphere":
         return size[0] if size[0] > ACCURACY else 0.0
     if kind == "cylinder":
-        # The largest box in it that is as long.
+        # The largest box inside the cylinder with its length.
         radius = size[1] * 0.5**0.5
         half = np.array([radius, radius, 0.5 * size[0]])
     return half if np.any(half > ACCURACY) else 0.0
 
 
 def _frame_goals(
-    places: Sequence[Field], regions: Sequence[_Region], turns: Mapping[str, _Turn]
+    places: Sequence[Field], regions: Sequence[_Region], turns: Mapping[str, _Rotation]
 ) -> list[Goal]:
-    """Goals for the links, one region each."""
-    left = dict(turns)
-    parts: list[Goal] = []
+    """Goals for the links, one region per position constraint."""
+    remaining = dict(turns)
+    goals: list[Goal] = []
     for place, region in zip(places, regions, strict=True):
         link = place.need("link_name").text()
-        turn = left.get(link)
+        turn = remaining.get(link)
         pose, size = region
         if isinstance(size, np.ndarray):
-            parts.append(RegionGoal(link, -size, size, pose))
+            goals.append(RegionGoal(link, -size, size, pose))
         elif size == 0.0 and turn is not None and turn.exact:
-            parts.append(PoseGoal(link, pin.SE3(turn.rotation, pose.translation)))
-            del left[link]
+            goals.append(PoseGoal(link, pin.SE3(turn.rotation, pose.translation)))
+            del remaining[link]
         else:
-            parts.append(PositionGoal(link, pose.translation, tolerance=size))
-    for link, turn in left.items():
+            goals.append(PositionGoal(link, pose.translation, tolerance=size))
+    for link, turn in remaining.items():
         if np.any(turn.tolerance < np.pi):
-            parts.append(_turn_goal(link, turn))
-    return parts
+            goals.append(_orientation_goal(link, turn))
+    return goals
 
 
-def _turn_goal(link: str, turn: _Turn) -> Goal:
+def _orientation_goal(link: str, turn: _Rotation) -> Goal:
     free = np.flatnonzero(turn.tolerance >= np.pi)
     if free.size == 1:
-        # The direction of the free axis is within the other two tolerances if it is
-        # within the smaller one, however the angles are counted.
+        # The direction of the free axis satisfies both other tolerances if it satisfies
+        # the smaller one, in any convention of angles.
         axis = np.eye(3)[free[0]]
         return AxisGoal(
             link,

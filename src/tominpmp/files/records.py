@@ -1,9 +1,9 @@
-"""Obstacles, goals and options as tables of a file, and back.
+"""Conversion of obstacles, goals and options to tables of a file, and back.
 
-A table names the class by its key ``type`` and has a key for every field; fields at
-their default are left out. New shapes, goals and limits, those of a caller too, need no
-change here as long as their fields are numbers, texts, arrays, placements, paths, or
-such records again.
+A table names the class by its key ``type`` and has a key for every field; fields with
+their default value are omitted. New shapes, goals and limits, including a caller's own,
+need no change here as long as their fields are numbers, texts, arrays, placements,
+paths, or such records again.
 """
 
 from __future__ import annotations
@@ -45,21 +45,21 @@ from tominpmp.scene.scene import Scene
 
 T = TypeVar("T")
 
-# Beyond as many keys a warning names no more.
-SHOWN = 20
-# How None is written where a field has another default; TOML has no word for it.
+# Most keys that a warning names.
+MOST_KEYS = 20
+# Text for None where a field has another default; TOML has no null value.
 NONE = "none"
-# Records of which a table does not name the class, and kinds of which it does.
+# Classes whose tables have no key ``type``, and base classes whose tables have one.
 UNNAMED = (EffortCurve, MotionLimits, Options, Payload, Scene, Segment)
 NAMED: tuple[type[Any], ...] = (Goal, Obstacle, PathConstraint, Motion)
 
 
 @contextmanager
 def blaming(item: Field) -> Iterator[None]:
-    """Errors of the library that arise within this are about a value of a file.
+    """Turn errors of the library within this block into errors about a file's value.
 
     Raises:
-        ScenarioError: In the place of any other error of the library.
+        ScenarioError: In place of any other error of the library.
     """
     try:
         yield
@@ -70,35 +70,35 @@ def blaming(item: Field) -> Iterator[None]:
 
 
 def warn_of_keys(path: Path, fate: str, keys: Sequence[str]) -> None:
-    """Warn of keys of a file, if there are any, that are "not read" or the like."""
+    """Warn of keys of a file, if any, with their fate, for example "not read"."""
     if keys:
-        shown = ", ".join(brief(key).strip("'\"") for key in keys[:SHOWN])
+        shown = ", ".join(brief(key).strip("'\"") for key in keys[:MOST_KEYS])
         warn_caller(f"{path}: {fate}: {shown}")
 
 
 def classes(base: type[Any]) -> dict[str, type[Any]]:
-    """Find the classes of a kind by what a file calls them, a caller's own among them.
+    """Find the classes of a kind by their names in files, including a caller's own.
 
-    Those of this library are in modules beside that of the base class.
-    The name of the kind is left out at the end of theirs, unless they are constraints:
-    ``JointGoal`` is "joint", ``AllGoals`` is "all", ``ToolSpeed`` is "tool_speed".
-    Motions by a function are not among them, as a file holds none.
+    The classes of this library are in modules next to that of the base class. The name
+    of the kind is cut off the class name, unless it is a constraint: ``JointGoal`` is
+    "joint", ``AllGoals`` is "all", ``ToolSpeed`` is "tool_speed". Motions by a function
+    are excluded, as a file cannot hold them.
 
     Args:
-        base: Base class.
+        base: Base class of the kind.
     """
     _import_all(base.__module__.rpartition(".")[0])
     ending = "" if base is PathConstraint else f"{base.__name__}s?"
-    found: list[tuple[str, type[Any]]] = []
+    named: list[tuple[str, type[Any]]] = []
     for kind in _derived(base):
-        # What several have in common is none itself, be it of a record.
-        whole = "__dataclass_fields__" in vars(kind) and kind is not PoseFunction
-        if whole and not getattr(kind, "__abstractmethods__", None):
+        # Shared base classes are excluded: they are abstract, or not dataclasses.
+        concrete = "__dataclass_fields__" in vars(kind) and kind is not PoseFunction
+        if concrete and not getattr(kind, "__abstractmethods__", None):
             name = re.sub(rf"{ending}$", "", kind.__name__)
-            found.append((re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(), kind))
-    # A name of this library keeps its meaning whatever a caller defines.
-    found.sort(key=lambda pair: pair[1].__module__.startswith("tominpmp."))
-    return dict(found)
+            named.append((re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower(), kind))
+    # Names of this library keep their meaning if a caller defines the same name.
+    named.sort(key=lambda pair: pair[1].__module__.startswith("tominpmp."))
+    return dict(named)
 
 
 @cache
@@ -109,7 +109,7 @@ def _import_all(package: str) -> None:
 
 
 def _derived(base: type[Any]) -> Iterator[type[Any]]:
-    """Classes below a class, by their modules, however these came to be imported."""
+    """Subclasses of a class, sorted by module, whatever the order of the imports."""
 
     def order(kind: type[Any]) -> tuple[bool, str]:
         return kind.__module__ != base.__module__, kind.__module__
@@ -120,10 +120,10 @@ def _derived(base: type[Any]) -> Iterator[type[Any]]:
 
 
 def to_table(record: Any, folder: Path) -> Any:
-    """Turn a value into what TOML can hold.
+    """Turn a value into a form that TOML can represent.
 
     Args:
-        record: A record of a scenario, or anything that a field of one may hold.
+        record: A record of a scenario, or any value that its fields may have.
         folder: Folder of the file; paths inside it are written relative to it.
 
     Raises:
@@ -159,7 +159,7 @@ def to_table(record: Any, folder: Path) -> Any:
 
 
 def _is_as_in_file(mesh: Mesh) -> bool:
-    """Whether a mesh has a file that still holds its corners and triangles."""
+    """Whether a mesh has a file that still contains its vertices and triangles."""
     try:
         return mesh.path is not None and mesh == replace(
             mesh,
@@ -192,7 +192,7 @@ def field_table(record: Any, folder: Path) -> dict[str, Any]:
         else:
             table[field.name] = NONE if value is None else to_table(value, folder)
     if table.get("dwell"):
-        del table["stop"]  # an arm that stays has stopped
+        del table["stop"]  # a dwell implies a stop
     return table
 
 
@@ -204,7 +204,7 @@ def same(value: Any, default: Any) -> bool:
 
 
 def _rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
-    """Write a rotation as a quaternion if that gives it back to the last bit."""
+    """Write a rotation as a quaternion if that reproduces it to the last bit."""
     quaternion = pin.Quaternion(np.array(rotation)).coeffs()
     for digits in (3, 9, 15, 17):
         rounded = np.round(quaternion, digits)
@@ -222,14 +222,14 @@ def _placement_table(placement: pin.SE3) -> dict[str, Any]:
 
 
 def file_name(path: Path, folder: Path) -> str:
-    """Write a path: relative to the folder if it lies in it, else absolute."""
+    """Write a path: relative to the folder if it is inside, otherwise absolute."""
     path = Path(os.path.abspath(path))
     folder = Path(os.path.abspath(folder))
     return path.relative_to(folder).as_posix() if folder in path.parents else str(path)
 
 
 def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
-    """Make a record from its table, of one of the classes by their names.
+    """Make a record from its table; the key ``type`` selects one of the classes.
 
     Raises:
         ScenarioError: If the table is wrong.
@@ -297,7 +297,7 @@ def _read_placement(item: Field) -> pin.SE3:
     """Read a placement: position, and rotation as quaternion or 3x3 matrix.
 
     Raises:
-        ScenarioError: If it is none.
+        ScenarioError: If it is not a placement.
     """
     item.only("position", "rotation")
     position = np.array(item.need("position").numbers(3))

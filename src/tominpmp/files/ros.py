@@ -1,23 +1,23 @@
-"""Motions as messages of ROS 2, as YAML, JSON and bags, and what controllers refuse.
+"""Motions as messages of ROS 2, in YAML, JSON and bags, and the rules of controllers.
 
-The YAML is what ``ros2 topic pub`` and ``ros2 action send_goal`` take and ``ros2 topic
-echo`` prints, the JSON has the same fields. ROS counts time in whole nanoseconds, so
-that is where a motion is looked at: what a point says holds at its time, to the last
-bit. Efforts are left out unless they are asked for, as most controllers refuse them,
-and so are accelerations that jump: a controller runs a polynomial of degree 5 through
-accelerations, which overshoots at a jump, and a cubic where there are none, which is
-the motion itself.
+The YAML is the format that ``ros2 topic pub`` and ``ros2 action send_goal`` take and
+``ros2 topic echo`` prints; the JSON has the same fields. ROS counts time in whole
+nanoseconds, so the motion is evaluated at these times: each point is exact at its time,
+to the last bit. Efforts are omitted unless requested, as most controllers refuse them,
+and so are accelerations that jump: a controller interpolates accelerations with a
+polynomial of degree 5, which overshoots at a jump, and uses a cubic without them, which
+is the motion itself.
 
-Whatever a file says that does not become part of the motion is told of: a key that no
-message has is an error, tolerances of a goal and the like a warning.
+Content of a file that does not enter the motion is reported: an unknown key is an
+error; tolerances of a goal and the like cause a warning.
 
-Bags are MCAP files with one message ``JointTrajectory``. Played with ``ros2 bag play``,
-it goes to the topic that a joint trajectory controller listens to. The file stands for
-itself; no folder around it is needed.
+Bags are MCAP files with one message ``JointTrajectory``. ``ros2 bag play`` publishes it
+on the topic to which a joint trajectory controller subscribes. The file is complete by
+itself; it needs no folder around it.
 
-The rules of that controller are those of its documentation and of its messages in the
-log, from Humble on. Drivers that take the same message (Universal Robots, Franka,
-MoveIt) have them too.
+The rules of that controller are taken from its documentation and its log messages, from
+Humble on. Drivers that take the same message (Universal Robots, Franka, MoveIt) have
+the same rules.
 """
 
 from __future__ import annotations
@@ -51,33 +51,33 @@ from tominpmp.files.tables import filled_samples, known_quantities
 from tominpmp.motion.samples import BILLION, Samples
 from tominpmp.motion.trajectory import Trajectory
 
-# What a point calls the quantities of samples.
+# Fields of a point by the quantities of samples.
 POINT_FIELDS = {
     "q": "positions",
     "v": "velocities",
     "a": "accelerations",
     "u": "effort",
 }
-# Messages, and the keys under which they hold a JointTrajectory.
+# Message types, with the keys under which they contain a JointTrajectory.
 MESSAGES: dict[str, tuple[str, ...]] = {
     "JointTrajectory": (),
     "FollowJointTrajectory": ("trajectory",),
     "RobotTrajectory": ("joint_trajectory",),
 }
-# The one that is written unless another one is asked for.
+# Default message type.
 MESSAGE = "JointTrajectory"
-# Nodes closer than this to the one before are left out [ns]: over less time the last
-# digits of positions make more acceleration than the jump that is moved.
-CLOSEST = 100
-# Velocities at the end up to this [rad/s or m/s] are rounding and written as zero:
+# Nodes closer than this to the previous one are left out [ns]: over less time, the last
+# digits of the positions imply more acceleration than the shift of a jump.
+MIN_STEP = 100
+# Final velocities up to this are rounding and written as zero [rad/s or m/s]:
 # controllers refuse motions that do not end at rest.
 AT_REST = 1e-6
-# Jumps of accelerations up to this, relative to the largest one, are rounding.
+# Jumps of accelerations up to this are rounding, relative to the largest acceleration.
 CONTINUOUS = 1e-6
-# Under what a message is found in another one, from outside in.
-WRAPPERS = ("goal", "trajectory", "joint_trajectory")
-# What else those others hold that says nothing about the motion.
-ASIDES = (
+# Keys under which an outer message contains the trajectory, from the outside in.
+OUTER_KEYS = ("goal", "trajectory", "joint_trajectory")
+# Further keys of outer messages, which do not affect the motion.
+IGNORED_KEYS = (
     "header",
     "goal_id",
     "model_id",
@@ -87,14 +87,14 @@ ASIDES = (
     "error_code",
     "controller_names",
 )
-# What moves more than joints.
-MULTIPLE = ("multi_dof_trajectory", "multi_dof_joint_trajectory")
+# Keys of trajectories that move joints of several degrees of freedom.
+MULTI_DOF_KEYS = ("multi_dof_trajectory", "multi_dof_joint_trajectory")
 
 
 def nanoseconds(times: Array) -> IntArray:
-    """Round increasing times [s] to whole nanoseconds that still increase."""
+    """Round increasing times [s] to whole nanoseconds that are still increasing."""
     steps = np.arange(times.size)
-    # Increasing by one at least is not decreasing once a ramp is taken off.
+    # Integers increase strictly if they do not decrease after subtracting their index.
     rounded = np.rint(times * BILLION).astype(np.int64) - steps
     return np.asarray(np.maximum.accumulate(rounded) + steps, dtype=np.int64)
 
@@ -102,19 +102,19 @@ def nanoseconds(times: Array) -> IntArray:
 def message_samples(
     trajectory: Trajectory, dt: float | None, with_effort: bool
 ) -> Samples:
-    """What the points of a message hold, at whole nanoseconds; what is left out is NaN.
+    """Samples for the points of a message, at whole nanoseconds; NaN if omitted.
 
     Raises:
         ProblemError: If dt is not a positive number, or less than 100 ns.
     """
-    if isinstance(dt, int | float) and 0.0 < dt * BILLION < CLOSEST:
+    if isinstance(dt, int | float) and 0.0 < dt * BILLION < MIN_STEP:
         raise ProblemError(
-            f"dt is {dt} s, expected {CLOSEST} ns at least for a ROS message", "dt"
+            f"dt is {dt} s, expected {MIN_STEP} ns at least for a ROS message", "dt"
         )
     times = trajectory.t if dt is None else trajectory.sample(dt).t
     ticks = _spread(nanoseconds(times), trajectory.duration)
     q, v, a, u = (part.copy() for part in trajectory(ticks / BILLION))
-    # The last tick may be half a rounding early.
+    # Rounding may place the last tick half a nanosecond early.
     end = trajectory.v[-1]
     q[-1], v[-1] = trajectory.q[-1], np.where(np.abs(end) <= AT_REST, 0.0, end)
     if not accelerations_continue(trajectory):
@@ -126,13 +126,13 @@ def message_samples(
 
 
 def _spread(ticks: IntArray, duration: float) -> IntArray:
-    """Ticks [ns] that are far enough apart; the last is not before the end."""
+    """Ticks [ns] with the least spacing; the last one is not before the end."""
     if ticks.size == 1:
         return ticks
-    last = max(int(np.ceil(duration * BILLION - 1e-3)), CLOSEST)
+    last = max(int(np.ceil(duration * BILLION - 1e-3)), MIN_STEP)
     kept = [0]
     for tick in ticks[1:-1].tolist():
-        if tick - kept[-1] >= CLOSEST and last - tick >= CLOSEST:
+        if tick - kept[-1] >= MIN_STEP and last - tick >= MIN_STEP:
             kept.append(tick)
     return np.array([*kept, last], dtype=np.int64)
 
@@ -141,8 +141,8 @@ def accelerations_continue(trajectory: Trajectory) -> bool:
     """Whether the accelerations of a motion do not jump at its nodes."""
     if trajectory.a is not None and trajectory.a.shape == trajectory.q.shape:
         return True
-    # The acceleration of a cubic is linear: what it ends with follows from the
-    # beginning and the middle.
+    # The acceleration of a cubic is linear: its final value follows from the values at
+    # the beginning and the middle.
     t, nodes = trajectory.t, np.arange(1, trajectory.t.size - 1)
     begin, middle = trajectory(t[nodes - 1]).a, 0.5 * (t[nodes - 1] + t[nodes])
     before = 2.0 * trajectory(middle).a - begin
@@ -158,12 +158,12 @@ def message_data(samples: Samples, message: str = MESSAGE) -> dict[str, Any]:
         "joint_names": list(samples.joint_names),
         "points": [],
     }
-    said = known_quantities(samples)
+    quantities = known_quantities(samples)
     for k, total in enumerate(nanoseconds(samples.t).tolist()):
         sec, nanosec = divmod(total, BILLION)
-        # Empty is how the message says that it does not know.
+        # An empty array means unknown values.
         point: dict[str, Any] = {
-            name: getattr(samples, key)[k].tolist() if key in said else []
+            name: getattr(samples, key)[k].tolist() if key in quantities else []
             for key, name in POINT_FIELDS.items()
         }
         time = {"sec": sec, "nanosec": nanosec}
@@ -174,12 +174,12 @@ def message_data(samples: Samples, message: str = MESSAGE) -> dict[str, Any]:
 
 
 def _json(value: Any) -> str:
-    """JSON whose numbers YAML 1.1, which ROS reads, knows too: 1.0e-05, not 1e-05."""
+    """JSON with numbers that YAML 1.1, the version of ROS, also parses: 1.0e-05."""
     return re.sub(r"(?<![\d.])(\d+)e(?=[-+])", r"\1.0e", json.dumps(value))
 
 
 def write_json(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
-    """Write samples as a JSON message, a line a point."""
+    """Write samples as a JSON message, one line per point."""
     data = message_data(samples, message)
     inner = find_trajectory(Field(data, Path())).value
     points, inner["points"] = map(_json, inner["points"]), []
@@ -210,7 +210,7 @@ def _yaml_lines(data: dict[str, Any]) -> Iterator[str]:
 
 
 def _quoted(name: str) -> str:
-    """A text in quotes as YAML has them, where JSON writes two halves of a letter."""
+    """Quote a text for YAML, in which JSON's surrogate pairs are invalid."""
     text = json.dumps(name, ensure_ascii=False)
     return "".join(c if " " <= c <= "~" else f"\\U{ord(c):08x}" for c in text)
 
@@ -219,9 +219,10 @@ def parse_json(content: bytes, path: Path) -> Any:
     """Parse JSON.
 
     Raises:
-        ScenarioError: If it is none.
+        ScenarioError: If the content is not valid JSON.
     """
-    # No value without a sign that opens or ends it; small ones would fill the memory.
+    # Every value comes with a delimiter; millions of small values would fill the
+    # memory.
     if sum(map(content.count, (b"[", b"{", b",", b":"))) > MAX_VALUES:
         raise ScenarioError(f"{path} holds more than {MAX_VALUES} values", path)
     try:
@@ -231,20 +232,20 @@ def parse_json(content: bytes, path: Path) -> Any:
 
 
 def find_trajectory(message: Field, *, mention: bool = True) -> Field:
-    """The JointTrajectory in a message: itself, or in a goal or a RobotTrajectory.
+    """JointTrajectory in a message: itself, or inside a goal or a RobotTrajectory.
 
     Args:
         message: The message.
-        mention: Whether to warn of what stands beside it.
+        mention: Whether to warn of ignored keys next to it.
 
     Raises:
-        ScenarioError: If the message has something that moves more than joints, or more
-            than one trajectory.
+        ScenarioError: If the message moves joints of several degrees of freedom, or has
+            more than one trajectory.
     """
-    for wrapper in WRAPPERS:
+    for wrapper in OUTER_KEYS:
         if message.get("points").value is not None or not message.get(wrapper).given:
             continue
-        _look_beside(message, wrapper, mention)
+        _check_siblings(message, wrapper, mention)
         message = message.get(wrapper)
         if isinstance(message.value, list):
             if len(message.value) != 1:
@@ -253,13 +254,13 @@ def find_trajectory(message: Field, *, mention: bool = True) -> Field:
     return message
 
 
-def _look_beside(message: Field, wrapper: str, mention: bool) -> None:
-    """Refuse what else moves beside a trajectory, and tell of other things."""
+def _check_siblings(message: Field, wrapper: str, mention: bool) -> None:
+    """Refuse other motions next to a trajectory, and warn of ignored keys."""
     for name, item in message.table().items():
-        if name in MULTIPLE:
+        if name in MULTI_DOF_KEYS:
             if item.get("points").given or item.get("joint_names").given:
                 item.fail("moves joints of several degrees of freedom: not supported")
-        elif mention and name not in (wrapper, *ASIDES) and item.says_something:
+        elif mention and name not in (wrapper, *IGNORED_KEYS) and item.says_something:
             warn_caller(
                 f"{message.path}: {item.key} is not looked at: it is no part of the "
                 "motion"
@@ -269,15 +270,15 @@ def _look_beside(message: Field, wrapper: str, mention: bool) -> None:
 def read_message(message: Field) -> Samples:
     """Read a JointTrajectory, also one inside a RobotTrajectory or an action goal.
 
-    Velocities, accelerations and effort may be left out, of all points alike. Times are
-    read as ROS 2, ROS 1 (secs, nsecs) or a single number [s] have them.
+    Velocities, accelerations and efforts are optional, for all points alike. Times may
+    have the form of ROS 2, of ROS 1 (secs, nsecs), or be a single number [s].
 
     Returns:
-        The samples, to be joined as a controller does; what the message leaves out is
-        NaN.
+        The samples, with a controller's interpolation; quantities that the message
+        omits are NaN.
 
     Raises:
-        ScenarioError: If it is none, with the key.
+        ScenarioError: If it is not such a message; names the key.
     """
     message = find_trajectory(message)
     names = tuple(item.text() for item in message.need("joint_names").items())
@@ -296,7 +297,7 @@ def read_message(message: Field) -> Samples:
 
 
 def _seconds(value: Field) -> float:
-    """Seconds of a Duration."""
+    """Convert a Duration to seconds."""
     if not isinstance(value.value, dict):
         return value.number()
     old = "secs" in value.value or "nsecs" in value.value
@@ -309,25 +310,25 @@ def _seconds(value: Field) -> float:
             continue
         if not isinstance(item.value, int) or isinstance(item.value, bool):
             item.fail(f"is {item.value!r}, expected a whole number")
-        item.number()  # refuses what does not fit into a float
+        item.number()  # refuses values that do not fit into a float
         total += item.value * unit
     return total / BILLION
 
 
 TYPE = "trajectory_msgs/msg/JointTrajectory"
 TOPIC = "/joint_trajectory_controller/joint_trajectory"
-# Version 8 of the metadata is what Humble and its successors read.
+# Version of the metadata of bags, which Humble and later releases read.
 VERSION = 8
-# Bytes that the chunks of a bag may unpack to.
+# Limit of the unpacked size of all chunks of a bag [bytes].
 MAX_UNPACKED = 2**28
-# How MCAP files are laid out: a mark at both ends; records of a kind and a size; chunks
-# that begin with times, their size and the name of the packing.
+# Layout of MCAP files: a magic number at both ends; records with a type and a size;
+# chunks that begin with times, their size and the name of the compression.
 MAGIC = b"\x89MCAP0\r\n"
 RECORD, CHUNK, CHUNK_HEAD = 9, 6, 32
 
 
 def _rosbags() -> Any:
-    """The package, and its types of the messages of ROS 2."""
+    """The package rosbags, and its types for the messages of ROS 2."""
     with optional("rosbags", "ros", "reading and writing bags (.mcap)"):
         from rosbags import rosbag2
         from rosbags.typesys import Stores, get_typestore
@@ -338,7 +339,7 @@ def write_bag(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a bag.
 
     Raises:
-        ProblemError: If the message is none that goes over a topic to a controller.
+        ProblemError: If a topic of a controller does not take messages of this type.
         MissingDependency: If rosbags is not installed.
     """
     if message != MESSAGE:
@@ -359,7 +360,7 @@ def write_bag(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
 
 
 def _typed(samples: Samples, types: dict[str, Any]) -> Any:
-    """A message as rosbags has it, whose constructors check the fields."""
+    """A message as an object of rosbags, whose constructors check the fields."""
     names = ("Time", "Duration")
     time, duration = (types[f"builtin_interfaces/msg/{name}"] for name in names)
     point = types["trajectory_msgs/msg/JointTrajectoryPoint"]
@@ -373,10 +374,10 @@ def _typed(samples: Samples, types: dict[str, Any]) -> Any:
 
 
 def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
-    """The only JointTrajectory of a bag, as plain values.
+    """Read the only JointTrajectory of a bag, as plain values.
 
     Raises:
-        ScenarioError: If it is no bag, or does not hold one such message.
+        ScenarioError: If it is not a bag, or the number of these messages is not one.
         MissingDependency: If rosbags is not installed.
     """
     rosbag2, types = _rosbags()
@@ -387,7 +388,7 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
             _check_size(content)
             with rosbag2.Reader(copy) as reader:
                 found = [item for item in reader.connections if item.msgtype == TYPE]
-                # Without a connection the reader would give all messages.
+                # Given no connections, the reader would return all messages.
                 rows = [item[2] for item in reader.messages(found)] if found else []
             held = [types.deserialize_cdr(row, TYPE) for row in rows[:2]]
         except Exception as error:  # a damaged bag may raise anything
@@ -403,12 +404,13 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
 
 
 def _check_size(content: bytes) -> None:
-    """Check that the chunks of a bag unpack to no more than memory can hold.
+    """Check that the unpacked chunks of a bag fit into memory.
 
-    A small chunk may hold any number of zeros, and the reader unpacks it as a whole.
+    A small chunk may unpack to any number of zeros, and the reader unpacks whole
+    chunks.
 
     Raises:
-        ValueError: If they do not, or end before they should.
+        ValueError: If they are too large, or a record is truncated.
     """
     left, at = MAX_UNPACKED, len(MAGIC)
     while at < len(content) - len(MAGIC):
@@ -419,36 +421,36 @@ def _check_size(content: bytes) -> None:
         if kind == CHUNK:
             _, _, stated, _, name = struct.unpack_from("<QQQII", content, at)
             begin = at + CHUNK_HEAD + name
-            packing = content[at + CHUNK_HEAD : begin].decode()
-            packed = content[begin + 8 : at + size]
-            if packing:
-                stated = len(_unpacker(packing).decompress(packed, max_length=left + 1))
+            codec = content[at + CHUNK_HEAD : begin].decode()
+            data = content[begin + 8 : at + size]
+            if codec:
+                stated = len(_decompressor(codec).decompress(data, max_length=left + 1))
             left -= stated
         if left < 0:
             raise ValueError(f"it unpacks to more than {MAX_UNPACKED} bytes")
         at += size
 
 
-def _unpacker(packing: str) -> Any:
-    """What unpacks a chunk piece by piece, from the packages that rosbags needs."""
-    if packing == "lz4":
+def _decompressor(codec: str) -> Any:
+    """Incremental decompressor of a chunk, from the packages that rosbags needs."""
+    if codec == "lz4":
         return import_module("lz4.frame").LZ4FrameDecompressor()
-    if packing != "zstd":
-        raise ValueError(f"its compression {packing[:20]!r} is not known")
+    if codec != "zstd":
+        raise ValueError(f"its compression {codec[:20]!r} is not known")
     home = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
     return import_module(home).ZstdDecompressor()
 
 
 def _plain(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The fields of a message of rosbags as YAML would have them."""
-    # The name of the message counts as a field.
+    """Fields of a message of rosbags as YAML would represent them."""
+    # The name of the message type appears among the fields.
     named = ((name, value) for name, value in items if name != "__msgtype__")
     return {k: x.tolist() if isinstance(x, np.ndarray) else x for k, x in named}
 
 
-# A velocity at the end up to this is rest [rad/s or m/s]: rounding of single precision.
+# Final velocity that counts as rest [rad/s or m/s]: rounding of single precision.
 REST = float(np.finfo(np.float32).eps)
-# Seconds of a Duration are 32 bits wide.
+# Limit of the seconds of a Duration, which have 32 bits.
 MAX_SECONDS = 2**31
 TOLERANCES = (
     "path_tolerance",
@@ -464,13 +466,13 @@ Point: TypeAlias = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Refusal:
-    """A rule that a message breaks.
+    """A violated rule of the joint trajectory controller.
 
     Attributes:
-        reason: What is wrong, in a clause.
+        reason: The fault, in a clause.
         field: Field of the message or point.
-        point: Index of the point, from 0; None if it is about the whole.
-        joint: The joint, if it is about one.
+        point: Index of the point, from 0; None if the whole message is at fault.
+        joint: The joint, if the fault concerns a single joint.
     """
 
     reason: str
@@ -479,7 +481,7 @@ class Refusal:
     joint: str | None = None
 
     def __str__(self) -> str:
-        """Say where, and what is wrong."""
+        """Name the place and the fault."""
         where = self.field if self.point is None else f"points[{self.point}]"
         if self.point is not None and self.field:
             where += f".{self.field}"
@@ -496,24 +498,24 @@ def controller_refusals(
     moving_end: bool = False,
     partial: bool = False,
 ) -> tuple[Refusal, ...]:
-    """Hold a message against the rules of the joint trajectory controller.
+    """Check a message against the rules of the joint trajectory controller.
 
     Args:
         message: A JointTrajectory, or a goal of FollowJointTrajectory or a
-            RobotTrajectory that holds one, of plain values, as YAML and JSON are read.
-        joint_names: Joints of the controller; None takes those of the message.
-        effort_interface: Whether the controller commands efforts, without which it
-            refuses them; those before ROS 2 Jazzy always do.
+            RobotTrajectory that contains one, as plain values read from YAML or JSON.
+        joint_names: Joints of the controller; None takes the joints of the message.
+        effort_interface: Whether the controller commands efforts; otherwise it refuses
+            them, as all controllers before ROS 2 Jazzy do.
         moving_end: Whether its ``allow_nonzero_velocity_at_trajectory_end`` is set.
-        partial: Whether its ``allow_partial_joints_goal`` is.
+        partial: Whether its ``allow_partial_joints_goal`` is set.
 
     Returns:
-        The rules that are broken, one entry a field and point; empty for a message that
-        the controller takes and follows.
+        The violated rules, one entry per field and point; empty for a message that the
+        controller accepts and follows.
 
     Raises:
-        ProblemError: If the message is no table of fields, or names are none.
-        ScenarioError: If it holds no trajectory, or more than joints.
+        ProblemError: If the message is not a table of fields, or a name is not a text.
+        ScenarioError: If it contains no trajectory, or moves more than joints.
     """
     if not isinstance(message, Mapping):
         raise wrong(message, "message", "a table of fields")
@@ -547,7 +549,7 @@ def controller_refusals(
 
 
 def controller_needs(samples: Samples, moving: bool) -> list[str]:
-    """What a controller must be set to for a message, in sentences."""
+    """Settings that a controller needs for a message, in sentences."""
     notes = []
     if "u" in known_quantities(samples):
         notes.append(
@@ -564,7 +566,7 @@ def controller_needs(samples: Samples, moving: bool) -> list[str]:
 def _joints(
     names: list[str], known: Sequence[str] | None, partial: bool
 ) -> Iterator[Refusal]:
-    """Names are those of the controller, each once, and all of them."""
+    """Rule: the names are the joints of the controller, each once, and all of them."""
     for index, name in enumerate(names):
         if not name:
             yield Refusal("is empty", "joint_names")
@@ -580,7 +582,7 @@ def _joints(
 
 
 def _times(points: Sequence[Point]) -> Iterator[Refusal]:
-    """Times are whole nanoseconds that increase, and none lies before the start."""
+    """Rule: times are whole nanoseconds, increasing, and not before the start."""
     before = -1
     for index, point in enumerate(points):
         now = _ticks(point.get("time_from_start"))
@@ -602,14 +604,14 @@ def _times(points: Sequence[Point]) -> Iterator[Refusal]:
 def _numbers(
     points: Sequence[Point], names: list[str], effort_interface: bool
 ) -> Iterator[Refusal]:
-    """Arrays hold a finite number for each joint, or nothing."""
+    """Rule: arrays contain one finite number for each joint, or are empty."""
     for index, point in enumerate(points):
         for field in POINT_FIELDS.values():
             yield from _array(_values(point, field), names, field, index)
         if _values(point, "effort") and not effort_interface:
             reason = "is refused by controllers that do not command efforts"
             yield Refusal(reason, "effort", index)
-            return  # the same for all others
+            return  # all other points have the same fault
 
 
 def _array(row: Any, names: list[str], field: str, index: int) -> Iterator[Refusal]:
@@ -627,7 +629,7 @@ def _array(row: Any, names: list[str], field: str, index: int) -> Iterator[Refus
 
 
 def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
-    """All points say the same, or stretches are followed by straight lines."""
+    """Rule: all points set the same fields, else a controller interpolates linearly."""
     first = points[0]
     for index, point in enumerate(points):
         for field in POINT_FIELDS.values():
@@ -642,7 +644,7 @@ def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
 
 
 def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
-    """The motion ends at rest."""
+    """Rule: the motion ends at rest."""
     row, last = _values(points[-1], "velocities"), len(points) - 1
     for name, value in zip(names, row, strict=False):
         if _is_finite(value) and abs(value) > REST:
@@ -651,7 +653,7 @@ def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
 
 
 def _values(point: Point, field: str) -> Any:
-    """Numbers of a point; none if it does not say."""
+    """Numbers of a field of a point; empty without the field."""
     row = point.get(field)
     if isinstance(row, np.ndarray):
         row = row.tolist()
@@ -664,7 +666,7 @@ def _is_finite(value: Any) -> bool:
 
 
 def _ticks(time: Any) -> int | None:
-    """Time since the start [ns]; None if it is none that ROS could hold."""
+    """Time since the start [ns]; None if it is not a valid Duration."""
     if not isinstance(time, Mapping) or not set(time) <= {"sec", "nanosec"}:
         return None
     sec, nanosec = time.get("sec", 0), time.get("nanosec", 0)
@@ -675,7 +677,7 @@ def _ticks(time: Any) -> int | None:
 
 
 def _stamp(header: Any) -> Iterator[Refusal]:
-    """A motion in a file begins when it is sent."""
+    """Rule: the start time is zero, as a motion in a file begins when it is sent."""
     stamp = header.get("stamp") if isinstance(header, Mapping) else None
     if isinstance(stamp, Mapping) and any(stamp.values()):
         reason = "is not zero: the motion would have to be sent before that time"
@@ -683,7 +685,7 @@ def _stamp(header: Any) -> Iterator[Refusal]:
 
 
 def _goal(outer: dict[str, Any], names: list[str]) -> Iterator[Refusal]:
-    """Tolerances of a goal are those of its joints."""
+    """Rule: tolerances of a goal belong to its joints."""
     inner = outer.get("goal")
     goal = inner if isinstance(inner, Mapping) else outer
     for field in TOLERANCES:
@@ -696,6 +698,6 @@ def _goal(outer: dict[str, Any], names: list[str]) -> Iterator[Refusal]:
                 yield Refusal(reason, field)
     wait = goal.get("goal_time_tolerance")
     seconds = wait.get("sec") if isinstance(wait, Mapping) else None
-    # -1 s stands for any time.
+    # -1 s means an unlimited time.
     if isinstance(seconds, int | float) and seconds < -1:
         yield Refusal("is negative", "goal_time_tolerance")

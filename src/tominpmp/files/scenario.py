@@ -3,7 +3,7 @@
 ::
 
     margin = 0.01                       # distance to keep from obstacles [m]
-    self_collision = true               # the default; false lets links touch
+    self_collision = true               # the default; false allows contact of links
 
     [robot]
     name = "panda"                      # or path = "arm.urdf"
@@ -32,7 +32,7 @@
     [motion_limits]                     # beyond those of the URDF
     acceleration = 10.0
 
-    [[constraints]]                     # what else holds at all times
+    [[constraints]]                     # further constraints at all times
     type = "tool_speed"
     frame = "panda_hand_tcp"
     limit = 0.5
@@ -40,8 +40,8 @@
     [options]
     intervals = 60
 
-A motion of several segments has a list of ``[[segments]]`` in place of the goal, the
-goals that it passes one after the other.
+A motion of several segments has a list of ``[[segments]]`` in place of the goal, with
+the goals that it passes in their order.
 
 ::
 
@@ -52,8 +52,8 @@ goals that it passes one after the other.
 
     [[segments]]
     stop = true                             # the arm is at rest at its end
-    dwell = 0.1                             # and stays there so long [s]
-    arrival = [1.0, 2.5]                    # no earlier and no later [s]
+    dwell = 0.1                             # and stays at rest for this time [s]
+    arrival = [1.0, 2.5]                    # earliest and latest time of arrival [s]
     may_touch = [["box", "table"]]
     motion_limits = {acceleration = 5.0}
     goal = {type = "position", frame = "panda_hand_tcp", position = [0.5, 0.0, 0.1]}
@@ -64,13 +64,14 @@ goals that it passes one after the other.
     frame = "panda_hand_tcp"
     limit = 0.5
 
-    [[segments.scene.obstacles]]            # instead of those of the problem
+    [[segments.scene.obstacles]]            # replace the obstacles of the problem
     type = "box"
     name = "table"
     size = [1.0, 1.0, 0.1]
 
-Joints that the goal of a segment does not name are where the segment before ends, if
-its goal says so; ``scene = {}`` is a segment without obstacles.
+Joints that the goal of a segment does not name keep their positions at the end of the
+previous segment, if its goal determines them; ``scene = {}`` is a segment without
+obstacles.
 """
 
 from __future__ import annotations
@@ -133,18 +134,18 @@ from tominpmp.scene.scene import Scene
 
 
 def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
-    """Read the limits.
+    """Read motion limits.
 
     Args:
-        table: Their table, keys as the fields of
-            :class:`~tominpmp.motion_limits.MotionLimits`; may be left out. ``file``
-            names a YAML file that the other keys go before, see
+        table: Their table, with the fields of
+            :class:`~tominpmp.motion_limits.MotionLimits` as keys; optional. ``file``
+            names a YAML file over which the other keys take precedence, see
             :mod:`~tominpmp.files.limits`.
         robot: The robot.
 
     Returns:
-        The limits; None if the table is left out. One without limits is another value,
-        and comes back so.
+        The limits; None without a table. A table without limits is a different value,
+        and is restored as such.
 
     Raises:
         ScenarioError: If the table is wrong.
@@ -153,7 +154,7 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
         return None
     items = table.table()
     file = items.pop("file", None)
-    # The first class that has all the fields; a caller's may be one.
+    # The first class with all the fields, which may be a caller's own.
     known = {k: [item.name for item in fields(k)] for k in classes_of_limits()}
     fitting = (k for k, names in known.items() if items.keys() <= set(names))
     kind = next(fitting, MotionLimits)
@@ -171,7 +172,7 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
 
 
 def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
-    """A limit: a number, one for each joint, or by joint over those of a file."""
+    """A limit: a number, one per joint, or by joint name, overriding the file's."""
     curves = name == "effort_curves"
     if not curves and not isinstance(item.value, dict):
         return item.value
@@ -183,9 +184,9 @@ def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
 
 
 def _beyond_robot(problem: Problem) -> MotionLimits | None:
-    """The limits of a problem, so that they are what they are over those of its robot.
+    """Motion limits that restore those of a problem if its robot's complete them.
 
-    None if they are those of the robot.
+    None if they are equal to the robot's.
     """
     limits, others = problem.motion_limits, problem.robot.motion_limits
     if limits == others:
@@ -219,7 +220,7 @@ def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
     """Read a list of constraints.
 
     Raises:
-        ScenarioError: If one is wrong.
+        ScenarioError: If a constraint is wrong.
     """
     kinds = classes(PathConstraint)
     return tuple(from_table(item, kinds, "constraint") for item in table.items())
@@ -229,11 +230,11 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
     """Read a goal.
 
     Args:
-        table: Its table: ``type`` and the fields of its class. That of a configuration
-            may give the joints by name, or a ``state``.
+        table: Its table: ``type`` and the fields of its class. The table of a
+            configuration may have positions by joint name, or a ``state``.
         robot: The robot.
-        before: Where the joints that are not named are, shape (n,) [rad or m]; None if
-            that is not known.
+        before: Positions of the joints that are not named, shape (n,) [rad or m]; None
+            if they are unknown.
 
     Raises:
         ScenarioError: If the table is wrong.
@@ -250,13 +251,13 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
 
 
 def positions(table: Field, robot: Robot, base: Array | None) -> Array:
-    """Read positions of all joints: numbers, a group state, some by name, or both.
+    """Read positions of all joints: numbers, a group state, by joint name, or both.
 
     Args:
-        table: The table that has them as ``q``, ``state``, or both.
+        table: The table with the key ``q``, ``state``, or both.
         robot: The robot.
-        base: Positions of the joints that are not named, shape (n,); None if all have
-            to be.
+        base: Positions of the joints that are not named, shape (n,); None if all joints
+            must be named.
 
     Raises:
         ScenarioError: If the table is wrong.
@@ -281,10 +282,10 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
 
 
 def vector(value: Field, robot: Robot) -> Array | None:
-    """Read values of all joints: numbers in joint order, or by name, else zero.
+    """Read values of all joints: numbers in joint order, or by name with default zero.
 
     Returns:
-        Shape (n,); None if they are left out.
+        Shape (n,); None without values.
 
     Raises:
         ScenarioError: If there are too many or too few, or a joint is unknown.
@@ -295,7 +296,7 @@ def vector(value: Field, robot: Robot) -> Array | None:
 
 
 def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
-    """Numbers in joint order, or by name over those that are known; shape (n,)."""
+    """Numbers in joint order, or by name with the known values as defaults; (n,)."""
     names = robot.joint_names
     if not isinstance(value.value, dict):
         numbers = value.numbers()
@@ -325,28 +326,28 @@ def read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, 
     """Read the segments of a problem.
 
     Args:
-        table: The list of their tables, keys as the fields of
-            :class:`~tominpmp.problem.segments.Segment`; may be left out.
+        table: The list of their tables, with the fields of
+            :class:`~tominpmp.problem.segments.Segment` as keys; optional.
         robot: The robot.
-        q_start: Where the first begins, shape (n,) [rad or m].
+        q_start: Start of the first segment, shape (n,) [rad or m].
 
     Raises:
         ScenarioError: If a table is wrong.
     """
-    found: list[Segment] = []
+    segments: list[Segment] = []
     before: Array | None = q_start
     for item in table.items():
         segment = _read_segment(item, robot, before)
         before = segment.goal.configuration
-        found.append(segment)
-    return tuple(found)
+        segments.append(segment)
+    return tuple(segments)
 
 
 def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
     table.only(*SEGMENT_KEYS)
-    found = read_conditions(table, robot)
+    conditions = read_conditions(table, robot)
     try:
-        segment = Segment(read_goal(table.need("goal"), robot, before), **found)
+        segment = Segment(read_goal(table.need("goal"), robot, before), **conditions)
     except ProblemError as error:
         key_of(table, error.field).fail(str(error))
     with blaming(table.get("payload")):
@@ -370,7 +371,7 @@ def check_names(
         constraints: Constraints in the table.
 
     Raises:
-        ScenarioError: If it lacks one.
+        ScenarioError: If the robot lacks a frame or joint.
     """
     parts: list[tuple[Field, Any]] = [(table.get("goal"), goal)] if goal else []
     parts += zip(table.get("constraints").items(), constraints, strict=True)
@@ -383,7 +384,7 @@ def read_payload(table: Field) -> Payload:
     """Read a payload.
 
     Raises:
-        ScenarioError: If it is none.
+        ScenarioError: If the table is not a valid payload.
     """
     return make(Payload, table.table(), table, classes(Obstacle))
 
@@ -391,14 +392,14 @@ def read_payload(table: Field) -> Payload:
 def read_pairs(
     table: Field, about: str = "of what may touch"
 ) -> tuple[tuple[str, str], ...]:
-    """Read pairs of names; none if they are left out.
+    """Read pairs of names; empty if the key is missing.
 
     Args:
-        table: The list of them.
-        about: What the names are, for messages.
+        table: The list of pairs.
+        about: Meaning of the names, for messages.
 
     Raises:
-        ScenarioError: If they are no such pairs.
+        ScenarioError: If an item is not a pair of names.
     """
     found = []
     for item in table.items():
@@ -412,15 +413,16 @@ def read_pairs(
 def key_of(
     table: Field, field: str | None, keys: Collection[str] = SEGMENT_KEYS
 ) -> Field:
-    """What of a table an error is about, by the field that it names.
+    """Value of a table that an error concerns, by the field that the error names.
 
     Args:
         table: Table of a scenario or a segment.
         field: The field, for example "segment.constraints[0].during".
-        keys: Keys of such a table.
+        keys: Keys of the table.
 
     Returns:
-        The value, as far as the file has it; the table if the field is none of it.
+        The innermost value on the path that the file has; the table if it has none of
+        it.
     """
     found = table
     for step in re.findall(r"\w+", field or ""):
@@ -433,7 +435,7 @@ def key_of(
     return found
 
 
-# How the keys are read that whole scenarios and segments have.
+# Readers of the keys that scenarios and segments have in common.
 READERS: dict[str, Callable[[Field], Any]] = {
     "scene": read_scene,
     "margin": Field.number,
@@ -448,10 +450,10 @@ READERS: dict[str, Callable[[Field], Any]] = {
 
 
 def read_conditions(table: Field, robot: Robot) -> dict[str, Any]:
-    """Read what holds on the way of a scenario, a tour or a segment.
+    """Read the conditions along the motion of a scenario, a tour or a segment.
 
     Returns:
-        The values that are given, as arguments by name.
+        The given values, as arguments by name.
 
     Raises:
         ScenarioError: If a value is wrong.
@@ -462,50 +464,50 @@ def read_conditions(table: Field, robot: Robot) -> dict[str, Any]:
     return found | {"motion_limits": limits}
 
 
-# Placements and inertias of a robot that was written and read again differ by less.
+# Largest difference of placements and inertias of a robot after writing and reading.
 ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Beside:
-    """Files that are to lie beside a scenario.
+class Extras:
+    """Files to be written next to a scenario.
 
     Attributes:
-        stem: How their names begin.
-        files: Their contents by their names.
+        stem: Common beginning of their names.
+        files: Their contents by name.
     """
 
     stem: str
     files: dict[str, bytes] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
-        """Write them into a folder.
+        """Write the files into a folder.
 
         Raises:
-            ScenarioError: If one cannot be written.
+            ScenarioError: If a file cannot be written.
         """
         for name, content in self.files.items():
             write_bytes(folder / name, content)
 
 
-def unlike(one: Robot, other: Robot) -> str:
-    """What two robots differ in by more than rounding and where they come from."""
-    mine, theirs = _values(one), _values(other)
-    return next((name for name in mine if not _agree(mine[name], theirs[name])), "")
+def difference_of(robot: Robot, other: Robot) -> str:
+    """First field in which two robots differ by more than rounding; empty if none."""
+    values, others = _compared_values(robot), _compared_values(other)
+    return next((name for name in values if not _agree(values[name], others[name])), "")
 
 
-def _agree(one: Any, other: Any) -> bool:
-    if not isinstance(one, np.ndarray):
-        return bool(one == other)
-    near = one.shape == other.shape
-    return near and np.allclose(one, other, rtol=ROUNDING, atol=ROUNDING)
+def _agree(first: Any, second: Any) -> bool:
+    if not isinstance(first, np.ndarray):
+        return bool(first == second)
+    same_shape = first.shape == second.shape
+    return same_shape and np.allclose(first, second, rtol=ROUNDING, atol=ROUNDING)
 
 
-def _values(robot: Robot) -> Mapping[str, object]:
-    """What a robot has by joint, what collides, and arrays that may be rounded."""
-    model, said = robot.model, robot.srdf
+def _compared_values(robot: Robot) -> Mapping[str, object]:
+    """Fields of a robot to compare, apart from its source; arrays may be rounded."""
+    model, srdf = robot.model, robot.srdf
     items = robot.collision_model.geometryObjects
-    movers = [str(model.names[item.parentJoint]) for item in items]
+    joints = [str(model.names[item.parentJoint]) for item in items]
     kinds = [type(item.geometry).__name__ for item in items]
     places = [*(frame.placement for frame in model.frames), *model.jointPlacements]
     numbers = ("damping", "armature", "friction", "gravity")
@@ -515,9 +517,9 @@ def _values(robot: Robot) -> Mapping[str, object]:
         "limits": robot.limits,
         "motion limits": robot.motion_limits,
         "frames": [frame.name for frame in model.frames],
-        "shapes": sorted(zip(movers, kinds, strict=True)),
-        "pairs of links": () if said is None else sorted(said.disabled_pairs),
-        "group states": {} if said is None else dict(said.group_states),
+        "shapes": sorted(zip(joints, kinds, strict=True)),
+        "pairs of links": () if srdf is None else sorted(srdf.disabled_pairs),
+        "group states": {} if srdf is None else dict(srdf.group_states),
         **{name: getattr(robot, name).tolist() for name in numbers},
         "placements": np.array([place.homogeneous for place in places]),
         "inertias": np.array([body.toDynamicParameters() for body in model.inertias]),
@@ -545,10 +547,10 @@ def read_robot(table: Field) -> Robot:
         table: Its table: ``name`` or ``path``; ``srdf``, ``package_dirs``, ``group``,
             ``limits``, ``locked_joints``, ``gravity``, ``kinematic``, ``xacro_args``
             and the overrides as for :func:`load_robot`; ``joint_limits``, a file of
-            MoveIt; ``motion_limits``, which go before it (see
+            MoveIt; ``motion_limits``, which take precedence over it (see
             :func:`read_motion_limits`); ``payloads``, a list of tables with the fields
             of :class:`~tominpmp.robot.payload.Payload`. Paths are relative to the
-            scenario.
+            scenario file.
 
     Raises:
         ScenarioError: If the table is wrong or the robot cannot be loaded.
@@ -595,26 +597,27 @@ def read_robot(table: Field) -> Robot:
 
 
 def _path(item: Field) -> Path:
-    """Path in a table, relative to the folder of its file or not."""
+    """Path in a table, absolute or relative to the folder of its file."""
     with blaming(item):
         return checked_path(item.text())
 
 
 def robot_table(
-    robot: Robot, folder: Path, beside: Beside | None = None
+    robot: Robot, folder: Path, extras: Extras | None = None
 ) -> dict[str, Any]:
-    """Write down how to load a robot.
+    """Make the table from which a robot can be loaded again.
 
     Args:
         robot: The robot.
         folder: Folder of the scenario; paths inside it are written relative to it.
-        beside: Takes the files of a robot that was loaded from none; None refuses it.
+        extras: Collects the files of a robot without files of its own; None refuses
+            such a robot.
 
     Returns:
         The table for :func:`read_robot`.
 
     Raises:
-        TypeError: If the robot holds what cannot be written.
+        TypeError: If the robot has a value that cannot be written.
     """
     if robot.parts:
         raise TypeError(
@@ -624,20 +627,20 @@ def robot_table(
     loads = [payload.name for payload in robot.payloads]
 
     def file(ending: str, path: Path, said: str) -> str:
-        """Name of a file, which is written beside the scenario if need be."""
+        """Name of a file, which is collected for the scenario if it does not exist."""
         if path.is_file():
             return file_name(path, folder)
-        if beside is None:
+        if extras is None:
             raise TypeError(
                 f"{said} {path}, expected one that was loaded from a file: "
                 "tominpmp.save_scenario() writes one beside the scenario"
             )
-        name = f"{beside.stem}.{ending}"
+        name = f"{extras.stem}.{ending}"
         if ending == "urdf":
-            text, meshes = urdf_file(robot.description, loads, beside.stem)
-            beside.files.update(meshes | {name: text})
+            text, meshes = urdf_file(robot.description, loads, extras.stem)
+            extras.files.update(meshes | {name: text})
         elif robot.srdf is not None:
-            beside.files[name] = srdf_file(robot.srdf, robot.name, loads)
+            extras.files[name] = srdf_file(robot.srdf, robot.name, loads)
         return name
 
     path, table = robot.urdf_path, dict[str, Any]()
@@ -649,11 +652,11 @@ def robot_table(
         names = robot.name, robot.description.name, path.stem
         joints = [joint.name for joint in robot.description.joints]
         if find_datasheet(names, joints) is not None:
-            # All limits are written down below, those of the data sheet too.
+            # All limits are written below, including those of the data sheet.
             table["limits"] = "urdf"
     else:
         table["path"] = file("urdf", path, "it was loaded from")
-    # What an MJCF file says comes with it.
+    # Group states of an MJCF file are read from that file again.
     own = path if path.is_file() else None
     if robot.srdf is not None and robot.srdf.path not in (default, own):
         table["srdf"] = file("srdf", robot.srdf.path, "its SRDF file is")
@@ -676,47 +679,47 @@ def robot_table(
 
 
 def check_given_back(
-    robot: Robot, table: Mapping[str, Any], path: Path, beside: Beside | None
+    robot: Robot, table: Mapping[str, Any], path: Path, extras: Extras | None
 ) -> None:
-    """Check that a robot that is written down and loaded again is the same.
+    """Check that a robot that is written and loaded again is the same.
 
-    One whose files would lie beside the scenario may differ by rounding, and by where
-    it comes from.
+    A robot whose files will be next to the scenario may differ by rounding, and in its
+    source.
 
     Args:
         robot: The robot.
-        table: What was written down of it, by :func:`robot_table`.
+        table: The table that :func:`robot_table` made of it.
         path: File of the scenario.
-        beside: What took the files that are to lie beside it.
+        extras: The collected files to be written next to it.
 
     Raises:
         ScenarioError: If it cannot be loaded again.
-        TypeError: If it would be another, or cannot be written.
+        TypeError: If it would be a different robot, or cannot be written.
     """
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they were shown at first loading
-        if beside is None or not beside.files:
+        warnings.simplefilter("ignore")  # they were shown when the robot was loaded
+        if extras is None or not extras.files:
             if read_robot(Field(table, path, "robot")) != robot:
                 raise TypeError(
                     "it differs from its files by more than the arguments of load_robot"
                 )
             return
-        # Paths of the table are relative to its folder, which is another one there.
-        elsewhere = Path(name)
-        table = robot_table(robot, elsewhere, Beside(beside.stem))
-        beside.write(elsewhere)
-        again = read_robot(Field(table, elsewhere / path.name, "robot"))
-        different = unlike(again, robot)
-    if different:
+        # Paths of the table are relative to its folder, which is temporary here.
+        copies = Path(name)
+        table = robot_table(robot, copies, Extras(extras.stem))
+        extras.write(copies)
+        restored = read_robot(Field(table, copies / path.name, "robot"))
+        difference = difference_of(restored, robot)
+    if difference:
         raise TypeError(
             f"it was loaded from {robot.urdf_path}, and a URDF file of it would have "
-            f"other {different}; expected one that was loaded from a file"
+            f"other {difference}; expected one that was loaded from a file"
         )
 
 
 def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
-    """Values per joint that are not those of the description."""
-    # No URDF file says these, which models of Pinocchio have.
+    """Values per joint that differ from those of the description."""
+    # URDF files have no armature, while models of Pinocchio have.
     joints = tuple(replace(one, armature=0.0) for one in robot.description.joints)
     plain = JointTable.from_description(
         robot.joint_names, joints, Linkage.resolve(joints, locked)
@@ -741,7 +744,7 @@ except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
 
 MAX_BYTES = 16 * 2**20
-# Reading a longer number takes a hundred times as much memory as the file.
+# Longest number; parsing a longer one takes a hundred times the memory of the file.
 MAX_DIGITS = 5000
 SECTIONS = (
     *("margin", "self_collision", "robot", "start", "goal", "scene", "motion_limits"),
@@ -772,7 +775,7 @@ def load_scenario(path: str | Path) -> Scenario:
         The problem and the options.
 
     Raises:
-        ScenarioError: If the file, or what it describes, is wrong, with the key.
+        ScenarioError: If the file, or the problem in it, is wrong; names the key.
     """
     path = checked_path(path, "path", ScenarioError)
     document = Field(read_toml(path), path)
@@ -804,9 +807,9 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def _blamed(document: Field, field: str) -> Field:
-    """What of a scenario a field of its problem leads to, as "segments[1].goal.q"."""
+    """Value of a scenario at fault, by a field of its problem: "segments[1].goal"."""
     if re.match(r"(segments\[0\]\.)?[qv]_start", field):
-        return document.get("start")  # where the first segment begins, too
+        return document.get("start")  # also the start of the first segment
     found = key_of(document, field, SECTIONS)
     return document.get("goal") if found is document else found
 
@@ -816,13 +819,13 @@ def save_scenario(
 ) -> Path:
     """Write a problem as a scenario file.
 
-    Loading the file gives an equal problem and equal options, but for the callback,
-    which no file can hold. The description of a robot that was given as a text or as a
-    model of another library is written beside it: ``cell.toml`` refers to
-    ``cell_robot.urdf``, and to ``cell_robot.srdf`` and meshes where there are any.
+    Loading the file gives an equal problem and equal options, except for the callback,
+    which no file can represent. The description of a robot that was given as a text or
+    as a model of another library is written next to it: ``cell.toml`` refers to
+    ``cell_robot.urdf``, and to ``cell_robot.srdf`` and meshes if there are any.
 
     Args:
-        path: File to write, ending in ``.toml``; replaced if it exists.
+        path: File to write, ending in ``.toml``; an existing one is replaced.
         problem: The problem.
         options: The options; None for the defaults.
 
@@ -830,13 +833,13 @@ def save_scenario(
         The path.
 
     Raises:
-        ScenarioError: If the problem holds something that a file cannot, or the file
-            cannot be written.
+        ScenarioError: If a file cannot represent a value of the problem, or cannot be
+            written.
     """
     path = checked_path(path, "path", ScenarioError)
-    beside = Beside(f"{path.stem}_robot")
-    content = scenario_text(path, problem, options, beside=beside).encode()
-    beside.write(path.parent)
+    extras = Extras(f"{path.stem}_robot")
+    content = scenario_text(path, problem, options, extras=extras).encode()
+    extras.write(path.parent)
     return write_bytes(path, content)
 
 
@@ -846,23 +849,23 @@ def scenario_text(
     options: Options | None = None,
     *,
     check: bool = True,
-    beside: Beside | None = None,
+    extras: Extras | None = None,
 ) -> str:
     """A problem as the text of a scenario file.
 
     Args:
-        path: Where the file is to be: paths in it are relative to its folder.
+        path: Path of the file: paths in it are relative to its folder.
         problem: The problem.
         options: The options; None for the defaults.
-        check: Whether to read the robot back, to see that it is the same.
-        beside: Takes files that are to lie beside it; None refuses robots that need
-            some.
+        check: Whether to read the robot back, and check that it is the same.
+        extras: Collects files to be written next to it; None refuses robots that need
+            such files.
 
     Raises:
-        ScenarioError: If the problem holds something that a file cannot.
+        ScenarioError: If a file cannot represent a value of the problem.
     """
     instance(problem, Problem, "problem")
-    text = toml_text(_document(path, problem, Options.of(options), check, beside))
+    text = toml_text(_document(path, problem, Options.of(options), check, extras))
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -874,7 +877,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file.
 
     Raises:
-        ScenarioError: If there is none.
+        ScenarioError: If the file is missing or not TOML.
     """
     content = read_bytes(path, MAX_BYTES)
     if re.search(rb"[0-9_]{%d}" % MAX_DIGITS, content):
@@ -886,10 +889,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_options(table: Field) -> Options:
-    """Read options; the defaults if they are left out.
+    """Read options; the defaults if the table is missing.
 
     Raises:
-        ScenarioError: If one is wrong.
+        ScenarioError: If an option is wrong.
     """
     if not table.given:
         return Options()
@@ -899,12 +902,12 @@ def read_options(table: Field) -> Options:
 
 
 def _document(
-    path: Path, problem: Problem, options: Options, check: bool, beside: Beside | None
+    path: Path, problem: Problem, options: Options, check: bool, extras: Extras | None
 ) -> dict[str, Any]:
     """Turn problem and options into tables.
 
     Raises:
-        ScenarioError: If they hold something that a file cannot.
+        ScenarioError: If a file cannot represent one of their values.
     """
     start = {"q": problem.q_start}
     if np.any(problem.v_start):
@@ -925,9 +928,9 @@ def _document(
         try:
             if not isinstance(part, Robot):
                 return to_table(part, path.parent)
-            table = robot_table(part, path.parent, beside)
+            table = robot_table(part, path.parent, extras)
             if check:
-                check_given_back(part, table, path, beside)
+                check_given_back(part, table, path, extras)
         except TypeError as error:
             reason = f"{path}: {key}: cannot be saved: {error}"
             raise ScenarioError(reason, path, key) from error

@@ -1,9 +1,10 @@
 """MoveIt's text format of planning scenes (``.scene``), which RViz exports.
 
-A line with a name; for each object ``* NAME``, its pose (in newer files), how many
-shapes it has, for each shape its kind, sizes, pose and colour, and (in newer files) how
-many subframes with names and poses; a dot. Poses are a position and a quaternion in the
-order x, y, z, w. What is read becomes a message as the YAML files have it.
+The first line is a name. Each object has ``* NAME``, its pose (in newer files), its
+number of shapes, for each shape its kind, sizes, pose and colour, and (in newer files)
+its number of subframes with their names and poses; a dot ends the file. Poses are a
+position and a quaternion in the order x, y, z, w. The result is a message in the form
+of the YAML files.
 """
 
 from __future__ import annotations
@@ -16,33 +17,33 @@ from typing import Any, NoReturn
 from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import ScenarioError, brief
 
-# A star in a YAML file has a name right behind it.
+# In a YAML file an asterisk is directly followed by a name.
 _BEGINNING = re.compile(rb"[^\n]*\n\s*[*.](?!\S)")
 _WORD = re.compile(r"\S+")
-# How many numbers the shapes have.
+# Number of dimensions of each shape.
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
 
 
 def is_scene_text(content: bytes) -> bool:
-    """Whether a file is of this format, by how it begins."""
+    """Whether a file has this format, judged by its first lines."""
     return _BEGINNING.match(content) is not None
 
 
 def parse_scene_text(content: bytes, path: Path) -> dict[str, Any]:
-    """Read a planning scene from the content of a file.
+    """Parse a planning scene from the content of a file.
 
     Returns:
         A ``PlanningScene`` message with the objects of its world.
 
     Raises:
-        ScenarioError: If the file is wrong, with the line, or ends before the dot.
+        ScenarioError: If the file is wrong or ends before the dot; names the line.
     """
     return _Reader(content.decode("utf-8", "replace"), path).scene()
 
 
 @dataclass
 class _Reader:
-    """Takes words out of a text, from a place in it on."""
+    """Splits a text into words, from its current position on."""
 
     text: str
     path: Path
@@ -59,7 +60,7 @@ class _Reader:
 
     def _object(self) -> dict[str, Any]:
         item: dict[str, Any] = {"id": self._line()}
-        # Older files go on with how many shapes there are, a word alone.
+        # In older files the next line is the number of shapes, a single word.
         place, is_new = self.place, len(self._line().split()) > 1
         self.place = place
         if is_new:
@@ -75,7 +76,7 @@ class _Reader:
         return item
 
     def _shape(self) -> tuple[str, str, dict[str, Any]]:
-        """Keys of the lists of shapes and poses in a message, and a shape."""
+        """Keys of the lists of shapes and poses in a message, and the shape."""
         kind = self._word("a shape")
         if kind == "mesh":
             rows = [self._whole(f"how many {k} it has") for k in ("corners", "faces")]
@@ -86,7 +87,7 @@ class _Reader:
         if kind not in _SIZES:
             self._fail(brief(kind), f"mesh, plane, {', '.join(_SIZES)}")
         sizes = self._numbers(_SIZES[kind])
-        # The radius is first here, the length in a message.
+        # This format has the radius first, a message the length.
         shape = {"type": kind, "dimensions": sizes if kind == "box" else sizes[::-1]}
         return "primitives", "primitive_poses", shape
 
@@ -107,7 +108,7 @@ class _Reader:
         return int(word)
 
     def _line(self) -> str:
-        """The rest of a line."""
+        """Rest of the current line."""
         begin, end = self.place, self.text.find("\n", self.place)
         self.place = len(self.text) if end < 0 else end + 1
         return self.text[begin : self.place].strip()

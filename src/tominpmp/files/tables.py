@@ -1,10 +1,10 @@
-"""Motions as tables: CSV for everybody, NPZ for NumPy.
+"""Motions as tables: CSV for any program, NPZ for NumPy.
 
 The columns of a CSV file are named ``time``, ``q_<joint>``, ``v_<joint>``,
-``a_<joint>`` and ``u_<joint>``, without units, so that any program takes the names as
-they are. Motions of several segments have a last column ``segment``, their numbers from
-1, or an array ``segment_ends`` [s]. Numbers are written in full: what is read back is
-what was there, to the last bit.
+``a_<joint>`` and ``u_<joint>``, without units, so that any program accepts the names.
+Motions of several segments have a last column ``segment`` with the segment numbers from
+1, or an array ``segment_ends`` [s]. Numbers are written with full precision, so that
+reading returns the same bits.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from tominpmp.exceptions import ScenarioError, shortened
 from tominpmp.motion.samples import Samples
 
 QUANTITIES = ("q", "v", "a", "u")
-# Motions of an hour at 1 kHz have fewer rows. A small archive may hold any number of
-# zeros, and a small file any number of empty rows.
+# Most rows, more than a motion of an hour at 1 kHz has. A small archive may unpack to
+# any number of zeros, and a small file may hold any number of empty rows.
 MAX_ROWS = 5_000_000
-# Numbers of all rows together: what Python and copies add is some times as much.
+# Most numbers of a file; Python objects and copies take a multiple of their memory.
 MAX_NUMBERS = 2**24
-# What an archive may have besides, and the bytes of names and headers in it.
+# Most members of an archive, and most bytes of its names and headers.
 MAX_MEMBERS, MAX_NAMES = 100, 2**20
-# A longer line is none of a motion [characters].
+# Longest line of a motion file [characters].
 LONGEST_LINE = 2**20
 SEGMENT = "segment"
-# More segments without a row of their own, one after the other, are a mistake.
+# Most consecutive segments without a row of their own; more are taken for a mistake.
 MOST_SEGMENTS = 100
 
 
@@ -44,7 +44,7 @@ def _columns(joint_names: tuple[str, ...], quantities: tuple[str, ...]) -> list[
 
 
 def known_quantities(samples: Samples) -> tuple[str, ...]:
-    """Quantities of which samples say something."""
+    """Quantities of which samples have values."""
     each = ((key, getattr(samples, key)) for key in QUANTITIES)
     return tuple(k for k, x in each if k == "q" or not np.all(np.isnan(x)))
 
@@ -67,7 +67,7 @@ def write_csv(samples: Samples, file: BinaryIO) -> None:
         for row, number in zip(rows.tolist(), numbers, strict=True)
     )
     text.flush()
-    text.detach()  # the file is closed by whoever opened it
+    text.detach()  # the caller closes the file
 
 
 def write_npz(samples: Samples, file: BinaryIO) -> None:
@@ -83,9 +83,9 @@ def read_csv(content: bytes, path: Path) -> Samples:
     """Read samples from CSV.
 
     Raises:
-        ScenarioError: If it is none, with line and column.
+        ScenarioError: If it is not a valid table; names the line and the column.
     """
-    # Line by line: as texts, a table takes ten times its memory.
+    # Reading line by line: a whole table of texts takes ten times its memory.
     file = io.TextIOWrapper(io.BytesIO(content), "utf-8-sig", newline="")
     lines = csv.reader(_short_lines(file, path), strict=True)
     try:
@@ -106,12 +106,12 @@ def read_csv(content: bytes, path: Path) -> Samples:
 def filled_samples(
     joint_names: tuple[str, ...], t: Array, parts: Mapping[str, Array], **more: Any
 ) -> Samples:
-    """Samples of the quantities that a file has; the others are NaN.
+    """Samples with the quantities of a file; missing quantities are NaN.
 
     Args:
         joint_names: Names of the n joints.
         t: Times, shape (N,) [s].
-        parts: Quantities by :data:`QUANTITIES`, "q" among them, shape (N, n).
+        parts: Arrays by the names in :data:`QUANTITIES`, at least "q", shape (N, n).
         **more: Further fields of the samples.
     """
     lacking = np.full(parts["q"].shape, np.nan)
@@ -120,7 +120,7 @@ def filled_samples(
 
 
 def _segment_ends(table: Array, path: Path) -> Array:
-    """Times of the first rows of segments, and of the last row."""
+    """Times of the first row of each segment, and of the last row."""
     # A segment that takes no time has no row of its own.
     step = np.diff(table[:, -1], prepend=1.0)
     wrong = np.flatnonzero(~((step >= 0.0) & (step < MOST_SEGMENTS) & (step % 1 == 0)))
@@ -136,7 +136,7 @@ def _segment_ends(table: Array, path: Path) -> Array:
 
 
 def _short_lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:
-    """The lines of a file, of which none may be too long, and not too many be there."""
+    """Lines of a file; raises an error if they are too long or too many."""
     number = 0
     while line := file.readline(LONGEST_LINE):
         number += 1
@@ -150,7 +150,7 @@ def _short_lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:
 
 
 def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
-    """The numbers below the header, one row a line."""
+    """Numbers below the header, one row per line."""
     numbers = array("d")
     for number, line in enumerate(lines, start=2):
         if not line:
@@ -176,7 +176,7 @@ def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
 
 
 def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Joints and quantities of which the columns are."""
+    """Joint names and quantities of the columns."""
     names = tuple(column[2:] for column in header if column.startswith("q_"))
     kinds = tuple(key for key in QUANTITIES if names and f"{key}_{names[0]}" in header)
     if names and header == _columns(names, kinds):
@@ -194,7 +194,7 @@ def read_npz(content: bytes, path: Path) -> Samples:
     """Read samples from NPZ.
 
     Raises:
-        ScenarioError: If it is none, with the array.
+        ScenarioError: If it is not a valid archive; names the array.
     """
     keys = ("joint_names", "t", *QUANTITIES, "segment_ends")
     try:
@@ -225,7 +225,7 @@ def read_npz(content: bytes, path: Path) -> Samples:
 
 
 def _array(archive: zipfile.ZipFile, key: str) -> np.ndarray[Any, Any]:
-    """Read an array, if it is as long as it says, which may be less than it takes."""
+    """Read an array, if its size agrees with its header and is within the limits."""
     info = archive.getinfo(f"{key}.npy")
     most = MAX_NAMES if key == "joint_names" else 8 * MAX_NUMBERS // len(QUANTITIES)
     if info.file_size > most + MAX_NAMES:

@@ -1,4 +1,4 @@
-"""Atomic writing of files, which are whole or not there; and texts in TOML."""
+"""Atomic writing of files, which are complete or absent; and TOML documents."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ import tomli_w
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ScenarioError
 
-# A list without lists or texts in it; texts hold no line breaks.
+# A list of plain values without texts; string literals contain no line breaks.
 _ROW = re.compile(r"\[\n([^][\"]*)\]")
 
 
 def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
-    """Write a file as a whole or not at all.
+    """Write a file completely or not at all.
 
-    The contents go to a new file in the same folder, which then takes the name: a full
-    disk or an interruption leaves what was there before.
+    The contents go to a temporary file in the same folder, which is then renamed: after
+    a full disk or an interruption the former file is unchanged.
 
     Args:
-        path: File to write; one that exists is replaced.
+        path: File to write; an existing one is replaced.
         write: Function that writes the contents to an open binary file.
 
     Raises:
-        ProblemError: If the path is none.
-        ScenarioError: If the file cannot be written, with its path.
+        ProblemError: If the path is invalid.
+        ScenarioError: If the file cannot be written; names its path.
     """
     path = checked_path(path)
     try:
-        # A link stays a link: what it points to is replaced.
+        # A symbolic link is kept, and its target replaced.
         target = path.resolve()
         if target.is_dir():
             raise ScenarioError(f"{path} is a folder, expected a file to write", path)
         if target.exists() and not target.is_file():
-            # Replacing a device by a file would harm the machine.
+            # Replacing a device by a regular file would damage the system.
             raise ScenarioError(f"{path} is no regular file", path)
         draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
         try:
@@ -58,20 +58,20 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
 
 
 def write_bytes(path: str | Path, content: bytes) -> Path:
-    """Write a content as :func:`write_file` does."""
+    """Write bytes to a file as :func:`write_file` does."""
     return write_file(path, lambda file: file.write(content))
 
 
 def toml_text(table: Mapping[str, Any]) -> str:
-    """Write TOML as people write it: by tomli-w, but rows of numbers on one line.
+    """Format a TOML document with tomli-w, but with rows of numbers on one line.
 
     Args:
         table: Texts, truth values, numbers, lists, and tables of them; a list of tables
-            becomes an array of tables. Keys and lists keep their order, but plain
-            values come before tables, as TOML demands.
+            becomes an array of tables. Keys and lists keep their order, except that
+            plain values come before tables, as TOML requires.
 
     Returns:
-        The document, which ends with a line break.
+        The document, ending with a line break.
     """
 
     def on_one_line(row: re.Match[str]) -> str:
