@@ -1,8 +1,9 @@
-"""What makers publish about their arms: limits that URDF files lack or have wrong.
+"""Data sheets of arms, as published by their makers: limits that URDF files lack.
 
-One TOML file an arm, each number with the document that it comes from. What is not
-published is not in it. Sheets are found by the name of a robot and by its joints, whose
-names may have a prefix: ``left_panda_joint1``.
+Limits that URDF files set wrongly are included. There is one TOML file per arm, and
+each number has its source document. Unpublished values are omitted. Sheets are found by
+the name of a robot and by its joints, whose names may have a prefix:
+``left_panda_joint1``.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
 
 FOLDER = Path(__file__).parent
-# Quantities that are arguments of load_robot, and those of motion limits.
+# Quantities that are arguments of load_robot, and all quantities with motion limits.
 OVERRIDES = ("position_lower", "position_upper", "velocity", "effort", "armature")
 QUANTITIES = (*OVERRIDES, *kinds_of(MotionLimits, numbers=True))
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a number comes from.
+    """Source of a number.
 
     Attributes:
         document: The maker's document.
-        address: Where it is to be had.
+        address: Address at which it is available.
     """
 
     document: str
@@ -44,15 +45,15 @@ class Source:
 
 @dataclass(frozen=True)
 class Datasheet:
-    """What is published about an arm.
+    """Published data of an arm.
 
     Attributes:
         title: Maker and model.
-        names: Words by which descriptions of it are named.
-        joints: Ends of the names of its joints.
-        values: By quantity (velocity, effort, acceleration, jerk, effort_rate,
-            armature, position_lower, position_upper) the values of the joints, in SI
-            units; only what is published.
+        names: Names of the arm in descriptions.
+        joints: Suffixes of the names of its joints.
+        values: Published values of the joints in SI units, by quantity (velocity,
+            effort, acceleration, jerk, effort_rate, armature, position_lower,
+            position_upper).
         sources: Source of each quantity.
     """
 
@@ -63,10 +64,10 @@ class Datasheet:
     sources: Mapping[str, Source]
 
     def by_joint(self, joint_names: Sequence[str]) -> dict[str, dict[str, float]]:
-        """Values by quantity, and by the names that the joints have in a robot.
+        """Values by quantity, and by the joint names of a robot.
 
         Returns:
-            Empty if the robot has not all the joints of the sheet.
+            The values; empty if the robot lacks a joint of the sheet.
         """
         found: dict[str, dict[str, float]] = {}
         for prefix in _prefixes(joint_names, self.joints):
@@ -79,7 +80,7 @@ class Datasheet:
 
 @cache
 def datasheets() -> tuple[Datasheet, ...]:
-    """All data sheets there are, by title."""
+    """All available data sheets, sorted by title."""
     sheets = [read_datasheet(path) for path in FOLDER.glob("*.toml")]
     return tuple(sorted(sheets, key=lambda sheet: sheet.title))
 
@@ -88,7 +89,7 @@ def read_datasheet(path: Path) -> Datasheet:
     """Read a data sheet.
 
     Raises:
-        ScenarioError: If it is wrong, with the key.
+        ScenarioError: If it is wrong; names the key.
     """
     table = Field(tomllib.loads(path.read_text(encoding="utf-8")), path)
     table.only("title", "names", "joints", "sources", *QUANTITIES)
@@ -120,9 +121,9 @@ def read_datasheet(path: Path) -> Datasheet:
 def find_datasheet(
     names: Iterable[str | None], joint_names: Sequence[str]
 ) -> Datasheet | None:
-    """Find the data sheet of a robot; of several, that with the most joints.
+    """Find the data sheet of a robot; among several, the one with the most joints.
 
-    Names are those asked for, in its description, and of its file.
+    The names are the one asked for, the one in the description, and that of the file.
     """
     words = [_words(name) for name in names if name]
     fitting = [
@@ -140,7 +141,7 @@ def published_values(
     """Values of the data sheet of a robot by quantity and joint name.
 
     Raises:
-        OptionsError: If there is none and one is needed, with those there are.
+        OptionsError: If a sheet is needed and not found; lists the known sheets.
     """
     names = [name for name in names if name]
     sheet = find_datasheet(names, joint_names)
@@ -163,13 +164,13 @@ def _words(name: str) -> tuple[str, ...]:
 
 
 def _holds(words: tuple[str, ...], wanted: tuple[str, ...]) -> bool:
-    """Whether words stand in a row among others."""
+    """Whether words occur consecutively among other words."""
     n = len(wanted)
     return any(words[i : i + n] == wanted for i in range(len(words) - n + 1))
 
 
 def _prefixes(joint_names: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """What may stand before the names of the joints, so that a robot has them all."""
+    """Prefixes of joint names with which a robot has all joints of a sheet."""
     first, names = joints[0], set(joint_names)
     found = [name[: -len(first)] for name in joint_names if name.endswith(first)]
     return [p for p in found if all(f"{p}{joint}" in names for joint in joints)]

@@ -1,4 +1,4 @@
 """Robot descriptions: finding, reading and checking URDF and SRDF files.
 
-Everything a caller needs of it is in :mod:`tominpmp.robot`.
+Callers use :mod:`tominpmp.robot` instead.
 """

@@ -1,4 +1,4 @@
-"""Taking values out of a parsed file, with errors that name the file and the key."""
+"""Access to the values of a parsed file, with errors that name the file and the key."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
 
 @dataclass(frozen=True)
 class Field:
-    """A value in a file, and where it is.
+    """A value in a file, with its location.
 
     Attributes:
         value: The value: dictionary, list, text, number, truth value or None.
         path: The file.
-        key: Where the value is in it, for example ``goal.position[2]``; empty for the
-            whole.
+        key: Location of the value in the file, for example ``goal.position[2]``; empty
+            for the whole document.
     """
 
     value: Any
@@ -30,7 +30,7 @@ class Field:
     key: str = ""
 
     def fail(self, message: str) -> NoReturn:
-        """Raise the error about this value.
+        """Raise an error about this value.
 
         Raises:
             ScenarioError: Always.
@@ -40,7 +40,7 @@ class Field:
         raise ScenarioError(text, self.path, self.key or None)
 
     def blame(self, error: TominpmpError) -> NoReturn:
-        """Raise an error of the library as one about this value.
+        """Raise an error of the library again as an error about this value.
 
         Raises:
             ScenarioError: Always.
@@ -48,10 +48,10 @@ class Field:
         self.fail(str(error))
 
     def unknown(self, known: Iterable[str]) -> NoReturn:
-        """Raise the error that there is no such key.
+        """Raise an error for an unknown key.
 
         Args:
-            known: The keys that there are.
+            known: The known keys.
 
         Raises:
             ScenarioError: Always.
@@ -67,12 +67,12 @@ class Field:
 
     @property
     def given(self) -> bool:
-        """Whether there is a value: neither left out, nor None, nor empty."""
+        """Whether there is a value: neither missing nor None nor empty."""
         return self.value is not None and self.value not in ("", [], {})
 
     @property
     def says_something(self) -> bool:
-        """Whether it is other than a message of ROS has it that was not filled in."""
+        """Whether the value differs from the defaults of a ROS message."""
 
         def said(value: Any) -> bool:
             if isinstance(value, dict):
@@ -84,7 +84,7 @@ class Field:
         return said(self.value)
 
     def get(self, name: str) -> Field:
-        """Value of a key of a table, with the value None if it is not there."""
+        """Value of a key of a table; its value is None if the key is missing."""
         table = {} if self.value is None else self.value
         if not isinstance(table, dict):
             self._expected("a table of keys and values")
@@ -92,26 +92,26 @@ class Field:
         return replace(self, value=table.get(name), key=key)
 
     def need(self, name: str) -> Field:
-        """Value of a key that must be there."""
+        """Value of a required key."""
         found = self.get(name)
         if found.value is None:
             found.fail("is missing")
         return found
 
     def table(self) -> dict[str, Field]:
-        """Values of a table by their keys."""
+        """Values of a table by key."""
         if not isinstance(self.value, dict):
             self._expected("a table of keys and values")
         return {name: self.get(name) for name in self.value}
 
     def only(self, *names: str) -> None:
-        """Refuse keys of a table that are not among those named."""
+        """Refuse keys of a table other than these."""
         for name, item in self.table().items():
             if name not in names:
                 item.unknown(names)
 
     def items(self) -> Iterator[Field]:
-        """Values of a list; none if it is left out."""
+        """Values of a list; empty if the list is missing."""
         values = [] if self.value is None else self.value
         if not isinstance(values, list):
             self._expected("a list")
@@ -119,13 +119,13 @@ class Field:
             yield replace(self, value=value, key=f"{self.key}[{index}]")
 
     def text(self) -> str:
-        """A text that is not empty."""
+        """Text that must not be empty."""
         if not isinstance(self.value, str) or not self.value:
             self._expected("a text")
         return self.value
 
     def flag(self) -> bool:
-        """A truth value."""
+        """Truth value."""
         if not isinstance(self.value, bool):
             self._expected("true or false")
         return self.value
@@ -140,15 +140,15 @@ class Field:
         most: float = math.inf,
         infinite: bool = False,
     ) -> float:
-        """A number in a range, finite unless infinite ones are allowed.
+        """Number in a range, finite unless infinite ones are allowed.
 
         Args:
-            expected: What was expected, for messages.
-            default: The number where there is no value; None if there must be one.
-            least: The least number.
-            above: What the number must be greater than.
-            most: The greatest number.
-            infinite: Whether it may be infinite.
+            expected: Description of valid numbers, for messages.
+            default: Number for a missing value; None if the value is required.
+            least: Smallest valid number.
+            above: Bound that the number must exceed.
+            most: Largest valid number.
+            infinite: Whether the number may be infinite.
         """
         value = self.value
         if value is None and default is not None:
@@ -165,7 +165,7 @@ class Field:
         return number
 
     def numbers(self, count: int | None = None) -> list[float]:
-        """A list of finite numbers, of a length if one is given."""
+        """List of finite numbers, of a given length if ``count`` is set."""
         values = self.value
         if not isinstance(values, list) or count not in (None, len(values)):
             self._expected("numbers" if count is None else f"{count} numbers")

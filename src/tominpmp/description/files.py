@@ -1,4 +1,4 @@
-"""Finding the files of a robot: its description by name or path, and its meshes."""
+"""Search for the files of a robot: its description by name or path, and its meshes."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from urllib.parse import unquote
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import RobotLoadError, brief, closest, shortened
 
-# Where example-robot-data has its files, below a prefix.
+# Folder of the files of example-robot-data, below an installation prefix.
 _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
 
-# Characters of a path that a message shows, and the most paths that it shows.
+# Characters of a path in a message, and the most paths in a message.
 LONGEST_PATH, MOST_PLACES = 400, 20
-# Names with a package, or with a path that is meant for one machine.
+# References into a package, and absolute paths that belong to another machine.
 _ELSEWHERE = re.compile(r"(package|model|file):|\$\(find|/|[A-Za-z]:[\\/]")
-# The name of a package in its manifest.
+# Package name in a manifest.
 _NAMED = re.compile(r"<name>\s*(\S+?)\s*</name>")
-# How ROS names a package in a path: the file was not expanded to the end.
+# Package reference of ROS in a path, left over where a file was not fully expanded.
 _FIND = re.compile(r"^(?:\w+://)?\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)/*")
 
-# Names that the example-robot-data loaders know and that are not simply the name of a
-# URDF file: the file, and the name of the SRDF file where that is called otherwise.
+# Names that the example-robot-data loaders know and that differ from the name of the
+# URDF file: the file, and the name of the SRDF file if that differs as well.
 _EXAMPLE_ALIASES: dict[str, tuple[str, ...]] = {
     "alexander": ("alexander_description/urdf/alexander_v1.lowerBodyOnly", "alexander"),
     "anymal": ("anymal_b_simple_description/robots/anymal",),
@@ -61,7 +61,7 @@ _EXAMPLE_ALIASES: dict[str, tuple[str, ...]] = {
 }
 
 
-# Which of the names are those of arms: in full, and by how they begin.
+# Names of arms among the robots: whole names, and prefixes.
 ARMS = ("baxter", "talos_arm", "talos_left_arm", "z1")
 ARM_FAMILIES = (
     *("asr_twodof", "double_pendulum", "kinova", "panda", "planar", "so10", "twodofs"),
@@ -76,7 +76,7 @@ class RobotFiles:
     Attributes:
         urdf: The description.
         srdf: The semantic description, if there is one.
-        name: The name asked for, ``None`` if it was a path.
+        name: The name that was asked for; ``None`` for a path.
     """
 
     urdf: Path
@@ -87,11 +87,11 @@ class RobotFiles:
 def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     """Find a robot's description.
 
-    A word is a name: of a bundled robot, else of one in example-robot-data. Whatever
-    has a folder or a suffix is a path.
+    A plain word is a name: of a bundled robot, else of one in example-robot-data.
+    Anything with a folder or a suffix is a path.
 
     Raises:
-        RobotLoadError: If there is no such robot, with the names there are.
+        RobotLoadError: If the robot is unknown; lists the known names.
     """
     if not isinstance(name_or_path, (str, os.PathLike)) or not str(name_or_path):
         raise RobotLoadError(
@@ -112,7 +112,7 @@ def find_srdf(urdf: Path) -> Path | None:
     """Find the semantic description that belongs to a URDF file by its name.
 
     Args:
-        urdf: The file; ``NAME.srdf`` is looked for beside it and in ``../srdf``.
+        urdf: The file; ``NAME.srdf`` is searched next to it and in ``../srdf``.
     """
     name = f"{urdf.stem}.srdf"
     for candidate in (urdf.parent / name, urdf.parent.parent / "srdf" / name):
@@ -127,7 +127,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def manipulators_first(names: Iterable[str]) -> tuple[str, ...]:
-    """Names of robots, those of arms before those of others, as they stand else."""
+    """Sort the names of robots: arms first, otherwise in the given order."""
 
     def is_other(name: str) -> bool:
         words = name.lower().replace("-", "_")
@@ -156,7 +156,7 @@ def _known_robots(examples: Path | None, bundled: Path) -> dict[str, RobotFiles]
     """
     robots: dict[str, RobotFiles] = {}
     if examples is not None:
-        # Two different files of one name (anymal) are told apart by the aliases.
+        # Two different files with one name (anymal) are distinguished by the aliases.
         for urdf in sorted(examples.glob("*/*/*.urdf")):
             robots[urdf.stem] = RobotFiles(urdf, find_srdf(urdf), urdf.stem)
         for name, (stem, *srdf_stem) in _EXAMPLE_ALIASES.items():
@@ -170,7 +170,7 @@ def _known_robots(examples: Path | None, bundled: Path) -> dict[str, RobotFiles]
 
 
 def _bundled_folder() -> Path:
-    """Folder of the bundled robots: in the wheel, else at the top of the checkout."""
+    """Folder of the bundled robots: in the wheel, or at the top of the checkout."""
     package = Path(__file__).parents[1]
     installed = package / "robots"
     return installed if installed.is_dir() else package.parent.parent / "robots"
@@ -178,9 +178,10 @@ def _bundled_folder() -> Path:
 
 @cache
 def _example_folder() -> Path | None:
-    """Folder of example-robot-data, which has no Python module: below a prefix.
+    """Folder of example-robot-data below a prefix; it has no Python module.
 
-    That of its wheel lies beside the packages; conda, robotpkg and ROS have their own.
+    Its wheel installs it next to the packages; conda, robotpkg and ROS have their own
+    prefixes.
     """
     roots = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
     roots += [Path(sys.prefix), *_environment_folders("AMENT_PREFIX_PATH")]
@@ -193,10 +194,10 @@ def _environment_folders(variable: str) -> list[Path]:
 
 
 def check_folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
-    """Check the folders given for packages; a single one is taken as such.
+    """Check the package folders; a single path counts as a list of one.
 
     Raises:
-        RobotLoadError: If a folder is not there.
+        RobotLoadError: If a folder does not exist.
     """
     if isinstance(package_dirs, (str, os.PathLike)):
         package_dirs = [package_dirs]
@@ -219,20 +220,20 @@ def resolve_resource(
 ) -> tuple[Path | None, tuple[Path, ...]]:
     """Find a file that a description refers to.
 
-    ``package://NAME/REST`` and ``$(find NAME)/REST`` are looked for in the given
-    folders (which are the package, or hold it, also in a folder of theirs), in those
-    above the description, beside its own package, and in those of
-    ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``; so is the path of another machine,
-    ``/.../share/NAME/REST`` or ``file://`` before it, if it is not there. Other names
-    are relative to the description, then to the given folders. Failing that,
-    backslashes are those of Windows, ``%20`` is a space, and letters may be large or
-    small, as long as that fits one file.
+    ``package://NAME/REST`` and ``$(find NAME)/REST`` are searched in the given folders
+    (which may be the package, or contain it, also one level deeper), in the folders
+    above the description, next to its own package, and in those of ``ROS_PACKAGE_PATH``
+    and ``AMENT_PREFIX_PATH``; so are absolute paths of another machine,
+    ``/.../share/NAME/REST``, also after ``file://``, if they do not exist. Other names
+    are relative to the description, then to the given folders. If all of that fails,
+    backslashes count as separators of Windows, ``%20`` as a space, and case is ignored
+    if a single file matches.
 
     Returns:
-        The file, ``None`` if there is none, and the paths tried.
+        The file, ``None`` if it does not exist, and the paths tried.
 
     Raises:
-        RobotLoadError: If the reference leads out of its package.
+        RobotLoadError: If the reference leaves its package.
     """
     slashed = filename.replace("\\", "/")
     names = dict.fromkeys((filename, slashed, unquote(slashed)))
@@ -250,7 +251,7 @@ def resolve_resource(
 
 
 def _is_file(path: Path) -> bool:
-    """Whether it can be read; not a device, reading which might never end."""
+    """Whether it is a regular file; reading a device might never end."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -258,7 +259,7 @@ def _is_file(path: Path) -> bool:
 
 
 def missing_resource(name: str, tried: Sequence[Path]) -> str:
-    """Say that a file is not there, where it was looked for, and what may help."""
+    """Message for a missing file, with the places searched and a remedy."""
     hints = (closest(path.name, _names_in(path.parent)) for path in tried)
     hint = next(filter(None, hints), "")
     places = [shortened(str(path), LONGEST_PATH) for path in tried[:MOST_PLACES]]
@@ -268,9 +269,9 @@ def missing_resource(name: str, tried: Sequence[Path]) -> str:
 
 
 def _in_packages(path: Path) -> list[str]:
-    """Names that a path of another machine may have below a package."""
+    """Package references that an absolute path of another machine may stand for."""
     parts = Path(os.path.normpath(path)).parts
-    # Of what is installed the package is known, of what lies in a workspace it is not.
+    # Installed files reveal their package, files in a workspace do not.
     starts: Iterable[int] = range(1, len(parts) - 1)
     if "share" in parts[:-1]:
         starts = [len(parts) - parts[::-1].index("share", 1)]
@@ -278,7 +279,7 @@ def _in_packages(path: Path) -> list[str]:
 
 
 def _in_any_case(path: Path) -> Path | None:
-    """The one path that is the same but for large and small letters."""
+    """The only existing path that matches if case is ignored."""
     path = path.absolute()
     found = Path(path.anchor)
     for part in path.parts[1:]:
@@ -293,7 +294,7 @@ def _in_any_case(path: Path) -> Path | None:
 
 
 def _names_in(folder: Path) -> tuple[str, ...]:
-    """Names of what is in a folder; none if it cannot be looked into."""
+    """Names in a folder; empty if it cannot be read."""
     try:
         return _listed(folder, folder.stat().st_mtime_ns)
     except (OSError, ValueError):
@@ -302,20 +303,20 @@ def _names_in(folder: Path) -> tuple[str, ...]:
 
 @lru_cache(maxsize=256)
 def _listed(folder: Path, changed: int) -> tuple[str, ...]:
-    """Names of what was in a folder when it was changed last."""
+    """Names in a folder at its last change; that time makes the cache key."""
     return tuple(os.listdir(folder))
 
 
 def find_package(name: str, path: Path, package_dirs: Sequence[Path]) -> Path:
-    """Find the folder of a package where :func:`resolve_resource` looks for its files.
+    """Find the folder of a package where :func:`resolve_resource` searches, too.
 
     Args:
         name: Name of the package.
-        path: The description that names it.
-        package_dirs: Folders that hold packages, or are the package.
+        path: The description that refers to it.
+        package_dirs: Folders that contain packages, or are the package.
 
     Raises:
-        RobotLoadError: If there is none.
+        RobotLoadError: If the package is not found.
     """
     for folder in _candidates(f"package://{name}/.", path, package_dirs):
         if name in (folder.name, _package_name(folder)) and folder.is_dir():
@@ -335,7 +336,7 @@ def _candidates(
     scheme, separator, rest = filename.partition("://")
     if not separator or scheme == "file":
         path = Path(rest if separator else filename)
-        # Joining an absolute path to a folder gives that path.
+        # An absolute path replaces the folder to which it is joined.
         for folder in (urdf.parent, *package_dirs):
             yield Path(os.path.normpath(folder / path))
         if _ELSEWHERE.match(filename):
@@ -348,9 +349,9 @@ def _candidates(
             "file://, nothing is fetched from elsewhere",
             urdf,
         )
-    # Some descriptions have package:///NAME/REST.
+    # Some descriptions write package:///NAME/REST.
     package, _, inside = rest.lstrip("/").partition("/")
-    # Joined to a folder, a path that began with "/" would replace it.
+    # A path with a leading "/" would replace the folder to which it is joined.
     inside = os.path.normpath(inside.lstrip("/") or ".")
     if package in ("", ".", "..") or inside == ".." or inside.startswith(".." + os.sep):
         raise RobotLoadError(
@@ -359,13 +360,13 @@ def _candidates(
     for folder in package_dirs:
         yield folder / package / inside
     yield from (d / inside for d in package_dirs if d.name == package)
-    # A description may be a link into the folder where its package really is.
+    # A description may be a symbolic link into the folder of its package.
     above = dict.fromkeys((*urdf.parents, *urdf.resolve().parents))
     ros = _environment_folders("ROS_PACKAGE_PATH")
     ros += [p / "share" for p in _environment_folders("AMENT_PREFIX_PATH")]
     yield from (d / package / inside for d in (*above, *ros))
-    # Folders may have other names than the packages in them: those given, those in
-    # them and two below, the one that the description is in, and those beside it.
+    # Folder and package names may differ: manifests are read in the given folders, up
+    # to two levels below them, in the description's own package, and in its siblings.
     own = [folder for folder in above if (folder / "package.xml").is_file()]
     depths = [(folder, 2) for folder in package_dirs]
     for folder, depth in (*depths, *((folder.parent, 1) for folder in own)):
@@ -377,7 +378,7 @@ def _candidates(
 
 @cache
 def _packages_in(folder: Path, depth: int) -> dict[str, Path]:
-    """Packages in a folder and so far below it, by their names; as it was once."""
+    """Packages in a folder, down to a depth, by name; cached until a search fails."""
     found: dict[str, Path] = {}
     for level in range(1, depth + 1):
         for manifest in sorted(folder.glob("*/" * level + "package.xml")):
@@ -386,7 +387,7 @@ def _packages_in(folder: Path, depth: int) -> dict[str, Path]:
 
 
 def _package_name(folder: Path) -> str:
-    """Name that the manifest in a folder gives; empty if there is none."""
+    """Package name in the manifest of a folder; empty without a manifest."""
     manifest = folder / "package.xml"
     try:
         text = manifest.read_text("utf-8", "replace") if manifest.is_file() else ""

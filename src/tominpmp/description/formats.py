@@ -1,4 +1,4 @@
-"""Files of robots in any format that is read: URDF, xacro or MJCF, by content."""
+"""Robot files in any supported format, URDF, xacro or MJCF, recognised by content."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def read_description(
     text: bytes | None = None,
     xacro_args: Mapping[str, object] | None = None,
 ) -> tuple[UrdfDescription, SemanticDescription | None, Mapping[str, Any]]:
-    """Read a file, or a text with its name.
+    """Read the description of a robot from a file or a text.
 
     Args:
-        path: The file.
-        package_dirs: Folders in which to look for packages.
-        text: Its content, if it is not to be read.
+        path: The file, or a name for the text.
+        package_dirs: Folders in which packages are searched.
+        text: Content, in place of that of the file.
         xacro_args: Values of the arguments of a xacro file.
 
     Returns:
-        As :func:`~tominpmp.description.from_pinocchio.describe_model`.
+        The same as :func:`~tominpmp.description.from_pinocchio.describe_model`.
 
     Raises:
         RobotLoadError: If it cannot be read.
-        OptionsError: If it has no such argument.
+        OptionsError: If the file does not declare such an argument.
         MissingDependency: If it is a xacro file and xacrodoc is not installed.
     """
     args = {} if xacro_args is None else xacro_args

@@ -1,9 +1,9 @@
-"""Models of Pinocchio, taken as the description that a URDF file would give.
+"""Models of Pinocchio, converted to the description that a URDF file would give.
 
-All that follows (locked joints, payloads, several robots in one, copies in other
-processes) knows descriptions only. Placements, inertias and limits are those of the
-model to rounding; the order of its joints is kept. Shapes that no file holds, and those
-that URDF does not know, become meshes that the description carries itself.
+All later stages (locked joints, payloads, several robots in one, copies in other
+processes) work on descriptions. Placements, inertias and limits equal those of the
+model up to rounding; the order of its joints is kept. Shapes without a file, and shapes
+that URDF lacks, become meshes within the description.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from tominpmp.description.tree import (
 from tominpmp.description.xml_reader import MAX_NUMBER, bounded
 from tominpmp.exceptions import RobotLoadError, brief
 
-# Two placements that differ by less are one [m, rad].
+# Tolerance within which two placements are equal [m, rad].
 SAME = 1e-12
-# Corners of what is round and becomes a mesh.
+# Number of vertices around a curved shape that becomes a mesh.
 CORNERS = 48
 
-# Triangles: corners (k, 3), and indices of three of them each (m, 3).
+# Triangle mesh: vertices (k, 3), and vertex indices of each triangle (m, 3).
 Triangles = tuple[Array, IntArray]
 
 
@@ -54,19 +54,19 @@ def describe_model(
 
     Args:
         model: Kinematics and inertia; joints of one degree of freedom only.
-        collision: Shapes to collide with.
-        visual: Shapes to look at.
-        package_dirs: Folders given for packages, which are kept.
-        path: The file that the model is of, if there is one.
+        collision: Collision shapes.
+        visual: Visual shapes.
+        package_dirs: Package folders, which are stored in the description.
+        path: The file of the model, if there is one.
 
     Returns:
-        The description; pairs of links that the collision geometry leaves out and
-        reference configurations, as an SRDF file has them, if there are any; lower and
-        upper effort limits [N m or N] by joint name where they are not opposite.
+        The description; a semantic description with the link pairs that the collision
+        geometry leaves out and the reference configurations, if there are any; lower
+        and upper effort limits [N m or N] by joint name if they are not opposite.
 
     Raises:
-        RobotLoadError: If a joint has several degrees of freedom or turns and slides,
-            or a shape is none that a link can have.
+        RobotLoadError: If a joint has several degrees of freedom or both turns and
+            slides, or a shape has an unsupported type.
     """
     path = Path(f"<pinocchio.Model {model.name}>") if path is None else path
     reader = _ModelReader(model, path)
@@ -98,7 +98,7 @@ def describe_model(
 
 
 class _ModelReader:
-    """Links and joints of a model."""
+    """Converts links and joints of a model."""
 
     def __init__(self, model: pin.Model, path: Path) -> None:
         self.model, self.path = model, path
@@ -106,7 +106,7 @@ class _ModelReader:
         pin.forwardKinematics(model, self.data, pin.neutral(model))
         self._joint_names = set(model.names)
         self._links: set[str] = set()
-        #: Link of each frame, by its index.
+        #: Link of each frame, by the index of the frame.
         self.link_of: dict[int, str] = {}
         self.main = [self._main_link(j) for j in range(model.njoints)]
         self.joints = [self._describe(j) for j in range(1, model.njoints)]
@@ -114,12 +114,12 @@ class _ModelReader:
 
     @property
     def moving(self) -> list[tuple[str, Any]]:
-        """Names and joints of the model that move freely."""
+        """Names and models of the joints that move freely."""
         joints = zip(self.model.names[1:], self.model.joints[1:], strict=True)
         return [(str(name), joint) for name, joint in joints if joint.nv == 1]
 
     def _describe(self, index: int) -> JointDescription:
-        """Kind, axis, limits and losses of a joint.
+        """Describe a joint: its kind, axis, limits and losses.
 
         Raises:
             RobotLoadError: If it does not turn about one axis or slide along one.
@@ -136,7 +136,7 @@ class _ModelReader:
                 "file without it",
                 self.path,
             )
-        # What moves a joint that follows is scaled by the ratio.
+        # The motion subspace of a mimic joint is scaled by its ratio.
         axis = motion[:3, 0] + motion[3:, 0]
         ratio = float(np.linalg.norm(axis))
         axis = frozen_array(axis / ratio)
@@ -153,7 +153,7 @@ class _ModelReader:
         if joint.nv == 0:
             place = list(model.mimicking_joints).index(index)
             leader = str(model.names[model.mimicked_joints[place]])
-            # It stands at the offset.
+            # At the neutral configuration the joint is at its offset.
             moved = pin.log6(data.M)
             offset = float(np.asarray(moved.angular if turns else moved.linear) @ axis)
             return JointDescription(**values, mimic=Mimic(leader, ratio, offset))
@@ -161,7 +161,7 @@ class _ModelReader:
         if joint.nq == 1:
             values["lower"] = bounded(model.lowerPositionLimit[joint.idx_q])
             values["upper"] = bounded(model.upperPositionLimit[joint.idx_q])
-        else:  # on two numbers, cosine and sine, it turns without end
+        else:  # cosine and sine as coordinates: a continuous joint
             values["kind"] = "continuous"
         effort = min(abs(model.lowerEffortLimit[v]), abs(model.upperEffortLimit[v]))
         values["velocity"] = bounded(model.velocityLimit[v])
@@ -173,7 +173,7 @@ class _ModelReader:
     # -- links -------------------------------------------------------------------------
 
     def _main_link(self, joint: int) -> str:
-        """Name of the link that a joint moves: its body's, or one like the joint's."""
+        """Name of the link that a joint moves: its body's, or one after the joint."""
         for index, frame in enumerate(self.model.frames):
             body = frame.type == pin.FrameType.BODY and frame.parentJoint == joint
             if body and frame.placement.isIdentity(SAME):
@@ -183,7 +183,7 @@ class _ModelReader:
         return fresh_name(own, self._links)
 
     def links(self) -> dict[str, LinkDescription]:
-        """The links by their names, without shapes: of the joints, then of frames."""
+        """Links by name, without shapes: first those of joints, then of frames."""
         links = {self.main[0]: LinkDescription(self.main[0])}
         for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
             if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():
@@ -198,7 +198,7 @@ class _ModelReader:
         return links | {name: LinkDescription(name) for name in of_frames}
 
     def _add_frames(self) -> None:
-        """Add a link for every further frame, fixed to the one of its joint."""
+        """Add a link for every further frame, fixed to the link of its joint."""
         frames, kinds = self.model.frames, pin.FrameType
         carried = {
             int(frame.parentFrame)
@@ -207,7 +207,7 @@ class _ModelReader:
         }
         for index, frame in enumerate(frames):
             skip = index == 0 or index in self.link_of or frame.type == kinds.JOINT
-            # A body behind a fixed joint: its link has the name of the body.
+            # A body behind a fixed joint: one link, with the name of the body.
             if skip or (frame.type == kinds.FIXED_JOINT and index in carried):
                 continue
             above = frames[frame.parentFrame]
@@ -231,10 +231,10 @@ class _ModelReader:
 
 
 def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | None:
-    """A shape of a link; None if it has no size.
+    """Convert a shape of a link; None if all its sizes are zero.
 
     Raises:
-        RobotLoadError: If it is none that a link can have.
+        RobotLoadError: If its type is not supported.
     """
     body, place = item.geometry, frozen_array(placement.homogeneous)
     kind, file = type(body).__name__, Path(item.meshPath)
@@ -271,13 +271,13 @@ def _uneven_efforts(reader: _ModelReader) -> dict[str, tuple[float, float]]:
 def _semantics(
     reader: _ModelReader, collision: pin.GeometryModel | None, path: Path
 ) -> SemanticDescription | None:
-    """What an SRDF file would say of the model."""
+    """Group states and disabled pairs of the model, as an SRDF file has them."""
     states: dict[str, dict[str, float]] = {}
     for item in reader.model.referenceConfigurations:
         state, q = states.setdefault(str(item.key()), {}), np.asarray(item.data())
         for name, joint in reader.moving:
             part = q[joint.idx_q : joint.idx_q + joint.nq]
-            # Two numbers are cosine and sine.
+            # Two coordinates are cosine and sine.
             angle = math.atan2(part[-1], part[0]) if joint.nq == 2 else float(part[0])
             state[name] = angle
     pairs = () if collision is None else _left_out(reader, collision)
@@ -289,9 +289,9 @@ def _semantics(
 def _left_out(
     reader: _ModelReader, collision: pin.GeometryModel
 ) -> tuple[tuple[str, str], ...]:
-    """Pairs of links that the collision pairs leave out; none if they say nothing.
+    """Link pairs that the collision pairs leave out; empty without a real choice.
 
-    Without any pair, and with all that there can be, nobody has chosen.
+    A model without any pair, or with all possible pairs, makes no choice.
     """
     items = list(collision.geometryObjects)
     links = [reader.placed(item)[0] for item in items]
@@ -310,7 +310,7 @@ def _left_out(
 
 
 def _triangles(solid: Any) -> Triangles | None:
-    """Triangles of a shape, which they enclose where it is round; None if unknown."""
+    """Triangles of a shape, circumscribed where it is curved; None if unsupported."""
     kind = type(solid).__name__
     if kind.startswith("BVHModel"):
         faces = [solid.tri_indices(i) for i in range(solid.num_tris)]
@@ -325,7 +325,7 @@ def _triangles(solid: Any) -> Triangles | None:
         return _hull(np.vstack([np.hstack([solid.radius * ring, base]), top]))
     if kind == "Ellipsoid":
         tilt = np.linspace(0.0, np.pi, CORNERS // 2 + 1)[:, None, None]
-        # Outwards, so that the faces and not the corners touch it.
+        # Circumscribed: the faces touch the ellipsoid, the vertices are outside.
         ball = np.concatenate(
             [
                 np.sin(tilt) * ring,

@@ -1,7 +1,7 @@
-"""Inertia of what the joints of a description move: left out, or of no body at all.
+"""Inertia that the joints of a description move: missing, or physically impossible.
 
-What counts is the body that a joint moves: links fixed to each other are one, so that
-frames without mass, as of tools and bases, do no harm.
+The relevant body is all that a joint moves: links fixed to each other are one body, so
+that massless frames, as of tools and bases, do no harm.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ from tominpmp.description.joint_table import KINEMATIC, JointTable, example_valu
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import RobotLoadError, warn_caller
 
-# Moments below this share of mass times a square metre are none.
+# Moments below this share of the mass times 1 m^2 count as zero.
 POINT = 1e-9
-# By this share of the largest moment the other two may fall short of it together: in
-# three digits those of flat bodies do by 0.995 %, and none of their moments falls below
-# zero by more.
+# Relative violation of the triangle inequality of moments that rounding explains: for
+# flat bodies three digits violate it by up to 0.995 % of the largest moment, and no
+# moment falls below zero by more.
 ROUNDED = 1e-2
-# Joints in one place: with links between them that only name them [m].
+# Distance of joints that count as coincident, with only nominal links between them [m].
 TOGETHER = 1e-2
-# Joints that a warning names.
+# Most joints that a warning names.
 MOST = 5
 
-# Below these a mass matrix counts as singular: the least diagonal entry [kg m^2 or kg],
-# and the least eigenvalue once the diagonal is scaled to one. The least of the robots
-# in example-robot-data are 4e-6 (a finger) and 4e-6 (a humanoid).
+# Below these values a mass matrix counts as singular: the smallest diagonal entry [kg
+# m^2 or kg], and the smallest eigenvalue once the diagonal is scaled to one. The
+# smallest of the robots in example-robot-data are 4e-6 (a finger) and 4e-6 (a
+# humanoid).
 MIN_INERTIA = 1e-12
 MIN_SCALED_INERTIA = 1e-10
 
@@ -38,9 +39,9 @@ INERTIA_SAMPLES = 5
 
 
 def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
-    """Warn of moving joints that carry links without mass, or of none that can be.
+    """Warn of moving joints that carry massless or physically impossible links.
 
-    Frames between joints in one place need no mass.
+    Frames between coincident joints need no mass.
     """
     bodies = description.bodies
     shaped = {link.name for link in bodies if link.collisions or link.visuals}
@@ -55,7 +56,7 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
 
 
 def listed(faults: Sequence[str]) -> str:
-    """Faults of bodies, and what follows from them."""
+    """Faults of bodies, with their consequences, in a sentence."""
     shown = "; ".join(faults[:MOST])
     rest = f"; and {len(faults) - MOST} more" if len(faults) > MOST else ""
     return (
@@ -65,7 +66,7 @@ def listed(faults: Sequence[str]) -> str:
 
 
 def impossible_bodies(model: pin.Model) -> dict[int, str]:
-    """By joint whose body has an inertia that no body has what is wrong with it."""
+    """Faults of physically impossible inertias, by the joint that moves the body."""
     found = {}
     for joint in range(1, model.njoints):
         inertia, fault = model.inertias[joint], None
@@ -79,13 +80,13 @@ def impossible_bodies(model: pin.Model) -> dict[int, str]:
 
 
 def impossible_moments(tensor: Array) -> str | None:
-    """What no body has of an inertia, in a clause; None where a body can have it.
+    """Fault of a physically impossible inertia, in a clause; None if it is possible.
 
     Args:
         tensor: Inertia about the centre of mass, shape (3, 3) [kg m^2].
     """
     small, middle, large = np.linalg.eigvalsh(tensor).tolist()
-    # A moment below zero leaves the middle one too small for the largest.
+    # A negative moment makes the middle one too small for the largest.
     if small + middle >= (1.0 - ROUNDED) * large:
         return None
     return (
@@ -95,7 +96,7 @@ def impossible_moments(tensor: Array) -> str | None:
 
 
 def _lack(model: pin.Model, joint: int, shaped: set[str]) -> str | None:
-    """What the body behind a joint is without, in a clause."""
+    """Missing mass or moments of the body behind a joint, in a clause."""
     inertia = model.inertias[joint]
     if inertia.mass == 0.0 and not _virtual(model, joint, shaped):
         return "has no mass"
@@ -109,7 +110,7 @@ def _is_point(inertia: pin.Inertia) -> bool:
 
 
 def _virtual(model: pin.Model, joint: int, shaped: set[str]) -> bool:
-    """Whether links have no shape and only stand between joints in one place."""
+    """Whether links have no shape and only connect coincident joints."""
     carried = [k for k in range(1, model.njoints) if int(model.parents[k]) == joint]
     if not carried or shaped.intersection(links_of(model, joint)):
         return False
@@ -127,7 +128,7 @@ def links_of(model: pin.Model, joint: int) -> list[str]:
 
 
 def named_body(model: pin.Model, joint: int) -> str:
-    """The link behind a joint, or some that are fixed to each other."""
+    """Description of the body behind a joint, with the links fixed to each other."""
     first, *others = links_of(model, joint) or [""]
     fixed = f" with what is fixed to it ({', '.join(others[:2])})" if others else ""
     return f"link {first}{fixed} behind joint {model.names[joint]}"
@@ -140,20 +141,21 @@ def check_inertia(
     offset: Array | None,
     description: UrdfDescription,
 ) -> None:
-    """Check that joints move bodies that can be, and none without bound.
+    """Check that joints move possible inertias, and none without inertia.
 
-    A joint with rotor inertia may move what no body is: its torques are not its own.
+    A joint with rotor inertia may move an impossible body: its torques do not come from
+    that body alone.
 
     Args:
         model: Model with its rotor inertia.
-        table: Values of the n free joints; positions are taken between their limits.
+        table: Values of the n free joints; the limits bound the sampled positions.
         matrix: S, shape (nv, n), or ``None``.
         offset: c, shape (nv,), or ``None``.
         description: The robot, for messages.
 
     Raises:
-        RobotLoadError: Naming the joints that move what no body is, or that move while
-            the mass matrix is singular.
+        RobotLoadError: If joints move impossible bodies, or the mass matrix is
+            singular; names the joints.
     """
     path, names = description.path, table.joint_names
     matrix = np.eye(len(names)) if matrix is None else matrix
@@ -198,13 +200,13 @@ def check_inertia(
 
 
 def singular_directions(mass: Array) -> NDArray[np.bool_]:
-    """Find the joints that move where a mass matrix is singular; none if it is not.
+    """Find the joints that move in the null space of a mass matrix, if it is singular.
 
     Args:
         mass: The matrix, shape (n, n).
 
     Returns:
-        Which joints do, shape (n,).
+        Which joints move there, shape (n,); none for a regular matrix.
     """
     own = np.diag(mass)
     if (own < MIN_INERTIA).any():

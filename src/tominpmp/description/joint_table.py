@@ -1,4 +1,4 @@
-"""Which joints move freely, and their limits, friction and rotor inertia."""
+"""Free, locked and following joints, with their limits, friction and rotor inertia."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from tominpmp.exceptions import (
 
 @dataclass(frozen=True)
 class Linkage:
-    """How the joints of a description depend on those that remain free.
+    """Dependence of the joints of a description on those that remain free.
 
     Attributes:
         locked: Position of every joint that cannot move [rad or m].
-        followers: Joints that follow a free joint; chains are resolved.
+        followers: Joints that follow a free joint, with their direct relation to it.
     """
 
     locked: Mapping[str, float]
@@ -40,19 +40,19 @@ class Linkage:
     def resolve(
         cls, joints: Sequence[JointDescription], locked_joints: Mapping[str, float]
     ) -> Linkage:
-        """Follow mimic joints to their leaders.
+        """Express mimic joints by their leaders.
 
-        A leader that is locked, or fixed (which counts as being at zero), locks those
-        that follow it.
+        A leader that is locked, or fixed (which counts as locked at zero), locks its
+        followers.
 
         Args:
             joints: All joints that can move.
             locked_joints: Positions of the joints to lock [rad or m].
 
         Raises:
-            JointNotFound: If a joint to lock is not there.
-            OptionsError: If a position is no finite number, or contradicts a leader.
-            RobotLoadError: If mimic joints follow each other in a circle.
+            JointNotFound: If a joint to lock does not exist.
+            OptionsError: If a position is not a finite number, or contradicts a leader.
+            RobotLoadError: If mimic joints follow each other in a cycle.
         """
         names = [joint.name for joint in joints]
         mimics = {joint.name: joint.mimic for joint in joints if joint.mimic}
@@ -81,7 +81,7 @@ class Linkage:
         return cls(locked, followers)
 
     def reasons(self) -> dict[str, str]:
-        """Say of every joint that is not free why."""
+        """For every joint that is not free, the reason, in words."""
         follows = {
             name: f"follows {mimic.leader}; set it there"
             for name, mimic in self.followers.items()
@@ -92,7 +92,7 @@ class Linkage:
         """Warn of joints that are locked outside their limits, beyond rounding."""
         for joint in joints:
             position = self.locked.get(joint.name)
-            # Limits may be left out (NaN) or be nonsense where a joint is not to move.
+            # Limits may be missing (NaN) or meaningless for a joint that is not moved.
             if position is None or not joint.lower < joint.upper:
                 continue
             if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
@@ -122,7 +122,7 @@ def _check_positions(
 
 
 def _resolve_chain(name: str, mimics: Mapping[str, Mimic]) -> Mimic:
-    """Express a mimic joint by the first joint of its chain, which follows none."""
+    """Express a mimic joint by the leader at the end of its chain."""
     multiplier, offset, joint = 1.0, 0.0, name
     for _ in range(len(mimics) + 1):
         if joint not in mimics:
@@ -134,7 +134,7 @@ def _resolve_chain(name: str, mimics: Mapping[str, Mimic]) -> Mimic:
     raise RobotLoadError(f"joint {name} follows itself: mimic joints form a circle")
 
 
-#: One value for all joints, one for each in joint order, or some by joint name.
+#: One value for all joints, one per joint in their order, or some by joint name.
 JointValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
 
 
@@ -145,24 +145,24 @@ def override(
     joint_names: Sequence[str],
     not_free: Mapping[str, str],
 ) -> Array:
-    """Replace values per joint by those a caller gave.
+    """Replace values per joint by a caller's values.
 
     Args:
         option: Name of the argument, for messages.
         values: A number for all joints, an array in joint order, or numbers by joint
-            name; joints not named keep their value.
-        current: Present values, shape (n,), or (n, 2) where a joint has a lower and an
-            upper value; then a pair may stand for each number, and a number x means
+            name; joints that are not named keep their value.
+        current: Current values, shape (n,), or (n, 2) for a lower and an upper value
+            per joint; then pairs are allowed in place of numbers, and a number x means
             (-x, x).
         joint_names: Names of the joints, length n.
-        not_free: Joints of the robot that have no value, and why.
+        not_free: Joints of the robot without a value, with the reason.
 
     Returns:
         The values, same shape as ``current``.
 
     Raises:
-        OptionsError: If a value is no number, or there are too many or too few.
-        JointNotFound: If a name is not that of a joint.
+        OptionsError: If a value is not a number, or there are too many or too few.
+        JointNotFound: If a name is not the name of a joint.
     """
     result = np.array(current, dtype=np.float64)
     n, pairs = len(joint_names), current.ndim == 2
@@ -201,11 +201,11 @@ def override(
 
 
 def _fault(option: str, row: np.void) -> str:
-    """What is wrong with a value that a joint was given, empty for nothing.
+    """Fault of a value for a joint, in a clause; empty for a valid value.
 
     Args:
-        option: The column of the value.
-        row: The row of :data:`ROW` of the joint.
+        option: Column of the value.
+        row: Row of the joint, see :data:`ROW`.
     """
     value, speed, crossed = row[option], option == "velocity", False
     if option == "effort":
@@ -226,7 +226,7 @@ def _fault(option: str, row: np.void) -> str:
 
 
 def check_gravity(gravity: ArrayLike) -> Array:
-    """Check that gravity is a vector."""
+    """Check that gravity is a vector of three finite numbers."""
     vector = array_or_nan(gravity)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise OptionsError(
@@ -237,14 +237,14 @@ def check_gravity(gravity: ArrayLike) -> Array:
 
 
 def check_kinematic(kinematic: object, values: Mapping[str, object]) -> None:
-    """Check whether a robot is kinematic, and then is given nothing of its dynamics.
+    """Check the flag of kinematic robots, and that they get no dynamic values.
 
     Args:
-        kinematic: Whether it is.
-        values: What is given for the columns of its table, None for nothing.
+        kinematic: Whether the robot is kinematic.
+        values: The caller's values by column of the joint table; None for no value.
 
     Raises:
-        OptionsError: If that is no truth value, or a value is not None.
+        OptionsError: If the flag is not a truth value, or a dynamic value is given.
     """
     if not isinstance(kinematic, bool):
         raise wrong(kinematic, "kinematic", FLAG, OptionsError)
@@ -257,9 +257,9 @@ def check_kinematic(kinematic: object, values: Mapping[str, object]) -> None:
 def stack_parts(
     joints: Sequence[str], names: Sequence[str], values: Mapping[str, object]
 ) -> Array:
-    """Put values of the joints of several robots into one array.
+    """Stack the joint values of several robots into one array.
 
-    The names of the joints have that of their robot before each.
+    The joint names are prefixed with the name of their robot.
 
     Raises:
         ProblemError: If a robot is missing or unknown, or a length is wrong.
@@ -275,7 +275,7 @@ def stack_parts(
     for name in names:
         rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
         named, given = by_joint(values[name]), array_or_nan(values[name])
-        if named is not None:  # by the names that they have in their own robot
+        if named is not None:  # by the names within their own robot
             own = [joints[i].removeprefix(f"{name}/") for i in rows]
             given = in_order(named, own, name)
         if given.shape != (len(rows),):
@@ -320,7 +320,7 @@ class JointLimits(Record):
             raise ProblemError(f"limits: lengths differ: {sizes}", "limits")
 
 
-#: A row of :class:`JointTable`; NaN where a value is not known.
+#: A row of :class:`JointTable`; unknown values are NaN.
 ROW = np.dtype(
     [
         ("position_lower", np.float64),  # [rad or m]
@@ -334,25 +334,25 @@ ROW = np.dtype(
 )
 
 
-# The other way out where the dynamics of a robot are not known.
+# Alternative for robots with unknown dynamics, in messages.
 KINEMATIC = (
     "kinematic=True to plan with limits of speed and acceleration alone, without "
     "torques"
 )
 
-#: Its columns: values that callers may give instead of those of a description.
+#: Columns of the table: values that callers may override.
 OVERRIDES: tuple[str, ...] = ROW.names or ()
-# Those of its columns that are zero for a kinematic robot.
+# Columns that are zero for a kinematic robot.
 LOSSES = ("damping", "armature", "friction")
 
 
 @dataclass(frozen=True, eq=False)
 class JointTable:
-    """Values per joint; ``table["velocity"]`` is a column of them.
+    """Values per joint; ``table["velocity"]`` is a column of the table.
 
     Attributes:
         joint_names: Names of the n joints.
-        rows: One row of :data:`ROW` for each, shape (n,).
+        rows: One row of :data:`ROW` per joint, shape (n,).
     """
 
     joint_names: tuple[str, ...]
@@ -369,17 +369,17 @@ class JointTable:
         joints: Sequence[JointDescription],
         linkage: Linkage,
     ) -> JointTable:
-        r"""Collect what a URDF file says about the joints that are free.
+        r"""Collect the values of the free joints from a description.
 
-        A joint that follows, :math:`q_f = m q + o`, passes its position and velocity
-        limits and its friction, viscous :math:`m^2 d_f` and dry :math:`|m| f_f`, on
-        to the joint that it follows. Its effort limit has no meaning: the motor is at
+        A joint that follows, :math:`q_f = m q + o`, contributes its position and
+        velocity limits and its friction, viscous :math:`m^2 d_f` and dry :math:`|m|
+        f_f`, to the joint that it follows. Its effort limit is ignored: the motor is at
         the leader.
 
         Args:
             joint_names: Free joints, in the order of the model.
             joints: All joints of the description.
-            linkage: Which of them follow.
+            linkage: Locked and following joints.
         """
         by_name = {joint.name: joint for joint in joints}
         rows = []
@@ -388,7 +388,7 @@ class JointTable:
             for follower, mimic in linkage.followers.items():
                 if mimic.leader == name:
                     joint = _led(joint, by_name[follower], mimic)
-            # A limit of zero is how descriptions say that they do not know it.
+            # In descriptions, a limit of zero stands for an unknown limit.
             velocity = joint.velocity if joint.velocity > 0 else math.nan
             effort = joint.effort if 0 < joint.effort < math.inf else math.nan
             limits = (joint.lower, joint.upper, velocity, (-effort, effort))
@@ -398,11 +398,11 @@ class JointTable:
     def overridden(
         self, not_free: Mapping[str, str], values: Mapping[str, JointValues | None]
     ) -> JointTable:
-        """Replace values by those a caller gave.
+        """Replace values by a caller's values.
 
         Args:
-            not_free: Joints of the robot that are not in the table, and why.
-            values: By column of the table; ``None`` changes nothing.
+            not_free: Joints of the robot that are not in the table, with the reason.
+            values: Values by column of the table; ``None`` changes nothing.
 
         Raises:
             OptionsError: If a value is wrong.
@@ -420,7 +420,7 @@ class JointTable:
         return JointTable(names, rows)
 
     def without_dynamics(self) -> JointTable:
-        """The table of a kinematic robot: no limits of torques, friction or rotors."""
+        """Table of a kinematic robot: no torque limits, friction or rotor inertia."""
         rows = self.rows.copy()
         rows["effort"] = -np.inf, np.inf
         for column in LOSSES:
@@ -433,15 +433,15 @@ class JointTable:
         return self["position_lower"], self["position_upper"]
 
     def only(self, joint_names: Sequence[str]) -> JointTable:
-        """Table of some of the joints, in the order of their names."""
+        """Table of some of the joints, in the order of the given names."""
         rows = [self.joint_names.index(name) for name in joint_names]
         return JointTable(tuple(joint_names), self.rows[rows])
 
     def check_complete(self, path: Path) -> None:
-        """Check that every joint has all limits, and room to move.
+        """Check that every joint has all limits, and a range to move in.
 
         Raises:
-            RobotLoadError: Naming all joints, and the arguments that mend it.
+            RobotLoadError: If not; names all such joints, and arguments that help.
         """
         complaints = []
         for quantity in ("effort", "velocity"):
@@ -453,7 +453,7 @@ class JointTable:
                     f"{quantity}={example_values(joints)}"
                     + (f", or {KINEMATIC}" if quantity == "effort" else "")
                 )
-        # True also where a limit is NaN.
+        # The test is also true for limits that are NaN.
         ends = zip(self.joint_names, *self.ends, strict=True)
         joints = [name for name, lower, upper in ends if not lower < upper]
         if joints:
@@ -468,14 +468,14 @@ class JointTable:
 
 
 def example_values(joints: Sequence[str]) -> str:
-    """Write the beginning of an argument with values for some joints."""
+    """Template of an argument with values for some joints, for messages."""
     return "{" + ", ".join(f"{joint!r}: ..." for joint in joints) + "}"
 
 
 def _led(
     joint: JointDescription, follower: JointDescription, mimic: Mimic
 ) -> JointDescription:
-    """Describe a joint so that its limits and friction include a follower's."""
+    """Include the limits and friction of a follower in those of its leader."""
     m = mimic.multiplier
     joint = replace(
         joint,
@@ -486,9 +486,9 @@ def _led(
     if m == 0.0:
         return joint
     if follower.velocity > 0:
-        # In this order a limit that is not known (NaN) remains so.
+        # min() in this order keeps an unknown limit (NaN).
         joint = replace(joint, velocity=min(joint.velocity, follower.velocity / abs(m)))
-    # Limits left out or degenerate are common on joints that follow.
+    # Missing or degenerate limits are common on joints that follow.
     if follower.lower < follower.upper:
         ends = [(x - mimic.offset) / m for x in (follower.lower, follower.upper)]
         lower, upper = max(joint.lower, min(ends)), min(joint.upper, max(ends))

@@ -1,7 +1,7 @@
-"""How large the shapes of a mesh file become, which may show one of them many times.
+"""Sizes of the shapes of a mesh file after expansion, as it may repeat a shape often.
 
-A file of two kilobytes may hold a tree of which each branch is the one before it twice,
-or say that it has an array of a billion zeros.
+A file of two kilobytes may contain a tree in which each branch repeats the previous one
+twice, or declare an array of a billion zeros.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from xml.etree.ElementTree import Element
 
 from tominpmp.description.xml_reader import parse_xml
 
-# Endings of files that may show a shape more than once.
+# Endings of formats in which a shape may be repeated.
 MAY_REPEAT = (".dae", ".glb", ".gltf")
-# What showing a shape takes beside the shape, and a number of one [bytes].
+# Memory of an instance in addition to its shape, and of a number of a shape [bytes].
 INSTANCE = 2000
 NUMBER = 16
-# What shapes may take beside twice the size of their file [bytes].
+# Most memory for shapes in addition to twice the size of their file [bytes].
 MAX_EXPANDED = 50_000_000
 
 
 def check_expanded(path: Path, data: bytes) -> None:
-    """Check that the shapes of a mesh file, each as often as it is shown, take little.
+    """Check that the shapes of a mesh file, with all repetitions, fit into memory.
 
     Raises:
-        ValueError: If they take much more than the file.
-        Exception: Of any kind, if the file is not what its name says.
+        ValueError: If they take much more memory than the file.
+        Exception: Of any kind, if the content does not match the ending.
     """
     suffix = path.suffix.lower()
     size = 0.0
@@ -78,9 +78,9 @@ def _collada_size(root: Element) -> float:
     sizes: dict[Element, float] = {}
 
     def size(element: Element) -> float:
-        """Size of what is below an element, and of what that refers to."""
+        """Size of an element's content, including the shapes that it refers to."""
         if element not in sizes:
-            sizes[element] = math.inf  # what contains itself has no end
+            sizes[element] = math.inf  # a cyclic reference has no end
             total = len(element.text or "") + sum(map(size, element))
             if element.tag.startswith("instance"):
                 shape = named.get(element.get("url", "").removeprefix("#"))

@@ -1,8 +1,8 @@
-"""MJCF, the files of MuJoCo: Pinocchio reads the tree, once it is made plain for it.
+"""MJCF, the format of MuJoCo: simplified first, then read by Pinocchio.
 
-Included files and defaults are put where they belong, all bodies stand on one world,
-and meshes are paths of files that exist. What that parser leaves out is read here:
-limits of actuators and of joints that slide, excluded pairs and gravity.
+Includes and defaults are resolved, all bodies are attached to one world body, and
+meshes become paths of existing files. Features that Pinocchio's parser omits are read
+here: limits of actuators and of sliding joints, excluded pairs and gravity.
 """
 
 from __future__ import annotations
@@ -33,24 +33,24 @@ from tominpmp.description.tree import (
 from tominpmp.description.xml_reader import XmlContext, read_xml, to_number, xml_text
 from tominpmp.exceptions import brief, shortened, warn_caller
 
-# Elements that make bodies in ways that Pinocchio does not know, and those that count
-# and are not read; attributes of the latter kind.
+# Elements that generate bodies in ways that Pinocchio does not support; elements, and
+# then attributes, that affect the dynamics and are not read.
 MAKERS = {"attach", "composite", "flexcomp", "frame", "replicate"}
 UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass"}
 UNREAD |= {"inertiagrouprange"}
-# Actuators, which share their defaults; forces of the first two follow from controls.
+# Actuators, which share their defaults; for the first two, forces follow from controls.
 DIRECT = ("motor", "general")
 ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".split())
-# Joints of several degrees of freedom.
+# Joints with several degrees of freedom.
 MANY = ("free", "ball")
-# What Pinocchio is told of the compiler; shapes that it can make, with the sizes of
-# each; numbers of attributes, which it does not count.
+# Attributes of the compiler that Pinocchio reads; supported shapes, with the number of
+# their sizes; lengths of further attributes, which Pinocchio does not check.
 COMPILER = {"angle", "eulerseq", "boundmass", "boundinertia", "inertiafromgeom"}
 ROUND, SOLID = {"sphere": 1, "capsule": 2, "cylinder": 2}, {"box": 3, "ellipsoid": 3}
 SHAPES = {"mesh": 0, **ROUND, **SOLID}
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6}
-# Attributes of one number that is not below zero, of any size.
+# Attributes that are one nonnegative number of any size.
 AMOUNTS = ("mass", "armature", "damping", "frictionloss")
 
 Range = tuple[float, float]
@@ -59,19 +59,19 @@ Range = tuple[float, float]
 def describe_mjcf(
     root: Element, path: Path, package_dirs: Sequence[Path] = ()
 ) -> tuple[UrdfDescription, SemanticDescription, Mapping[str, Range]]:
-    """Describe the robot of an MJCF file, whose joints have no limits of speed.
+    """Describe the robot of an MJCF file, whose joints have no speed limits.
 
     Args:
-        root: Root of the file, ``<mujoco>``; it is changed.
+        root: Root of the file, ``<mujoco>``; it is modified.
         path: The file; names of other files are relative to it.
-        package_dirs: Folders in which to look for them, too.
+        package_dirs: Further folders in which these files are searched.
 
     Returns:
-        As :func:`~tominpmp.description.from_pinocchio.describe_model`.
+        The same as :func:`~tominpmp.description.from_pinocchio.describe_model`.
 
     Raises:
-        RobotLoadError: If it is none that Pinocchio can read, a joint has several
-            degrees of freedom, or a mesh or an included file is not there.
+        RobotLoadError: If Pinocchio cannot read the file, a joint has several degrees
+            of freedom, or a mesh or an included file is missing.
     """
     reader = _MjcfReader(root, XmlContext(path), package_dirs)
     described, semantics, _ = describe_model(*reader.built(), package_dirs, path)
@@ -83,7 +83,7 @@ def describe_mjcf(
     found = [(e.get("body1", ""), e.get("body2", "")) for e in root.iter("exclude")]
     pairs = sorted({(min(pair), max(pair)) for pair in found})
     states = {} if semantics is None else dict(semantics.group_states)
-    states.pop("qpos0", None)  # which Pinocchio adds
+    states.pop("qpos0", None)  # added by Pinocchio
     return (
         replace(described, tree=tree, gravity=gravity),
         SemanticDescription(tuple(pairs), states, path),
@@ -92,7 +92,7 @@ def describe_mjcf(
 
 
 class _MjcfReader:
-    """Makes a file plain, and keeps what Pinocchio does not read."""
+    """Simplifies a file, and keeps the data that Pinocchio does not read."""
 
     def __init__(
         self, root: Element, context: XmlContext, folders: Sequence[Path]
@@ -102,18 +102,18 @@ class _MjcfReader:
         self.compiler = {"angle": "degree"}
         for element in root.findall("compiler"):
             self.compiler |= element.attrib
-        #: Attributes by tag, by the name of the class of defaults.
+        #: Defaults by name of their class: attributes by tag.
         self.classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
         for element in root.findall("default"):
             self._add_class(element, self.classes["main"], "main")
         self._fill_in(root, "main")
         self.joints: dict[str, Element] = {}
-        #: Meshes whose files are not there, with what to say of it; shapes left out.
+        #: Missing mesh files, with a message; shapes that were left out.
         self.missing: dict[str, str] = {}
         self.unseen: list[str] = []
 
     def _include(self, element: Element, seen: set[Path]) -> None:
-        """Put the content of included files where they are included."""
+        """Replace include elements by the content of their files."""
         for place, child in reversed([*enumerate(element)]):
             if child.tag == "include":
                 name = self.context.text(child, "file", "include")
@@ -128,7 +128,7 @@ class _MjcfReader:
     def _add_class(
         self, element: Element, above: Mapping[str, Mapping[str, str]], name: str
     ) -> None:
-        """Keep the defaults of a class, which has those of the one above it."""
+        """Store the defaults of a class, which inherits those of its parent class."""
         own = {tag: dict(values) for tag, values in above.items()}
         self.classes[element.get("class", name)] = own
         for child in element:
@@ -137,7 +137,7 @@ class _MjcfReader:
             self._add_class(child, own, "")
 
     def _fill_in(self, element: Element, childclass: str) -> None:
-        """Give all elements within one their defaults."""
+        """Set the defaults of all elements inside an element."""
         childclass = element.attrib.pop("childclass", childclass)
         for child in element:
             if child.tag == "default":
@@ -152,7 +152,7 @@ class _MjcfReader:
             self._fill_in(child, childclass)
 
     def built(self) -> tuple[pin.Model, pin.GeometryModel, pin.GeometryModel]:
-        """Model, shapes to collide with and to look at.
+        """Model, collision geometry and visual geometry.
 
         Raises:
             RobotLoadError: If Pinocchio cannot read the file.
@@ -171,7 +171,7 @@ class _MjcfReader:
                 self.context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
 
     def _plain(self) -> Element:
-        """A file that says the same, and that Pinocchio can read."""
+        """Equivalent file that Pinocchio can read."""
         root, path = self.root, self.context.path
         plain = Element("mujoco", model=root.get("model", path.stem))
         kept = {k: v for k, v in self.compiler.items() if k in COMPILER}
@@ -193,7 +193,7 @@ class _MjcfReader:
             item.attrib.pop("texture", None)
             if item.tag != "mesh" or item.get("name") not in self.missing:
                 asset.append(item)
-        # Pinocchio reads the first body only, and forgets where it stands.
+        # Pinocchio reads the first body only, and ignores its placement.
         world = SubElement(SubElement(plain, "worldbody"), "body", name=WORLD)
         for body in root.findall("worldbody"):
             world.extend(body)
@@ -210,17 +210,17 @@ class _MjcfReader:
         return plain
 
     def _make_plain(self, body: Element, names: set[str]) -> None:
-        """Name what is in a body, leave out what Pinocchio cannot make, keep joints."""
+        """Name the elements of a body, drop unsupported shapes, and store joints."""
         where = f"body {body.get('name')}"
         for child in list(body):
             counts = PLACEMENT | COUNTS
             tag, kind = child.tag, child.get("type", "sphere")
             if tag == "geom" and "mesh" in child.attrib:
-                # A shape that MuJoCo fits to a mesh is that mesh.
+                # MuJoCo fits a primitive to the mesh; here the mesh itself is taken.
                 kind = child.attrib["type"] = "mesh"
             if tag == "geom" and kind in SHAPES:
                 count = 1 if "fromto" in child.attrib else SHAPES[kind]
-                # There may be more, of defaults that serve several shapes.
+                # Defaults for several kinds of shapes may have surplus sizes.
                 child.set("size", " ".join(child.get("size", "").split()[:count]))
                 counts = counts | {"size": count}
             for key in counts.keys() & child.attrib.keys():
@@ -253,13 +253,13 @@ class _MjcfReader:
             elif tag == "geom" and (kind not in SHAPES or self._is_unseen(body, child)):
                 body.remove(child)
             elif tag == "geom" and "fromto" not in child.attrib:
-                # Pinocchio turns no shape that has no position.
+                # Pinocchio ignores the rotation of a shape without a position.
                 child.set("pos", child.get("pos", "0 0 0"))
 
     def _with_one_joint(
         self, parent: Element, body: Element, names: set[str]
     ) -> Element:
-        """A body of one joint: the first of several is that of one that carries it."""
+        """A body with one joint: the first of several moves to a body in between."""
         joints = body.findall("joint")
         if len(joints) < 2:
             return body
@@ -272,7 +272,7 @@ class _MjcfReader:
         return outer
 
     def _is_unseen(self, body: Element, geom: Element) -> bool:
-        """Whether a shape is one to look at, without weight, and its mesh not there."""
+        """Whether a shape is visual only, weightless, and its mesh is missing."""
         missing = self.missing.get(geom.get("mesh", ""))
         if missing is None:
             return False
@@ -287,7 +287,7 @@ class _MjcfReader:
     def finished(
         self, joint: JointDescription, efforts: Mapping[str, Range]
     ) -> JointDescription:
-        """A joint with its range and effort, at zero where MuJoCo has it at zero."""
+        """Complete a joint with its range, effort, and MuJoCo's zero position."""
         own = self.joints.get(joint.name)
         if own is None:
             return joint
@@ -306,7 +306,7 @@ class _MjcfReader:
         )
 
     def _range(self, element: Element, name: str, limited: str) -> Range:
-        """A range, without end where it does not hold."""
+        """Range of an attribute; infinite if it is not in force."""
         said = element.get(limited, "auto")
         automatic = (
             self.compiler.get("autolimits") != "false" and name in element.attrib
@@ -318,7 +318,7 @@ class _MjcfReader:
         return low, high
 
     def efforts(self) -> dict[str, Range]:
-        """What actuators can do at most, at each joint where that is limited."""
+        """Total force limits of the actuators, for each joint with finite limits."""
         sums: dict[str, Any] = {}
         for actuator in self.root.findall("actuator/*"):
             ends = np.array(self._range(actuator, "forcerange", "forcelimited"))
@@ -339,10 +339,10 @@ class _MjcfReader:
 
 
 def _weighing(root: Element) -> Element:
-    """Leave of the shapes of bodies those whose weight Pinocchio knows.
+    """Remove the shapes of bodies whose weight Pinocchio does not compute correctly.
 
-    It takes what is to be looked at for weightless, and each mesh for a kilogram. A
-    body whose meshes weigh has no mass, and is refused where the mass is needed.
+    Pinocchio takes visual shapes for weightless, and each mesh for one kilogram. A body
+    whose meshes have weight gets no mass, and is refused where the mass is needed.
     """
     for body in root.iter("body"):
         geoms = body.findall("geom")
@@ -357,10 +357,10 @@ def _weighing(root: Element) -> Element:
 
 
 def _first(actuator: Element, name: str) -> float:
-    """The first number of an attribute, by default one."""
+    """First number of an attribute; one by default."""
     return to_number((actuator.get(name, "").split() or ["1"])[0])
 
 
 def _kind(element: Element) -> str:
-    """Under which tag the defaults of an element are."""
+    """Tag under which the defaults of an element are stored."""
     return "general" if element.tag in ACTUATORS else element.tag

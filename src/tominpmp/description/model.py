@@ -1,4 +1,4 @@
-"""Pinocchio models of a description, with joints locked or following others."""
+"""Pinocchio models of a description, with locked and following joints."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from tominpmp.description.tree import (
 )
 from tominpmp.exceptions import RobotLoadError, warn_caller
 
-# No link is so large [m]; a mesh in millimetres is.
+# Size beyond which a link must be in other units, for example millimetres [m].
 LARGE = 100.0
 
-# Axes that differ by less are one, as they are to Pinocchio.
+# Tolerance within which two axes are equal, as in Pinocchio.
 SAME_AXIS = 1e-12
 # Joints about or along an axis of their own frame, which Pinocchio computes faster.
 TURNING = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 SLIDING = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
-# Colour of shapes to which a description gives none, as Pinocchio has it.
+# Default colour of shapes, as in Pinocchio.
 GREY = (0.9, 0.9, 0.9, 1.0)
 
 
 def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pin.Model:
     """Build the kinematics and inertia of a description, with joints locked [rad or m].
 
-    Joints and frames are in the order that Pinocchio gives those of a URDF file: depth
-    first, joints of one link by their names. A locked joint is a fixed one. (Pinocchio
-    itself looks for frames by their names alone where it locks joints, and fails where
-    a link has the name of a joint.)
+    Joints and frames have the order in which Pinocchio reads a URDF file: depth first,
+    joints of one link by name. A locked joint becomes a fixed one. (Pinocchio's own
+    function for locking joints identifies frames by name alone, and fails if a link and
+    a joint share a name.)
     """
     links = {link.name: link for link in description.bodies}
     on_link: dict[str, list[JointDescription]] = {}
@@ -75,7 +75,7 @@ def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pi
 
 
 def _inertia(link: LinkDescription) -> pin.Inertia:
-    """Inertia of a link, also one that no body has: which is checked later."""
+    """Inertia of a link, even if it is impossible: that is checked later."""
     inertia = pin.Inertia.Zero()
     inertia.mass, inertia.lever, inertia.inertia = (
         link.mass or 0.0,
@@ -98,7 +98,7 @@ def _joint_model(joint: JointDescription) -> Any:
 def build_geometry(
     description: UrdfDescription, model: pin.Model, kind: pin.GeometryType
 ) -> pin.GeometryModel:
-    """Build the collision or visual geometry that belongs to a model of a description.
+    """Build the collision or visual geometry for a model of a description.
 
     Raises:
         RobotLoadError: If a mesh cannot be read.
@@ -113,7 +113,7 @@ def build_geometry(
         for number, shape in enumerate(link.collisions if collides else link.visuals):
             try:
                 solid = _solid(shape, load)
-            except Exception as error:  # whatever a mesh reader may raise
+            except Exception as error:  # mesh readers may raise anything
                 raise RobotLoadError(
                     f"{description.path}: the geometry cannot be read: "
                     f"{one_line(error)}",
@@ -139,7 +139,7 @@ def build_geometry(
 
 
 def _solid(shape: Shape, load: Any) -> Any:
-    """The shape as Coal has it."""
+    """Shape as a geometry object of Coal."""
     if shape.kind in SIZES:
         return getattr(coal, shape.kind.capitalize())(*shape.sizes)
     if shape.corners is None or shape.faces is None:
@@ -176,12 +176,12 @@ def _warn_of_units(geometry: pin.GeometryModel, path: Path) -> None:
 
 
 def one_line(error: Exception) -> str:
-    """One line of what a C++ library says, without the place in its sources."""
+    """Message of an error of a C++ library in one line, without the source location."""
     return " ".join(str(error).rpartition("message:")[2].split())
 
 
 def sticks(model: pin.Model, q: Array) -> Array:
-    """Ends of straight lines from joint to joint and to the bodies they end with.
+    """Ends of straight lines between consecutive joints, and from joints to bodies.
 
     Returns:
         Shape (k, 2, 3) [m], in the world; at least one line.
@@ -203,7 +203,7 @@ def sticks(model: pin.Model, q: Array) -> Array:
 def are_neighbours(
     model: pin.Model, one: int, other: int, carriers: Collection[int]
 ) -> bool:
-    """Whether of joints whose links have shapes, carriers, none is between two."""
+    """Whether no joint with shapes, a carrier, lies between two joints."""
     for joint, target in ((one, other), (other, one)):
         parent = int(model.parents[joint])
         while parent and parent not in carriers:
@@ -221,8 +221,8 @@ def expansion(
     Args:
         model: The model.
         followers: Joints that follow a free joint.
-        order: Names in the order that the free joints are to have; empty for that of
-            the model.
+        order: Names of the free joints in their new order; empty for the order of the
+            model.
 
     Returns:
         Names of the n free joints, S of shape (nv, n) and c of shape (nv,); ``None``
@@ -248,9 +248,9 @@ def configured_model(
     matrix: Array | None,
     offset: Array | None,
 ) -> pin.Model:
-    """Copy a model and write limits, friction, rotor inertia and gravity into it.
+    """Copy a model and set its limits, friction, rotor inertia and gravity.
 
-    A joint that follows gets the limits that its leader leaves it, and no motor.
+    A joint that follows gets the limits that its leader implies, and no motor.
 
     Args:
         model: The model.
@@ -266,7 +266,7 @@ def configured_model(
     is_free = np.isin(list(model.names)[1:], table.joint_names)
 
     def scaled(values: Array) -> Array:
-        # A limit at infinity times a ratio of zero is zero.
+        # An infinite limit times a ratio of zero is zero.
         return np.asarray(np.where(ratio == 0.0, 0.0, values[leader]) * ratio)
 
     def alone(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Paths that a caller or a file gave, checked before anything is done with them."""
+"""Paths from a caller or a file, checked before use."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from tominpmp.exceptions import (
     brief,
 )
 
-# What file systems take [bytes]; beyond, they fail in ways of their own.
+# Limits of file systems [bytes]; longer paths fail with obscure errors.
 LONGEST_NAME = 255
 LONGEST_PATH = 4096
 
 
 def checked_ending(path: object, known: Collection[str], refused: str) -> str:
-    """Take the ending of a caller's path, in lower case.
+    """Return the ending of a caller's path, in lower case.
 
     Args:
         path: The path.
-        known: The endings that there are.
-        refused: What is said of others, as in "motions are not kept as".
+        known: The supported endings.
+        refused: Beginning of the message for other endings, as "motions are not kept
+            as".
 
     Raises:
-        ProblemError: If the ending is of none of these, or the path is none.
+        ProblemError: If the ending is not supported, or the path is invalid.
     """
     ending = checked_path(path).suffix.lower()
     if ending not in known:
@@ -45,13 +46,13 @@ def checked_path(
     name: str = "path",
     error: type[TominpmpError] = ProblemError,
 ) -> Path:
-    """Take a caller's path, with ``~`` for the home folder.
+    """Check a caller's path, and expand ``~`` to the home folder.
 
     Returns:
-        The path; where nobody knows the user of ``~user``, it is taken as it is.
+        The path; ``~user`` remains unchanged for an unknown user.
 
     Raises:
-        TominpmpError: If it is none that a file can have, of the kind asked for.
+        TominpmpError: If it is not a valid path of a file; of the given class.
     """
     expected = "the path of a file"
     text = os.fspath(path) if isinstance(path, str | os.PathLike) else None
@@ -76,11 +77,11 @@ def read_bytes(
     largest: int,
     error: type[ScenarioError | RobotLoadError] = ScenarioError,
 ) -> bytes:
-    """Read a file that is to be parsed, of at most so many bytes.
+    """Read a file for parsing, up to a largest size in bytes.
 
     Raises:
-        TominpmpError: If it is not there, no file, too large, or cannot be read, of the
-            kind asked for.
+        TominpmpError: If it is missing, not a regular file, too large or cannot be
+            read; of the given class.
     """
     try:
         if path.is_dir():

@@ -1,7 +1,7 @@
-"""Semantic robot descriptions (SRDF): what a URDF cannot say.
+"""Semantic robot descriptions (SRDF): data that a URDF cannot contain.
 
-Which pairs of links are not watched, where joints rest, and which joints are planned
-together: the groups.
+They are the link pairs that are not checked for collision, the rest positions of
+joints, and the groups of joints that are planned together.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 
-# Group states, by their usual names, that say where joints rest.
+# Usual names of group states with rest positions, in the order of preference.
 RESTING = ("default", "neutral", "home", "half_sitting")
-# Elements that are read, and those that do not touch a motion: hands and tools, spheres
+# Elements that are read, and those without effect on a motion: hands and tools, spheres
 # for other collision checkers, metrics of samplers, footprints.
 READ = {
     "disable_collisions",
@@ -55,8 +55,8 @@ WITHOUT_EFFECT = {
     "link_sphere_approximation",
     "specificities",
 }
-# The reason for which MoveIt disables pairs that it has not seen to touch, and the one
-# of pairs that a file disables for a link as a whole.
+# Reason with which MoveIt disables pairs that never touched in its samples, and the
+# reason of pairs that a file disables for a whole link.
 NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
 
 #: Names of two links, in alphabetical order.
@@ -66,7 +66,7 @@ Group: TypeAlias = "str | Sequence[str]"
 
 
 def _mapped(value: Any, kind: Callable[[dict[Any, Any]], Any]) -> Any:
-    """A mapping, and those in it, as one of another kind; other values remain."""
+    """Convert a mapping, and mappings inside it; other values remain unchanged."""
     if not isinstance(value, Mapping):
         return value
     return kind({key: _mapped(item, kind) for key, item in value.items()})
@@ -79,7 +79,7 @@ class JointGroup:
     Attributes:
         joints: Its joints that can move, in the order of the URDF file.
         unknown: Joints, links and groups in it that the robot lacks.
-        moves_base: Whether it holds a virtual joint that is not fixed.
+        moves_base: Whether it contains a virtual joint that is not fixed.
     """
 
     joints: tuple[str, ...]
@@ -89,21 +89,21 @@ class JointGroup:
 
 @dataclass(frozen=True)
 class SemanticDescription:
-    """What an SRDF file says about a robot.
+    """Content of an SRDF file of a robot.
 
     Attributes:
-        disabled_pairs: Pairs of links whose collision is not to be checked, each pair
-            in alphabetical order and none twice.
+        disabled_pairs: Link pairs that are not checked for collision, each pair in
+            alphabetical order and only once.
         group_states: Joint positions [rad or m] by joint name, by the name of the
-            state; states of several groups that share a name are one.
+            state; states of the same name of several groups are merged.
         path: The file.
         groups: Groups of joints that are planned together, by name.
         robot: Name of the robot in the file.
-        passive: Joints that the file calls passive.
+        passive: Joints that the file marks as passive.
         rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
-        never_touch: Those of the disabled pairs that are said, or have to be taken, to
-            be apart at all configurations: with the reason "Never", or without one
-            where two joints or more are between the links.
+        never_touch: Disabled pairs that are apart at all configurations, by their
+            reason "Never", or by assumption if they have no reason and two or more
+            joints between the links.
     """
 
     disabled_pairs: tuple[tuple[str, str], ...] = ()
@@ -127,14 +127,14 @@ class SemanticDescription:
         return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
 
     def __repr__(self) -> str:
-        """What it holds, on one line."""
+        """Fields that differ from their defaults, on one line."""
         return record_line(self)
 
     def find_group(self, name: str) -> str | None:
-        """Name in the file of a group; None if there is none.
+        """Name of a group in the file; None without a match.
 
-        Where no group has the very name, one is taken that is meant without doubt:
-        "panda_arm" is "arm" of the robot "panda", "left_arm" is "l_arm".
+        If no group has exactly this name, an unambiguous variant is accepted:
+        "panda_arm" matches "arm" of the robot "panda", "left_arm" matches "l_arm".
         """
         if name in self.groups:
             return name
@@ -143,7 +143,7 @@ class SemanticDescription:
         return alike[0] if len(alike) == 1 else None
 
     def _words(self, name: str) -> list[str]:
-        """Words of a name, without that of the robot."""
+        """Words of a name, without the name of the robot."""
         words = [word for word in re.split(r"[\W_]+", name.lower()) if word]
         if len(words) > 1 and words[0] == self.robot.lower():
             words = words[1:]
@@ -153,10 +153,10 @@ class SemanticDescription:
 def read_semantics(
     path: str | os.PathLike[str] | None, description: UrdfDescription
 ) -> SemanticDescription | None:
-    """Read the SRDF file, or the text of one, that belongs to a description.
+    """Read the SRDF file of a robot, from a path or a text.
 
     Raises:
-        RobotLoadError: As :func:`read_srdf`.
+        RobotLoadError: As raised by :func:`read_srdf`.
     """
     if path is None:
         return None
@@ -170,14 +170,14 @@ def read_semantics(
 def read_srdf(
     path: Path, description: UrdfDescription, text: bytes | None = None
 ) -> SemanticDescription:
-    """Read an SRDF file, or a text with its name.
+    """Read an SRDF file, or a text with a name for messages.
 
-    Entries about links and joints that the robot lacks are left out, for one SRDF file
+    Entries about links and joints that the robot lacks are dropped, as one SRDF file
     often serves several variants of a robot.
 
     Raises:
-        RobotLoadError: If the file is no SRDF file, or speaks of none of the links
-            that it names, or a group lacks its name or holds itself.
+        RobotLoadError: If the file is not an SRDF file, the robot has none of the links
+            that it names, or a group lacks its name or contains itself.
     """
     root = read_xml(path) if text is None else parse_xml(text, path)
     context = XmlContext(path)
@@ -191,7 +191,7 @@ def read_srdf(
 
 
 class _SrdfReader:
-    """Reads an SRDF file; groups may hold joints, links, chains and other groups."""
+    """Reads an SRDF file; groups may contain joints, links, chains and other groups."""
 
     def __init__(
         self, root: Element, context: XmlContext, description: UrdfDescription
@@ -234,14 +234,14 @@ class _SrdfReader:
         )
 
     def _far_apart(self, one: str, other: str) -> bool:
-        """Whether more than one joint can move two links against each other."""
+        """Whether more than one joint can move two links relative to each other."""
         between = self.description.joints_between(one, other)
         return len(between.intersection(self.moving)) > 1
 
     def _disabled_pairs(self) -> dict[Pair, str]:
-        """Why the collision of pairs of links is not to be checked.
+        """Reasons for which link pairs are not checked for collision, by pair.
 
-        The reason is empty where the file has none.
+        The reason is empty if the file has none.
         """
         text, links = self.context.text, self.links
         pairs: dict[Pair, str] = {}
@@ -279,14 +279,14 @@ class _SrdfReader:
             state, where = states.setdefault(name, {}), f"group_state {name}"
             for joint in element.iter("joint"):
                 joint_name = context.text(joint, "name", where)
-                # A floating joint has seven values, and is none of ours.
+                # A floating joint has seven values, and cannot be planned for.
                 if joint_name in self.moving:
                     context.text(joint, "value", where)
                     state[joint_name] = context.number(joint, "value", where)
         return states
 
     def _rotor_inertias(self) -> dict[str, float]:
-        """Inertia of rotors times the square of the gear ratio, as Pinocchio has it."""
+        """Inertia of rotors times the squared gear ratio, as in Pinocchio."""
         context, where, found = self.context, "rotor_params", {}
         for joint in self.root.findall(".//rotor_params//joint"):
             inertia = context.number(joint, "mass", where, low=0.0)
@@ -301,7 +301,7 @@ class _SrdfReader:
         return JointGroup(joints, tuple(dict.fromkeys(unknown)), moves_base)
 
     def _members(self, name: str, above: tuple[str, ...]) -> tuple[set[str], list[str]]:
-        """Joints of any kind in a group, and what the robot lacks."""
+        """Joints of any kind in a group, and members that the robot lacks."""
         if name in above:
             self.context.fail(f"the group {name!r} holds itself")
         where, found = f"group {name}", set[str]()
@@ -324,7 +324,7 @@ class _SrdfReader:
                     found |= joints
                     unknown += lacking
                 elif tag == "link" and member in self.links:
-                    if member in self.carrying:  # no joint carries the first link
+                    if member in self.carrying:  # no joint carries the root link
                         found.add(self.carrying[member])
                 elif tag == "joint" and self._short(member) in self.known:
                     found.add(self._short(member))
@@ -333,7 +333,7 @@ class _SrdfReader:
         return found, unknown
 
     def _short(self, joint: str) -> str:
-        """A joint; some files put the name of the robot before it."""
+        """A joint name, without the prefix of the robot that some files add."""
         return joint if joint in self.known else joint.rpartition("/")[2]
 
 
@@ -347,22 +347,22 @@ def group_locks(
     group: Group,
     locked: Mapping[str, float],
 ) -> dict[str, float]:
-    """Find where the joints outside a group are locked.
+    """Find the positions at which the joints outside a group are locked.
 
     Args:
-        semantics: The SRDF file, if there is one: its group states say where joints
-            rest.
-        description: The robot.
-        group: Name of the group; of a link, for the chain from the base to it; names of
-            joints, or of the links before and at the end of a chain.
+        semantics: Content of the SRDF file, if there is one: its group states contain
+            rest positions.
+        description: Description of the robot.
+        group: Name of a group; of a link, for the chain from the base to it; names of
+            joints, or of the base and tip links of a chain.
         locked: Positions of joints that the caller locks [rad or m].
 
     Returns:
-        Positions by name of those, and of all joints outside the group: where a group
-        state has them, else at zero or the limit nearest to it.
+        Positions by name of these, and of all joints outside the group: from a group
+        state, else zero or the limit nearest to it.
 
     Raises:
-        OptionsError: If there is no such group, or it has no joint.
+        OptionsError: If the group is unknown, or has no joint.
     """
     said = SemanticDescription() if semantics is None else semantics
     inside = _asked_for(said, description, group)
@@ -373,7 +373,7 @@ def group_locks(
 def _asked_for(
     said: SemanticDescription, description: UrdfDescription, group: Group
 ) -> Collection[str]:
-    """Joints of the group of a name, or those that are meant."""
+    """Joints of a group by name, or of a chain or a list of joints."""
     name = said.find_group(group) if isinstance(group, str) else None
     if name is not None:
         found = said.groups[name]
@@ -392,7 +392,7 @@ def _asked_for(
 
 
 def _without_name(description: UrdfDescription, group: object) -> set[str] | None:
-    """Joints that are named, or of a chain of links; None if neither."""
+    """Joints of a list of names, or of a chain between links; None if neither."""
     moving = {joint.name for joint in description.joints}
     links = set(description.links)
     if isinstance(group, str):
@@ -421,7 +421,7 @@ def _no_group(groups: Sequence[str], group: object) -> str:
 
 
 def warn_of_group(name: str, found: JointGroup) -> None:
-    """Warn of what a group has and the robot has not."""
+    """Warn of members of a group that the robot lacks, and of moving bases."""
     faults = []
     if found.unknown:
         faults.append(f"names {', '.join(found.unknown)}, which the robot lacks")
@@ -434,7 +434,7 @@ def warn_of_group(name: str, found: JointGroup) -> None:
 def rest_position(
     joint: JointDescription, states: Mapping[str, Mapping[str, float]]
 ) -> float:
-    """Where a joint rests that is not to move: in a state of a usual name first."""
+    """Rest position of a joint: from a group state, those with usual names first."""
     for state in dict.fromkeys((*RESTING, *states)):
         if joint.name in states.get(state, {}):
             return states[state][joint.name]
@@ -444,7 +444,7 @@ def rest_position(
 
 
 def warn_of_passive(passive: Collection[str], motors: Collection[str]) -> None:
-    """Warn of joints that the SRDF file calls passive, and the URDF file drives."""
+    """Warn of joints that the SRDF file marks as passive and that have motors here."""
     driven = [joint for joint in passive if joint in motors]
     if driven:
         example = "{" + repr(driven[0]) + ": 0}"
@@ -457,10 +457,10 @@ def warn_of_passive(passive: Collection[str], motors: Collection[str]) -> None:
 def srdf_file(
     semantics: SemanticDescription, name: str, without: Collection[str]
 ) -> bytes:
-    """What an SRDF file has said, as one.
+    """Write a semantic description as an SRDF file.
 
     Args:
-        semantics: What it has said.
+        semantics: The description.
         name: Name of the robot.
         without: Links whose pairs are left out.
     """

@@ -1,8 +1,8 @@
 """The kinematic tree of a robot: links with inertia and shapes, and the joints between.
 
-Whatever a robot is loaded from becomes such a tree, and the models of Pinocchio are
-built from it. Payloads, robots on another base and several robots in one are other
-trees. A tree holds the files of meshes by name, so that it is small in other processes.
+Every source of a robot is converted to such a tree, from which the models of Pinocchio
+are built. Payloads, another base and combined robots are changes of the tree. A tree
+refers to mesh files by name, so that it is small when passed to other processes.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import pinocchio as pin
 from tominpmp.arrays import Array, IntArray, Record, frozen_array
 from tominpmp.exceptions import warn_caller
 
-# The link that the bases of several robots are fixed to, and the one that a robot
-# stands on that is somewhere else in the world.
+# Link to which the bases of combined robots are fixed, and link below a robot whose
+# base was moved in the world.
 WORLD, GROUND = "world", "ground"
-# Attributes that give the sizes of shapes [m], and how many numbers each has.
+# Attributes that contain the sizes of shapes [m], with the number of values in each.
 _ROD = {"radius": 1, "length": 1}
 SIZES = {"box": {"size": 3}, "cylinder": _ROD, "capsule": _ROD, "sphere": {"radius": 1}}
-# Shapes that are flat are taken to be as thick as this [m].
+# Least thickness of shapes; flat ones get it [m].
 THIN = 1e-6
 
 
@@ -35,9 +35,9 @@ class Mimic:
     """A joint that follows another: q = multiplier * q_leader + offset.
 
     Attributes:
-        leader: Name of the joint that is followed.
+        leader: Name of the joint that it follows.
         multiplier: Ratio of the two positions.
-        offset: Position while the leader is at zero [rad or m].
+        offset: Position when the leader is at zero [rad or m].
     """
 
     leader: str
@@ -54,11 +54,12 @@ class Shape(Record):
         sizes: Edges of a box, the radius of a sphere, radius and length of a cylinder
             or capsule (of its straight part) [m], the scale of a mesh.
         placement: Placement shape_to_link, shape (4, 4).
-        file: File of a mesh.
-        corners: Corners of a mesh without a file, shape (k, 3) [m].
-        faces: Indices of three corners for each triangle of it, shape (m, 3).
-        colour: Red, green, blue and opacity, from 0 to 1; None for those of the file.
-        texture: File of a texture.
+        file: Path of a mesh file.
+        corners: Vertices of a mesh without a file, shape (k, 3) [m].
+        faces: Vertex indices of each triangle of it, shape (m, 3).
+        colour: Red, green, blue and opacity, from 0 to 1; None for the colours of the
+            file.
+        texture: Path of a texture file.
     """
 
     kind: str
@@ -79,9 +80,10 @@ class LinkDescription(Record):
         name: Name.
         mass: Mass [kg]; None for a link without an ``<inertial>`` element.
         com: Centre of mass, shape (3,) [m].
-        inertia: Inertia about it in the axes of the link, shape (3, 3) [kg m^2].
-        collisions: Shapes to collide with.
-        visuals: Shapes to look at.
+        inertia: Inertia about the centre of mass in the axes of the link, shape (3, 3)
+            [kg m^2].
+        collisions: Collision shapes.
+        visuals: Visual shapes.
     """
 
     name: str
@@ -94,25 +96,25 @@ class LinkDescription(Record):
 
 @dataclass(frozen=True, eq=False)
 class JointDescription(Record):
-    """A joint, as the URDF file has it; a limit not given is NaN, of a fixed one zero.
+    """A joint of a URDF file; missing limits are NaN, limits of fixed joints zero.
 
     Attributes:
         name: Name.
         kind: ``"revolute"``, ``"continuous"``, ``"prismatic"`` or ``"fixed"``.
-        parent: Name of the link that it is on.
-        child: Name of the link that it carries.
+        parent: Name of the link that carries it.
+        child: Name of the link that it moves.
         placement: Placement joint_to_parent at zero, shape (4, 4).
-        axis: Unit axis in the axes of the joint, shape (3,); zero if it is fixed.
+        axis: Unit axis in the axes of the joint, shape (3,); zero for a fixed joint.
         lower: Lower position limit [rad or m], infinite if continuous.
         upper: Upper position limit [rad or m].
         velocity: Velocity limit [rad/s or m/s].
         effort: Effort limit [N m or N].
         damping: Viscous friction [N m s/rad or N s/m].
         friction: Dry friction [N m or N].
-        mimic: The joint that it follows, if it does.
+        mimic: Relation to the joint that it follows, if any.
         acceleration: Largest acceleration, or deceleration [rad/s^2 or m/s^2]; infinite
-            if none is given.
-        jerk: Largest jerk [rad/s^3 or m/s^3]; infinite if none is given.
+            without a limit.
+        jerk: Largest jerk [rad/s^3 or m/s^3]; infinite without a limit.
         armature: Rotor inertia seen at the joint [kg m^2 or kg].
     """
 
@@ -134,7 +136,7 @@ class JointDescription(Record):
     armature: float = 0.0
 
     def motion(self, position: float) -> pin.SE3:
-        """What it adds to its placement at a position [rad or m]."""
+        """Displacement of the joint frame at a position [rad or m]."""
         way = position * self.axis
         if self.kind == "prismatic":
             return pin.SE3(np.eye(3), way)
@@ -143,18 +145,18 @@ class JointDescription(Record):
 
 @dataclass(frozen=True, eq=False)
 class UrdfDescription(Record):
-    """What a URDF file says of a robot, or would say of it.
+    """Content of a URDF file, or its equivalent for another source.
 
     Attributes:
         name: Name of the robot.
         bodies: The links.
-        tree: All joints, in the order of the file; with the links they are one tree.
-        gravity: Gravity [m/s^2], if the file gives one.
+        tree: All joints, in the order of the file; together with the links a tree.
+        gravity: Gravity [m/s^2], if the file sets it.
         path: The file.
-        package_dirs: Folders given for ``package://``.
-        parts: Names of the robots that it was put together from; mostly none.
-        attached: What was fixed to its links after it was read, in that order.
-        order: Names of the joints in the order that arrays have; empty for that of
+        package_dirs: Folders in which ``package://`` is resolved.
+        parts: Names of the robots that were combined into it; usually empty.
+        attached: Payloads fixed to its links after reading, in that order.
+        order: Names of the joints in the order of arrays; empty for the order of
             Pinocchio's model of the description.
         mount: Name of the joint between ground and robot, if it was moved.
         xacro_args: Arguments with which a xacro file was expanded.
@@ -184,12 +186,12 @@ class UrdfDescription(Record):
 
     @property
     def root(self) -> str:
-        """The link without a parent."""
+        """The link without a parent joint."""
         carried = {joint.child for joint in self.tree}
         return next(link for link in self.links if link not in carried)
 
     def joints_above(self, link: str) -> set[str]:
-        """Joints from the root to a link, fixed ones too; none if it is unknown."""
+        """Joints from the root to a link, including fixed ones; empty if unknown."""
         above = {joint.child: joint for joint in self.tree}
         found = set()
         while link in above:
@@ -198,11 +200,11 @@ class UrdfDescription(Record):
         return found
 
     def joints_between(self, one: str, other: str) -> set[str]:
-        """Joints of the chain from a link to another, fixed ones too."""
+        """Joints of the chain between two links, including fixed ones."""
         return self.joints_above(one) ^ self.joints_above(other)
 
     def carrying_link(self, frame: str) -> str | None:
-        """Link whose axes a frame has: that of its name, or the child of that joint."""
+        """Link with the axes of a frame: the link itself, or the child of a joint."""
         if frame in self.links:
             return frame
         carried = (joint.child for joint in self.tree if joint.name == frame)
@@ -211,7 +213,7 @@ class UrdfDescription(Record):
     def with_link(
         self, link: LinkDescription, parent: str, attached: object
     ) -> UrdfDescription:
-        """Fix one more link to a link, which is part of what was attached."""
+        """Fix another link to a link, as part of an attached object."""
         name = self._free_name(f"{link.name}_joint")
         joint = fixed_joint(name, parent, link.name, pin.SE3.Identity())
         return replace(
@@ -222,10 +224,10 @@ class UrdfDescription(Record):
         )
 
     def on_base(self, base: pin.SE3) -> UrdfDescription:
-        """The same description with its root somewhere else in the world.
+        """The same description with its root at another placement in the world.
 
         Args:
-            base: Placement base_to_world of its root, also if it was moved before.
+            base: Placement base_to_world of the root, which replaces an earlier one.
         """
         if self.mount:
             placement = frozen_array(base.homogeneous)
@@ -247,12 +249,12 @@ class UrdfDescription(Record):
         )
 
     def _free_name(self, name: str) -> str:
-        """A name that no joint has."""
+        """A name that no joint has yet."""
         return fresh_name(name, {joint.name for joint in self.tree})
 
 
 def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
-    """A shape that is no mesh; None for a point, which collides with nothing."""
+    """A primitive shape; None for a point, which cannot collide."""
     lengths = np.array([*sizes], dtype=float)
     if not np.any(lengths):
         return None
@@ -266,7 +268,7 @@ def warn_of_points(places: Sequence[str], path: Path) -> None:
 
 
 def warn_of_unseen(places: Sequence[str], path: Path) -> None:
-    """Warn of shapes to look at that were left out as their meshes are not there."""
+    """Warn of visual shapes that were left out because their meshes are missing."""
     if places:
         warn_caller(
             f"{path}: not shown, as their meshes are not there: {first_of(places)}; "
@@ -275,7 +277,7 @@ def warn_of_unseen(places: Sequence[str], path: Path) -> None:
 
 
 def first_of(places: Sequence[str]) -> str:
-    """The first of some places, and how many more there are."""
+    """First of some places, with the number of further ones."""
     others = len(places) - 1
     return f"{places[0]} and {others} more" if others else places[0]
 
@@ -289,7 +291,7 @@ def fixed_joint(
 
 
 def fresh_name(name: str, taken: set[str]) -> str:
-    """A name that is not taken yet, and takes it."""
+    """Make a name unique by a number, and add it to the names taken."""
     number, found = 2, name
     while found in taken:
         found, number = f"{name}_{number}", number + 1
@@ -301,16 +303,16 @@ def joined(
     parts: Mapping[str, tuple[UrdfDescription, pin.SE3]],
     orders: Mapping[str, Sequence[str]],
 ) -> UrdfDescription:
-    """Several robots in one description, with the part before every name.
+    """Combine several robots in one description, prefixing all names with the part's.
 
     Args:
-        parts: Description and placement base_to_world of each part by its name.
-        orders: Names of the joints of the model of each part.
+        parts: Description and placement base_to_world of each part, by its name.
+        orders: Joint names of the model of each part, in their order.
     """
     bodies, tree = [LinkDescription(WORLD)], []
     for number, (part, (description, base)) in enumerate(parts.items()):
-        # Models have joints of one link in the order of their names: the number keeps
-        # that of the parts.
+        # Pinocchio sorts the joints of one link by name: the number keeps the order of
+        # the parts.
         mount, root = f"mount{number:03d}/{part}", f"{part}/{description.root}"
         tree.append(fixed_joint(mount, WORLD, root, base))
         bodies += [replace(b, name=f"{part}/{b.name}") for b in description.bodies]
@@ -335,7 +337,7 @@ def joined(
 
 
 def _renamed(joint: JointDescription, part: str) -> JointDescription:
-    """A joint with the name of a part before all names in it."""
+    """A joint with all its names prefixed with the name of a part."""
     mimic = joint.mimic
     if mimic is not None:
         mimic = replace(mimic, leader=f"{part}/{mimic.leader}")

@@ -1,18 +1,19 @@
-"""URDF files: a guarded XML file becomes a tree of links and joints, and back.
+"""URDF files: reading them into a tree of links and joints, and writing them.
 
-The file is checked by name, parsed by yourdfpy, and becomes a tree of links and joints
-(:mod:`~tominpmp.description.tree`), in which every mesh is an absolute path of a file
-that exists. A file that says more of a motion than is read causes a warning.
+A file is checked element by element, parsed by yourdfpy, and converted to a tree of
+links and joints (:mod:`~tominpmp.description.tree`), in which every mesh is the
+absolute path of an existing file. Data that would affect a motion and are not read
+cause a warning.
 
 Capsules may be given as ``<capsule radius="" length=""/>``, or as a cylinder named in
 Pinocchio's extension ``<collision_checking><capsule name=""/></collision_checking>``;
 the length is that of the straight part. ``<tominpmp gravity="x y z"/>`` in the robot
-element gives a gravity [m/s^2] other than the usual one along -z.
+element sets a gravity [m/s^2] other than the default along -z.
 
-yourdfpy reads what the specification has, but does not say which joint and which field
-is wrong, stumbles over the remains of other programs, and knows no capsules. So it gets
-a copy that holds nothing but what is read, in which every number is one, and also those
-are written out that the file leaves to their defaults.
+yourdfpy reads all elements of the specification, but its errors do not name the joint
+and the field at fault, it fails on leftovers of other programs, and it does not support
+capsules. So it gets a copy that contains only the elements that are read, with all
+numbers checked and defaults written out.
 """
 
 from __future__ import annotations
@@ -54,38 +55,37 @@ from tominpmp.description.xml_reader import (
 )
 from tominpmp.exceptions import brief, shortened, warn_caller
 
-# A mesh beyond this would take minutes and gigabytes.
+# Largest mesh file; a larger one would take minutes and gigabytes [bytes].
 MAX_MESH_BYTES = 512 * 2**20
-# Colour of what has a texture only.
+# Colour of shapes that have only a texture.
 BLACK = (0.0, 0.0, 0.0, 1.0)
-# Soft limits this little within the limits are on them [rad or m].
+# Distance within which soft limits count as equal to the limits [rad or m].
 SLIGHT = 1e-9
-# Beyond as many places a warning names no more.
+# Most places that a warning names.
 MOST = 10
-# Limits of joints that turn within which nobody gives radians: five to 115 turns.
+# Range in which limits of revolute joints look like degrees: five to 115 turns.
 MANY_TURNS, DEGREES = 30.0, 720.0
-# The parsers recurse into the tree; humanoids have some hundred links.
+# Most links; the parsers recurse into the tree, and humanoids have some hundred.
 MAX_LINKS = 2000
 SHAPES = (*SIZES, "mesh")
-# Limits of joints that yourdfpy does not read; Drake has its prefix before them.
+# Limits of joints that yourdfpy does not read; Drake prefixes their names.
 MOTION = ("acceleration", "deceleration", "jerk")
-# How alike a name must be to be taken for a mistake, from 0 to 1.
+# Similarity from which a name is taken for a misspelling, from 0 to 1.
 ALIKE = 0.8
 
 
 class Form(NamedTuple):
-    """What is read of an element; whatever else it holds is passed over.
+    """Content of an element that is read; everything else in it is ignored.
 
     Attributes:
-        texts: Attributes that must be there.
-        numbers: Attributes of numbers, with the numbers that stand for those left out.
-        low: The least that a number may be.
-        limits: Attributes of numbers that may be infinite; NaN stands for those left
-            out.
-        hints: Numbers for other programs: NaN stands for wrong ones too.
-        needs: Children that must be there.
-        parts: Children that are written out with their defaults if they are left out.
-        may: Children that may be there; of several the first counts.
+        texts: Required attributes.
+        numbers: Attributes of numbers, with their defaults.
+        low: Smallest valid number.
+        limits: Attributes of numbers that may be infinite; NaN by default.
+        hints: Numbers for other programs: NaN by default and if invalid.
+        needs: Required children.
+        parts: Children that are added with their defaults if missing.
+        may: Optional children; the first of several counts.
     """
 
     texts: Sequence[str] = ()
@@ -104,8 +104,8 @@ FORMS = {
     "link": Form(("name",), may=("inertial",)),
     "inertial": Form(needs=("mass",), parts=("origin", "inertia")),
     "mass": Form(numbers={"value": _ZERO}, low=0.0),
-    # No check of the sign: rounding leaves moments of -1e-20, and whether the robot as
-    # a whole has inertia is checked on its mass matrix.
+    # The sign is not checked: rounding leaves moments of -1e-20, and the inertia of the
+    # whole robot is checked by its mass matrix.
     "inertia": Form(numbers=dict.fromkeys(_MOMENTS, _ZERO)),
     "collision": Form(parts=("origin",)),
     "visual": Form(parts=("origin",)),
@@ -131,8 +131,8 @@ FORMS = {
     "safety_controller": Form(hints=("soft_lower_limit", "soft_upper_limit")),
 }
 
-# What is compared with what a file has: other names mean something to other programs,
-# unless they are nearly these.
+# Names with which those in a file are compared: other names belong to other programs,
+# unless they are nearly equal to these.
 CHILDREN = {
     "robot": ("link", "joint", "material"),
     "link": ("inertial", "visual", "collision"),
@@ -149,22 +149,22 @@ ATTRIBUTES["limit"] += MOTION
 
 
 class UrdfChecker:
-    """Checks the elements of a file, and copies what is read of them."""
+    """Checks the elements of a file, and copies the content that is read."""
 
     def __init__(self, root: Element, context: XmlContext) -> None:
         self.root, self.context = root, context
-        # Colours may be defined anywhere, and be used by their name.
+        # Materials may be defined anywhere, and be referred to by name.
         self.materials: dict[str, Element] = {}
         for element in root.iter("material"):
             if len(element):
                 self.materials.setdefault(element.get("name", ""), element)
 
     def copy(self) -> Element:
-        """The copy: shapes have the names of their kinds, and capsules are cylinders.
+        """Make the copy: shapes are named by their kinds, and capsules are cylinders.
 
         Raises:
-            RobotLoadError: If it is no URDF file, or something is missing, is no number
-                or has the name of something else.
+            RobotLoadError: If it is not a URDF file, an element or attribute is
+                missing, a number is invalid, or a name is repeated.
         """
         self._check_root()
         name = self.root.get("name", "").strip() or self.context.path.stem
@@ -178,7 +178,7 @@ class UrdfChecker:
         return robot
 
     def _check_root(self) -> None:
-        """Refuse other kinds of XML files, saying what they seem to be."""
+        """Refuse XML files that are not URDF files."""
         if self.root.tag != "robot":
             self.context.fail(
                 f"is no URDF file: its root is <{self.root.tag}>, expected <robot>"
@@ -187,7 +187,7 @@ class UrdfChecker:
             self.context.fail("is no URDF file: it has no <link>")
 
     def _named(self, tag: str) -> dict[str, Element]:
-        """Links or joints by how messages name them; their names must differ."""
+        """Links or joints by their names in messages; names must be unique."""
         # Joints of a <transmission> or <gazebo> are not children of the root.
         elements, found = self.root.findall(tag), dict[str, Element]()
         if len(elements) > MAX_LINKS:
@@ -205,7 +205,7 @@ class UrdfChecker:
     def _add(
         self, parent: Element, element: Element, where: str, form: Form | None = None
     ) -> Element:
-        """Add a copy of an element with what its form has."""
+        """Add a copy of an element with the content of its form."""
         context, tag = self.context, element.tag
         form = FORMS[tag] if form is None else form
         values: dict[str, Any] = {
@@ -237,7 +237,7 @@ class UrdfChecker:
         return copy
 
     def _add_shapes(self, parent: Element, link: Element, where: str) -> None:
-        """Add the shapes of a link to collide with, and to look at."""
+        """Add the collision and visual shapes of a link."""
         capsules = {c.get("name") for c in link.findall("collision_checking/capsule")}
         for tag in ("collision", "visual"):
             for number, item in enumerate(link.findall(tag), 1):
@@ -254,7 +254,7 @@ class UrdfChecker:
                     self._add_material(copy, material)
 
     def _add_shape(self, parent: Element, item: Element, where: str) -> Element:
-        """Add the one shape of a <collision> or <visual>."""
+        """Add the only shape of a <collision> or <visual>."""
         shapes = item.findall("geometry[1]/*")
         if len(shapes) != 1 or shapes[0].tag not in SHAPES:
             found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
@@ -264,7 +264,7 @@ class UrdfChecker:
         return self._add(add(parent, "geometry"), shapes[0], where)
 
     def _add_material(self, parent: Element, material: Element) -> None:
-        """Add a colour and texture; these are looks, so what is wrong is left out."""
+        """Add a colour and texture; as they are cosmetic, invalid ones are dropped."""
         if not len(material):
             material = self.materials.get(material.get("name", ""), material)
         copy = add(parent, "material")
@@ -278,7 +278,7 @@ class UrdfChecker:
 
 
 def mistakes(element: Element, where: str) -> list[str]:
-    """Names of children, and of their attributes, that are nearly those read."""
+    """Names of children and attributes that look like misspellings of known ones."""
     found = []
     for child in element:
         meant = _nearly(child.tag, CHILDREN[element.tag])
@@ -295,7 +295,7 @@ def mistakes(element: Element, where: str) -> list[str]:
 
 
 def _nearly(name: str, known: Sequence[str]) -> str | None:
-    # Names with a prefix are those of another program.
+    # Names with a prefix belong to other programs.
     if name in known or ":" in name:
         return None
     close = difflib.get_close_matches(name.lower()[:80], known, n=1, cutoff=ALIKE)
@@ -305,11 +305,11 @@ def _nearly(name: str, known: Sequence[str]) -> str | None:
 def read_urdf(
     path: Path, package_dirs: Sequence[Path] = (), root: Element | None = None
 ) -> UrdfDescription:
-    """Read a URDF file, or its root with its name; folders are for ``package://``.
+    """Read a URDF file, or its root element; the folders resolve ``package://``.
 
     Raises:
-        RobotLoadError: If the file is no URDF file, contradicts itself, has a joint of
-            several degrees of freedom, or refers to a mesh that is not there.
+        RobotLoadError: If the file is not a URDF file or inconsistent, has a joint with
+            several degrees of freedom, or refers to a missing mesh.
     """
     root = read_xml(path) if root is None else root
     return _UrdfReader(root, XmlContext(path), package_dirs).read()
@@ -318,19 +318,19 @@ def read_urdf(
 def read_parsed(
     parsed: Any, path: Path, package_dirs: Sequence[Path] = ()
 ) -> UrdfDescription:
-    """Take what yourdfpy has read, or what was made of it, as a file that says it.
+    """Convert a robot that yourdfpy has read or built, by way of its XML.
 
     Args:
         parsed: A ``yourdfpy.URDF``.
-        path: Where it comes from; names of meshes are relative to it.
-        package_dirs: Folders in which to look for ``package://``.
+        path: Its file or a name for it; names of meshes are relative to it.
+        package_dirs: Folders in which ``package://`` is resolved.
 
     Raises:
-        RobotLoadError: As :func:`read_urdf`.
+        RobotLoadError: As raised by :func:`read_urdf`.
     """
     root = fromstring(parsed.write_xml_string())
     for element, joint in zip(root.iter("joint"), parsed.robot.joints, strict=True):
-        # What its writer leaves out.
+        # The XML writer of yourdfpy omits these elements.
         for tag in ("mimic", "safety_controller"):
             said = getattr(joint, tag)
             if said is not None:
@@ -340,27 +340,28 @@ def read_parsed(
 
 
 class _UrdfReader:
-    """Makes links and joints of those of yourdfpy, and collects what to warn of.
+    """Converts the links and joints of yourdfpy, and collects faults to warn of.
 
-    Meshes to look at that are not there are left out: motions are the same without
-    them. Those to collide with have to be there.
+    Visual meshes that are missing are dropped: they do not affect motions. Collision
+    meshes are required.
     """
 
     def __init__(
         self, root: Element, context: XmlContext, folders: Sequence[Path]
     ) -> None:
         self.root, self.context, self.folders = root, context, folders
-        #: Visual shapes without their mesh, and shapes of no size.
+        #: Visual shapes with missing meshes, and shapes whose sizes are all zero.
         self.unseen: list[str] = []
         self.points: list[str] = []
-        #: Joints with soft limits within their limits, and with limits in degrees.
+        #: Joints with soft limits inside their limits, and joints with limits in
+        #: degrees.
         self.softer: list[str] = []
         self.turned: list[str] = []
 
     def read(self) -> UrdfDescription:
         root, context = self.root, self.context
         source = BytesIO(tostring(UrdfChecker(root, context).copy()))
-        # Its import takes a second: only what reads a file needs it.
+        # The import takes a second, and is needed only to read a file.
         import yourdfpy
 
         only_text = {"build_scene_graph": False, "load_meshes": False}
@@ -404,7 +405,7 @@ class _UrdfReader:
     def _shapes(
         self, items: Iterable[Any], where: str, *, seen: bool
     ) -> tuple[Shape, ...]:
-        """Shapes to collide with, or those to be seen that are there."""
+        """Collision shapes, or visual shapes with existing meshes."""
         shapes = [
             self._shape(item, f"{where} {number}", seen=seen)
             for number, item in enumerate(items, 1)
@@ -412,7 +413,7 @@ class _UrdfReader:
         return tuple(shape for shape in shapes if shape is not None)
 
     def _shape(self, item: Any, where: str, *, seen: bool) -> Shape | None:
-        """A shape; None if it has no size, or is only to be seen and not there."""
+        """A shape; None if its sizes are zero, or its visual mesh is missing."""
         kind, geometry, place = item.name, item.geometry, frozen_array(item.origin)
         if kind == "mesh":
             shape = self._mesh(geometry.mesh, place, where, seen=seen)
@@ -427,7 +428,7 @@ class _UrdfReader:
         return shape
 
     def _mesh(self, mesh: Any, place: Array, where: str, *, seen: bool) -> Shape | None:
-        """A mesh with the path of its file; None if one to look at has none."""
+        """A mesh with the path of its file; None for a missing visual mesh."""
         context, name = self.context, mesh.filename
         path, tried = self._find(name)
         if path is None and seen:
@@ -442,11 +443,11 @@ class _UrdfReader:
         return Shape("mesh", tuple(mesh.scale.tolist()), place, str(path.absolute()))
 
     def _find(self, name: str) -> tuple[Path | None, tuple[Path, ...]]:
-        """A file that the description refers to, and the paths tried."""
+        """File that the description refers to, and the paths tried."""
         return resolve_resource(name, self.context.path, self.folders)
 
     def _coloured(self, shape: Shape, material: Any) -> Shape:
-        """Colour and texture; these are looks, so a texture not there is left out."""
+        """Add colour and texture; a missing texture is dropped, as it is cosmetic."""
         color, texture = material.color, material.texture
         path = None if texture is None else self._find(texture.filename)[0]
         if color is None and path is None:
@@ -457,7 +458,7 @@ class _UrdfReader:
     # -- joints ------------------------------------------------------------------------
 
     def _joint(self, joint: Any, element: Element) -> JointDescription:
-        """A joint, with limits, friction and leader if it can move."""
+        """A joint, with limits, friction and mimic relation if it can move."""
         context, where, kind = self.context, f"joint {joint.name}", joint.type
         ends = joint.parent, joint.child, frozen_array(joint.origin)
         if kind == "fixed":
@@ -489,10 +490,10 @@ class _UrdfReader:
         if kind == "continuous":
             lower, upper = -math.inf, math.inf
         elif math.isnan(lower) != math.isnan(upper):
-            # By the specification a limit left out is zero; if both are, they are
-            # missing.
+            # By the specification a missing limit is zero; two missing limits are an
+            # omission.
             lower, upper = (0.0 if math.isnan(x) else x for x in (lower, upper))
-        # Zero means that none is given.
+        # Zero stands for no limit.
         acceleration, jerk = (
             min((limits[key] for key in keys if limits[key] > 0.0), default=math.inf)
             for keys in (MOTION[:2], MOTION[2:])
@@ -507,7 +508,7 @@ class _UrdfReader:
             upper,
             limits["velocity"],
             limits["effort"],
-            # yourdfpy keeps these as text.
+            # yourdfpy stores these as text.
             float(joint.dynamics.damping),
             float(joint.dynamics.friction),
             leader and Mimic(leader.joint, leader.multiplier, leader.offset),
@@ -518,23 +519,24 @@ class _UrdfReader:
     # -- warnings ----------------------------------------------------------------------
 
     def _look_at_ends(self, joint: Any) -> None:
-        """Note soft limits within the limits of a joint, and limits in degrees."""
+        """Collect joints with soft limits inside their limits, or limits in degrees."""
         name, kind, soft = joint.name, joint.type, joint.safety_controller
         least, most = joint.limit.lower, joint.limit.upper
         ends = [abs(x) for x in (least, most) if not math.isnan(x)]
         if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= DEGREES:
             self.turned.append(name)
-        # What is left out, or no number, is neither more nor less than anything.
+        # Missing limits are NaN, for which these comparisons are false.
         lower, upper = soft.soft_lower_limit, soft.soft_upper_limit
         is_within = lower > least + SLIGHT or upper < most - SLIGHT
-        # Two that are alike were left out, which the specification takes for zero.
+        # Equal soft limits were omitted: both are zero by the specification.
         if kind != "continuous" and lower < upper and is_within:
             self.softer.append(name)
 
     def _warn(self) -> None:
-        """Warn of likely mistakes, soft and strange limits, and meshes not there.
+        """Warn of misspellings, soft and doubtful limits, and missing meshes.
 
-        Controllers may keep a ``<safety_controller>``'s soft limits; they are not read.
+        Controllers may enforce the soft limits of a ``<safety_controller>``; they are
+        not read here.
         """
         path, unread = self.context.path, mistakes(self.root, "robot")
         warn_of_points(self.points, path)
@@ -563,7 +565,7 @@ def _check_tree(
     joints: Sequence[JointDescription],
     context: XmlContext,
 ) -> None:
-    """Check that the joints make one tree of the links, and follow joints."""
+    """Check that the joints form one tree of the links, and that leaders exist."""
     names = [joint.name for joint in joints]
     above: dict[str, JointDescription] = {}
     for joint in joints:
@@ -604,22 +606,22 @@ def _first(names: Sequence[str]) -> str:
     return ", ".join(names[:MOST]) + (", ..." if len(names) > MOST else "")
 
 
-# How a limit is written that is none; readers take numbers of this size for that.
+# Number written for no limit; readers take numbers of this size for no limit.
 NO_LIMIT = 1e16
 
 
 def urdf_file(
     description: UrdfDescription, without: Collection[str], stem: str
 ) -> tuple[bytes, dict[str, bytes]]:
-    """A description as a URDF file.
+    """Write a description as a URDF file.
 
     Args:
         description: The description.
-        without: Names of links, each fixed to another, that are left out: payloads.
-        stem: How the names of files for its meshes begin.
+        without: Names of links to leave out, each fixed to another link: payloads.
+        stem: Beginning of the names of its mesh files.
 
     Returns:
-        The file, and the meshes that are to lie beside it, by their names.
+        The file, and the mesh files to be written next to it, by name.
     """
     root, files = Element("robot", name=description.name), {}
     for link in description.bodies:
@@ -634,7 +636,7 @@ def urdf_file(
 
 
 def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, bytes]:
-    """Add a link, and return the meshes that no file holds."""
+    """Add a link, and return its meshes that have no file yet."""
     element, files = add(root, "link", name=link.name), {}
     if link.mass is not None:
         inertial = add(element, "inertial")
@@ -656,7 +658,7 @@ def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, byte
 
 
 def _add_shape(element: Element, shape: Shape, stem: str) -> dict[str, bytes]:
-    """Add a shape, and return its mesh if no file holds that."""
+    """Add a shape, and return its mesh if that has no file yet."""
     if shape.kind != "mesh":
         sizes = iter(shape.sizes)
         counts = SIZES[shape.kind].items()
@@ -673,7 +675,7 @@ def _add_shape(element: Element, shape: Shape, stem: str) -> dict[str, bytes]:
 
 
 def _stl(corners: Array, faces: IntArray) -> bytes:
-    """A binary STL file of triangles."""
+    """Binary STL file of a triangle mesh."""
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("z", "<u2")])
     rows = np.zeros(len(faces), dtype=record)
     rows["corners"] = corners[faces]
@@ -681,7 +683,7 @@ def _stl(corners: Array, faces: IntArray) -> bytes:
 
 
 def _add_origin(element: Element, placement: Array) -> None:
-    """Add a placement, exact to rounding also where the pitch is a right angle."""
+    """Add a placement, exact up to rounding even for a pitch of 90 degrees."""
     angles = pin.rpy.matrixToRpy(placement[:3, :3])
     add(element, "origin", xyz=placement[:3, 3], rpy=angles)
 

@@ -1,9 +1,9 @@
-"""xacro files: macros, properties and includes become the text of a URDF file.
+"""xacro files: expansion of macros, properties and includes to a URDF file.
 
-The packages xacrodoc and xacro do it, without ROS. Packages (``$(find NAME)``) are
-looked for where those of meshes are. Expressions of such a file are Python, which those
-packages evaluate; each is looked at before, so that it reaches xacro's own functions
-and no others. Included files are read with the limits of others
+The packages xacrodoc and xacro expand them, without ROS. Packages (``$(find NAME)``)
+are searched in the same folders as for meshes. Expressions in such a file are Python,
+which these packages evaluate; each one is inspected first, so that it can call xacro's
+own functions only. Included files are read with the same limits as others
 (:mod:`~tominpmp.description.xml_reader`).
 """
 
@@ -32,21 +32,21 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 
-# Attributes that lead from a generator, or an error, to the code that runs it.
+# Attributes that lead from a generator, or an error, to its stack frame.
 FRAMES = ("gi_frame", "cr_frame", "ag_frame", "f_back", "tb_frame", "tb_next")
-# Of what xacro tells, a warning has as many characters.
+# Characters of xacro's own warnings that are passed on.
 LONGEST_WARNING = 1000
-# xacro keeps its state in its modules.
+# xacro keeps global state in its modules.
 _LOCK = threading.Lock()
 
 
 def is_xacro(root: Element) -> bool:
-    """Whether there is anything of xacro in a file."""
+    """Whether a file uses xacro."""
     return any(element.tag.startswith("xacro:") for element in root.iter())
 
 
 class _Arguments(dict[str, str]):
-    """Values of arguments; notes which of them the file declares."""
+    """Values of arguments; records which arguments the file declares."""
 
     def __contains__(self, name: object) -> bool:
         self.declared = {*getattr(self, "declared", ()), str(name)}
@@ -56,23 +56,23 @@ class _Arguments(dict[str, str]):
 def expanded(
     text: bytes, path: Path, package_dirs: Sequence[Path], args: Mapping[str, object]
 ) -> bytes:
-    """Expand the text of a xacro file to that of a URDF file.
+    """Expand the text of a xacro file to the text of a URDF file.
 
     Args:
-        text: Content of the file, which :func:`parse_xml` has read.
+        text: Content of the file, already checked by :func:`parse_xml`.
         path: The file; files that it includes are relative to it.
-        package_dirs: Folders in which to look for packages.
+        package_dirs: Folders in which packages are searched.
         args: Values of its ``<xacro:arg>``.
 
     Raises:
-        RobotLoadError: If it cannot be expanded, or a package is not there.
-        OptionsError: If it has no such argument.
+        RobotLoadError: If it cannot be expanded, or a package is missing.
+        OptionsError: If the file does not declare an argument.
         MissingDependency: If xacrodoc is not installed.
     """
     with optional("xacrodoc", "xacro", f"{path} is a xacro file; expanding it"):
         import xacro
         import xacrodoc
-    # Truth is written in small letters.
+    # xacro writes truth values in lower case.
     words = {
         k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in args.items()
     }
@@ -84,7 +84,7 @@ def expanded(
                 text.decode("utf-8-sig"), subargs=given, resolve_packages=False
             )
             content: bytes = document.dom.toxml(encoding="utf-8")
-    except Exception as error:  # its expressions raise whatever they like
+    except Exception as error:  # expressions may raise anything
         raise _told(error, path) from error
     declared = sorted(getattr(given, "declared", ()))
     for name in words.keys() - declared:
@@ -99,7 +99,7 @@ def expanded(
 
 
 def _told(error: Any, path: Path) -> RobotLoadError:
-    """The error of a file that cannot be expanded; xacro wraps others in its own."""
+    """Error for a file that cannot be expanded; unwraps the exceptions of xacro."""
     reason = str(error) or type(error).__name__
     while getattr(error, "exc", None) is not None:
         error = error.exc
@@ -113,7 +113,7 @@ def _told(error: Any, path: Path) -> RobotLoadError:
 
 @contextmanager
 def _guarded(path: Path, package_dirs: Sequence[Path]) -> Iterator[None]:
-    """Let xacro find packages as we do, and evaluate and read no more than it must."""
+    """Patch xacro to find packages here, and to evaluate and read only what is safe."""
     import xacro
     import yaml
     from xacro import substitution_args
@@ -152,7 +152,7 @@ def _guarded(path: Path, package_dirs: Sequence[Path]) -> Iterator[None]:
         (xacro, "safe_eval", evaluate),
         (xacro, "parse", read),
         (xacro, "_global_symbols", symbols),
-        # xacro adds units to all readers of YAML in the process.
+        # xacro registers units for all YAML loaders in the process.
         (yaml.SafeLoader, "yaml_constructors", {**yaml.SafeLoader.yaml_constructors}),
     )
     before = [getattr(owner, name, eval) for owner, name, _ in changes]

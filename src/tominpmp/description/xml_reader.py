@@ -1,9 +1,10 @@
-"""Reading XML that strangers wrote, and writing it.
+"""Reading XML from untrusted sources, and writing it.
 
-Robot descriptions come from downloads, so they are read in bounded time and memory: no
-document type, hence no entities and nothing fetched, and a limit on size, depth and the
-number of elements. Namespaces are not resolved, because many descriptions carry the
-remains of tools (``<sensor:camera>``) without declaring a prefix.
+Robot descriptions may be downloads, so they are read in bounded time and memory:
+without document types, hence without entities and remote content, and with limits on
+size, depth and the number of elements. Namespaces are not resolved, because many
+descriptions contain leftovers of tools (``<sensor:camera>``) without declaring a
+prefix.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ MAX_BYTES = 32 * 2**20
 MAX_ELEMENTS = 500_000
 MAX_DEPTH = 64
 
-# No attribute of a description is longer; other parsers stumble over those that are.
+# Longest attribute, beyond any in descriptions; other parsers fail on longer ones.
 MAX_TEXT = 100_000
 
-# Of files that were meant for scenarios more likely than for robots.
+# Endings of files that are more likely meant as scenarios than as robots.
 OTHER_ENDINGS = (".yaml", ".yml", ".json", ".toml")
 
-# Lengths, masses and inertias beyond this are mistakes, and their squares overflow.
+# Largest length, mass or inertia; beyond it squares overflow, and it is a mistake.
 MAX_NUMBER = 1e9
 
 
@@ -39,16 +40,16 @@ def read_xml(path: Path) -> Element:
     """Read an XML file.
 
     Raises:
-        RobotLoadError: If the file cannot be read, is too large, is no XML, or declares
-            a document type.
+        RobotLoadError: If the file cannot be read, is too large, is not XML, or
+            declares a document type.
     """
     return parse_xml(read_bytes(path, MAX_BYTES, RobotLoadError), path)
 
 
 def given_text(source: object) -> bytes | None:
-    """A text that is given instead of the name of a file; None if it is none."""
+    """Text of an XML document given in place of a path; None if it is not one."""
     if isinstance(source, str):
-        # A declaration would name another encoding than that of the text given.
+        # The encoding in an XML declaration need not be that of the given text.
         source = source.lstrip("\ufeff").encode("utf-8", "replace")
     text = source.lstrip() if isinstance(source, bytes) else b""
     return text if text.startswith(b"<") else None
@@ -59,10 +60,10 @@ def parse_xml(content: bytes, path: Path) -> Element:
 
     Args:
         content: The document.
-        path: Where it comes from, for messages.
+        path: Its source, for messages.
 
     Raises:
-        RobotLoadError: As :func:`read_xml`.
+        RobotLoadError: As raised by :func:`read_xml`.
     """
     parser = expat.ParserCreate()
     builder = TreeBuilder()
@@ -118,7 +119,7 @@ class XmlContext:
     path: Path
 
     def fail(self, message: str) -> NoReturn:
-        """Raise the error about this file.
+        """Raise an error about this file.
 
         Raises:
             RobotLoadError: Always.
@@ -126,7 +127,7 @@ class XmlContext:
         raise RobotLoadError(f"{self.path}: {message}", self.path)
 
     def text(self, element: Element, attribute: str, where: str) -> str:
-        """Read an attribute that must be there and not be empty."""
+        """Read a required attribute, which must not be empty."""
         value = element.get(attribute, "").strip()
         if not value:
             self.fail(f"{where}: <{element.tag}> lacks the attribute {attribute!r}")
@@ -142,7 +143,7 @@ class XmlContext:
         default: tuple[float, ...],
         low: float | None = None,
     ) -> tuple[float, ...]:
-        """Read an attribute of as many numbers as the default has, from ``low`` on."""
+        """Read an attribute with as many numbers as its default, at least ``low``."""
         if attribute not in element.attrib:
             return default
         text = element.attrib[attribute]
@@ -168,11 +169,11 @@ class XmlContext:
         where: str,
         low: float | None = None,
     ) -> float:
-        """Read an attribute of one number: zero if it is left out."""
+        """Read an attribute of one number; zero if it is missing."""
         return self.numbers(element, attribute, where, (0.0,), low)[0]
 
     def limit(self, element: Element | None, attribute: str, where: str) -> float:
-        """Read a number that may be infinite; NaN if it is left out."""
+        """Read a number that may be infinite; NaN if it is missing."""
         if element is None or attribute not in element.attrib:
             return math.nan
         text = element.attrib[attribute]
@@ -183,7 +184,7 @@ class XmlContext:
 
 
 def to_number(text: str) -> float:
-    """Convert a word to a number, NaN if it is none."""
+    """Convert a word to a number; NaN if it is not a number."""
     try:
         return float(text)
     except ValueError:
@@ -191,13 +192,13 @@ def to_number(text: str) -> float:
 
 
 def bounded(limit: float) -> float:
-    """A limit: infinite if it is beyond reason."""
-    # "No limit" is commonly written as 1e16, or as the largest number there is.
+    """Replace a limit beyond reasonable sizes by infinity."""
+    # "No limit" is commonly written as 1e16, or as the largest floating-point number.
     return math.copysign(math.inf, limit) if abs(limit) > MAX_NUMBER else float(limit)
 
 
 def add(parent: Element, tag: str, **attributes: Any) -> Element:
-    """Add an element, with texts, and numbers so that every parser reads them."""
+    """Add an element with texts and numbers, in a notation that every parser reads."""
     element = SubElement(parent, tag)
     for name, value in attributes.items():
         numbers = () if isinstance(value, str) else np.ravel(value).tolist()
@@ -207,6 +208,6 @@ def add(parent: Element, tag: str, **attributes: Any) -> Element:
 
 
 def xml_text(root: Element) -> bytes:
-    """A document as the content of a file, an element a line."""
+    """Content of a file with a document, one line per element."""
     indent(root)
     return b'<?xml version="1.0"?>\n' + tostring(root, encoding="unicode").encode()

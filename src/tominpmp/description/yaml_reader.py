@@ -1,13 +1,13 @@
-"""Reading YAML that strangers wrote.
+"""Reading YAML from untrusted sources.
 
-Files come from downloads, so they are read in bounded time and memory and without
-building anything but plain values: limits on size, depth and the number of values,
-aliases counted as if they were written out, and no tags but those of units. Words mean
-what they mean in YAML 1.2: ``1e-5`` is a number, ``on`` and ``no`` are words.
+Files may be downloads, so they are read in bounded time and memory, and only plain
+values are built: with limits on size, depth and the number of values, where aliases
+count as if written out, and without tags other than units. Plain scalars follow YAML
+1.2: ``1e-5`` is a number, ``on`` and ``no`` are texts.
 
-Units are written as the loaders of ROS and of xacro have them, and become SI units:
-``!degrees 90``, ``!radians pi/2``, ``!millimeters 5``, and the words ``deg(90)`` and
-``rad(pi/2)``.
+Units have the notation of the loaders of ROS and of xacro, and are converted to SI
+units: ``!degrees 90``, ``!radians pi/2``, ``!millimeters 5``, and the scalars
+``deg(90)`` and ``rad(pi/2)``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MAX_BYTES = 64 * 2**20
 MAX_VALUES = 4_000_000
 MAX_DEPTH = 64
 
-# The parser in C, where PyYAML was built with it, is ten times as fast.
+# The parser in C, if PyYAML was built with it, is ten times as fast.
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _WORDS = {"": None, "~": None, "null": None, "Null": None, "NULL": None}
@@ -40,13 +40,13 @@ _FLOAT = re.compile(
     r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
     r"|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
 )
-# Tags that say nothing new; "!" marks a word in quotes.
+# Redundant tags, which are accepted; "!" marks a quoted scalar.
 _CORE_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)|!")
-# Tags of xacro and of ROS's loader, with their units in SI units.
+# Factors to SI units by the tags of xacro and of ROS's loader.
 UNITS = {"!degrees": math.pi / 180.0, "!radians": 1.0, "!meters": 1.0}
 UNITS |= {"!millimeters": 1e-3, "!foot": 0.3048, "!inches": 0.0254}
 _ANGLES = {"deg(": "!degrees", "rad(": "!radians"}
-# What stands in them is reckoned if it is no longer than this, so takes no time.
+# Longest expression with a unit that is evaluated, which bounds the time.
 LONGEST_EXPRESSION = 200
 _OPERATIONS: Any = {ast.Add: operator.add, ast.Sub: operator.sub}
 _OPERATIONS |= {ast.Mult: operator.mul, ast.Div: operator.truediv}
@@ -60,8 +60,8 @@ def read_yaml(path: Path) -> Any:
         values that the file repeats by an alias are the same object.
 
     Raises:
-        ScenarioError: If the file cannot be read, is no YAML, is too large or nests too
-            deep, has a tag that is no unit, or names a key twice.
+        ScenarioError: If the file cannot be read, is not YAML, is too large or nested
+            too deeply, has a tag that is not a unit, or repeats a key.
     """
     return parse_yaml(read_bytes(path, MAX_BYTES), path)
 
@@ -83,7 +83,7 @@ class _Builder:
     def __init__(self, content: bytes, path: Path) -> None:
         self.events: Iterator[Any] = yaml.parse(content, Loader=_LOADER)
         self.path, self.count = path, 0
-        #: Values by their anchors, and how many values are in each.
+        #: Values by anchor, with the number of values inside each.
         self.anchors: dict[str, tuple[Any, int]] = {}
 
     def fail(self, message: str, event: Any) -> NoReturn:
@@ -91,7 +91,7 @@ class _Builder:
         raise ScenarioError(f"{self.path}, line {line}: {message}", self.path)
 
     def document(self) -> Any:
-        """The only document; an empty one may follow, as ROS ends messages."""
+        """The only document; an empty one may follow, as in messages printed by ROS."""
         result, documents = None, 0
         for event in self.events:
             documents += isinstance(event, yaml.DocumentStartEvent)
@@ -104,7 +104,7 @@ class _Builder:
         return result
 
     def _value(self, event: Any, depth: int) -> Any:
-        """The value that begins with an event, so deep within others."""
+        """Value that begins with an event, at a depth of nesting."""
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
                 self.fail(f"nothing is named {brief(event.anchor)} before it", event)
@@ -126,7 +126,7 @@ class _Builder:
         return value
 
     def _add(self, size: int, event: Any) -> None:
-        """Count values, those that an alias repeats too."""
+        """Count values, including those that an alias repeats."""
         self.count += size
         if self.count > MAX_VALUES:
             self.fail(f"it holds more than {MAX_VALUES} values", event)
@@ -158,7 +158,7 @@ class _Builder:
                 self.fail(f"{word}: expected a number, as 90 or pi/2", event)
             return value
         self._check_tag(event)
-        # The parser in C has no style where the other has None.
+        # The C parser has an empty style where the Python parser has None.
         is_plain = not event.style and event.tag is None
         return _plain(event.value) if is_plain else event.value
 
@@ -169,7 +169,7 @@ class _Builder:
 
 
 def _plain(word: str) -> Any:
-    """What a word without quotes means."""
+    """Value of a plain scalar."""
     if word in _WORDS:
         return _WORDS[word]
     if _INTEGER.fullmatch(word):
@@ -184,7 +184,7 @@ def _plain(word: str) -> Any:
 
 
 def _in_unit(text: str, unit: str) -> float | None:
-    """A number with a unit in SI units; None if it is none."""
+    """Number with a unit, in SI units; None if it is not a number."""
     if len(text) > LONGEST_EXPRESSION:
         return None
     try:
@@ -194,7 +194,7 @@ def _in_unit(text: str, unit: str) -> float | None:
 
 
 def _reckoned(node: ast.AST) -> float:
-    """Value of an expression of numbers, pi and the four operations."""
+    """Evaluate an expression of numbers, pi and the four operations."""
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(
             number, bool
