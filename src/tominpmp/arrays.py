@@ -31,8 +31,8 @@ Check = Callable[[Any, str], Any]
 
 _T = TypeVar("_T")
 _R = TypeVar("_R", bound="Record")
-_Given = TypeVar("_Given", contravariant=True)
-_Kept = TypeVar("_Kept", covariant=True)
+_Input = TypeVar("_Input", contravariant=True)
+_Stored = TypeVar("_Stored", covariant=True)
 
 # Longest range that is converted: it may denote far more numbers than fit in memory.
 MOST_NUMBERS = 10_000_000
@@ -143,18 +143,18 @@ def comparable(value: Any) -> Any:
     return value
 
 
-class Converted(Generic[_Given, _Kept]):
+class Converted(Generic[_Input, _Stored]):
     """Type of a field whose constructor accepts more types than the field stores.
 
     It exists for type checkers: ``Converted[VectorLike, Array]`` accepts a vector in
     any form when a record is made, and is an array when the field is read.
     """
 
-    def __get__(self, record: object, kind: Any, /) -> _Kept:
+    def __get__(self, record: object, kind: Any, /) -> _Stored:
         """Type of the stored value; read by type checkers only, never called."""
         raise NotImplementedError
 
-    def __set__(self, record: object, value: _Given, /) -> None:
+    def __set__(self, record: object, value: _Input, /) -> None:
         """Type of the value that a caller may pass."""
         raise NotImplementedError
 
@@ -183,8 +183,8 @@ def record_line(record: Any) -> str:
         value = getattr(record, item.name, None)
         if item.repr and value is not item.default:
             value = dict(value) if isinstance(value, MappingProxyType) else value
-            made = item.default_factory
-            default = item.default if made is MISSING else made()
+            factory = item.default_factory
+            default = item.default if factory is MISSING else factory()
             if not _same(value, default):
                 parts.append(f"{item.name}={in_brief(value)}")
     return f"{type(record).__name__}({shortened(', '.join(parts), LINE)})"
@@ -241,10 +241,10 @@ class Record:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
-    def _altered(self: _R, *forgotten: str, **values: Any) -> _R:
+    def _altered(self: _R, *cached: str, **values: Any) -> _R:
         """A copy with other values, unchecked, without the named cached properties."""
         other = copy.copy(self)
-        for name in forgotten:
+        for name in cached:
             other.__dict__.pop(name, None)
         other._keep(**values)
         return other

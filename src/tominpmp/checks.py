@@ -160,11 +160,11 @@ def number(
     Raises:
         ProblemError: If it is not a number, or out of range.
     """
-    found = value if type(value) is float else number_or_nan(value)
-    ranged = least <= found <= most and (above == -math.inf or found > above)
-    if not ranged or not (infinite or math.isfinite(found)):
+    converted = value if type(value) is float else number_or_nan(value)
+    in_range = least <= converted <= most and (above == -math.inf or converted > above)
+    if not in_range or not (infinite or math.isfinite(converted)):
         raise wrong(value, name, expected, error)
-    return found
+    return converted
 
 
 def positive(
@@ -225,29 +225,29 @@ def array(
         ProblemError: If it is not an array of numbers, or of another shape.
     """
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        found = value
+        numbers = value
     else:
         try:
-            found = real_array(value)
+            numbers = real_array(value)
         except ValueError as error:
             count = f"{shape[-1]} " if isinstance(shape[-1], int) else ""
             raise wrong(value, name, count + content) from error
-    if found.shape != shape and not _fits(found.shape, shape):
+    if numbers.shape != shape and not _fits(numbers.shape, shape):
         words = {None: "m", ...: "..."}
         axes = ", ".join(str(words.get(item, item)) for item in shape)  # type: ignore[arg-type]
         layout = f"({axes},)" if len(shape) == 1 else f"({axes})"
         raise ProblemError(
-            f"{name} has shape {found.shape}, expected {layout}: {content}", name
+            f"{name} has shape {numbers.shape}, expected {layout}: {content}", name
         )
-    return found
+    return numbers
 
 
-def _fits(found: tuple[int, ...], shape: tuple[Any, ...]) -> bool:
-    if shape[0] is ...:
-        shape = shape[1:]
-        found = found[max(len(found) - len(shape), 0) :]
-    return len(found) == len(shape) and all(
-        b is None or a == b for a, b in zip(found, shape, strict=True)
+def _fits(actual: tuple[int, ...], expected: tuple[Any, ...]) -> bool:
+    if expected[0] is ...:
+        expected = expected[1:]
+        actual = actual[max(len(actual) - len(expected), 0) :]
+    return len(actual) == len(expected) and all(
+        b is None or a == b for a, b in zip(actual, expected, strict=True)
     )
 
 
@@ -273,7 +273,7 @@ def known_joints(names: Iterable[str], joints: Sequence[str]) -> None:
             raise JointNotFound(name, joints)
 
 
-def one_each(values: Array, name: str, joints: Sequence[str]) -> None:
+def one_per_joint(values: Array, name: str, joints: Sequence[str]) -> None:
     """Check that there is one number for each joint.
 
     Raises:
@@ -301,12 +301,12 @@ POSE = (
     "(3x3 matrix, quaternion xyzw or scipy's Rotation)"
 )
 # Names of the two parts of a pose in mappings.
-PLACES = ("position", "translation", "xyz")
-TURNS = ("rotation", "orientation", "quaternion", "xyzw", "quat")
+POSITION_KEYS = ("position", "translation", "xyz")
+ROTATION_KEYS = ("rotation", "orientation", "quaternion", "xyzw", "quat")
 # Largest deviation of a given position of a locked joint from its position [rad or m].
-SAME = 1e-6
+LOCK_TOLERANCE = 1e-6
 # Largest deviation of the squared length of a unit vector from 1.
-ROUNDING = 1e-15
+UNIT_TOLERANCE = 1e-15
 
 
 def plain_vector(value: object) -> object:
@@ -334,20 +334,20 @@ def split_pose(value: object) -> tuple[object, object] | None:
     """Position and rotation of a pose, as plain numbers; None if it is not a pose."""
     if isinstance(value, type):
         return None
-    found = _by_names(value)
-    if found is None and isinstance(value, list | tuple) and len(value) == 2:
-        found = value[0], value[1]
-    if found is None:
+    parts = _by_names(value)
+    if parts is None and isinstance(value, list | tuple) and len(value) == 2:
+        parts = value[0], value[1]
+    if parts is None:
         return _of_array(value)
-    position, rotation = found
+    position, rotation = parts
     return plain_vector(position), plain_rotation(rotation)
 
 
 def _by_names(value: object) -> tuple[object, object] | None:
     """Position and rotation of a pose, by their keys or attributes."""
     if isinstance(value, Mapping):
-        places = [key for key in PLACES if key in value]
-        turns = [key for key in TURNS if key in value]
+        places = [key for key in POSITION_KEYS if key in value]
+        turns = [key for key in ROTATION_KEYS if key in value]
         if len(places) == len(turns) == 1 and len(value) == 2:
             return value[places[0]], value[turns[0]]
         return None
@@ -375,9 +375,9 @@ def _by_axes(value: object, names: str) -> object:
         return [value[name] for name in names] if same else value
     if isinstance(value, np.ndarray | list | tuple | type):
         return value
-    found = [_attribute(value, name) for name in names]
-    more = "w" not in names and _attribute(value, "w") is not None
-    return found if all(map(_is_number, found)) and not more else value
+    numbers = [_attribute(value, name) for name in names]
+    has_w = "w" not in names and _attribute(value, "w") is not None
+    return numbers if all(map(_is_number, numbers)) and not has_w else value
 
 
 def vector(
@@ -419,15 +419,15 @@ def direction(value: object, name: str) -> Array:
         ProblemError: If it is not a vector of three numbers, or zero.
     """
     expected = "three numbers, not all zero"
-    found = vector(value, name, expected, 3)
-    largest = float(np.max(np.abs(found)))
+    unit = vector(value, name, expected, 3)
+    largest = float(np.max(np.abs(unit)))
     if largest == 0.0:
-        raise wrong(found.tolist(), name, expected)
+        raise wrong(unit.tolist(), name, expected)
     # A unit vector is not scaled again: saving and loading would change its last bits.
-    if largest > 1.0 or abs(float(found @ found) - 1.0) > ROUNDING:
-        found = found / largest  # so that no square overflows
-        found = found / np.linalg.norm(found)
-    return frozen_array(found)
+    if largest > 1.0 or abs(float(unit @ unit) - 1.0) > UNIT_TOLERANCE:
+        unit = unit / largest  # so that no square overflows
+        unit = unit / np.linalg.norm(unit)
+    return frozen_array(unit)
 
 
 def of_type(kinds: type | tuple[type, ...], expected: str) -> Check:
@@ -486,9 +486,9 @@ def by_joint(value: object) -> dict[str, object] | None:
         return None
     labelled = _attribute(value, "to_dict")
     if callable(labelled) and _attribute(value, "index") is not None:
-        found = labelled()
-        text = isinstance(found, dict) and all(isinstance(key, str) for key in found)
-        return found if text else None
+        values = labelled()
+        valid = isinstance(values, dict) and all(isinstance(key, str) for key in values)
+        return values if valid else None
     return None
 
 
@@ -498,12 +498,12 @@ def named_row(value: object, name: str) -> tuple[tuple[str, ...] | None, object]
     Raises:
         ProblemError: If names are not texts, or empty.
     """
-    found = by_joint(value)
-    if found is None:
+    values = by_joint(value)
+    if values is None:
         return None, value
-    if not all(isinstance(joint, str) and joint for joint in found):
+    if not all(isinstance(joint, str) and joint for joint in values):
         raise wrong(value, name, "numbers, or numbers by joint name")
-    return tuple(found), [_number(x, joint, name) for joint, x in found.items()]
+    return tuple(values), [_number(x, joint, name) for joint, x in values.items()]
 
 
 def in_order(
@@ -533,7 +533,7 @@ def in_order(
     """
     for joint, value in values.items():
         if joint not in joints:
-            _check_other(joint, value, joints, name, others)
+            _check_locked(joint, value, joints, name, others)
     lacking = [joint for joint in joints if joint not in values]
     if lacking and missing is None:
         raise ProblemError(
@@ -553,7 +553,7 @@ def _number(value: object, joint: str, name: str) -> float:
         ) from error
 
 
-def _check_other(
+def _check_locked(
     joint: object,
     value: object,
     joints: Sequence[str],
@@ -568,7 +568,7 @@ def _check_other(
             name,
         )
     at = others[str(joint)]
-    if not abs(_number(value, str(joint), name) - at) <= SAME:
+    if not abs(_number(value, str(joint), name) - at) <= LOCK_TOLERANCE:
         raise ProblemError(
             f"{name}: joint {joint!r} is {brief(value)}, but it is locked at {at:g}",
             name,

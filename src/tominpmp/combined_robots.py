@@ -182,15 +182,15 @@ def _joined_motion_limits(
 
 def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
     """Link pairs that no robot checks, and the group states that all robots have."""
-    disabled = {part: _unwatched(robot) for part, robot in robots.items()}
+    disabled = {part: _unchecked_pairs(robot) for part, robot in robots.items()}
     apart = {k: r.srdf.never_touch for k, r in robots.items() if r.srdf is not None}
     pairs, never = (
         tuple(
             (f"{part}/{one}", f"{part}/{other}")
-            for part, own in every.items()
+            for part, own in by_part.items()
             for one, other in own
         )
-        for every in (disabled, apart)
+        for by_part in (disabled, apart)
     )
     states = [{} if r.srdf is None else r.srdf.group_states for r in robots.values()]
     common = {
@@ -205,7 +205,7 @@ def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescri
     return SemanticDescription(pairs, common, path, never_touch=never)
 
 
-def _unwatched(robot: Robot) -> list[tuple[str, str]]:
+def _unchecked_pairs(robot: Robot) -> list[tuple[str, str]]:
     """Link pairs of a robot that are not checked for collision."""
     if robot.srdf is not None and robot.srdf.disabled_pairs:
         return list(robot.srdf.disabled_pairs)
@@ -227,24 +227,24 @@ def _check_bases(robot: Robot, bases: Mapping[str, pin.SE3]) -> None:
             apart = float(np.linalg.norm(here.translation - there.translation))
             if apart > SAME_PLACE:
                 continue
-            what = f"are at one place, {np.round(here.translation, 4).tolist()}"
+            fault = f"are at one place, {np.round(here.translation, 4).tolist()}"
         elif depth > OVERLAP:
-            what = f"overlap by {depth:.4g} m"
+            fault = f"overlap by {depth:.4g} m"
         else:
             continue
         raise ProblemError(
-            f"robots: the bases of {one!r} and {other!r} {what}; expected bases that "
+            f"robots: the bases of {one!r} and {other!r} {fault}; expected bases that "
             "are apart",
             "robots",
         )
 
 
-def _base_overlap(robot: Robot, one: str, other: str) -> float | None:
+def _base_overlap(robot: Robot, first: str, second: str) -> float | None:
     """Overlap of the fixed links of two robots [m]; None if one has no shapes."""
     fixed = [body for body in links_of(robot, "convex") if not body.joint]
-    mine = [i for i, body in enumerate(fixed) if body.name.startswith(one)]
-    its = [i for i, body in enumerate(fixed) if body.name.startswith(other)]
-    pairs = np.array(list(product(mine, its)))
+    first_bodies = [i for i, body in enumerate(fixed) if body.name.startswith(first)]
+    second_bodies = [i for i, body in enumerate(fixed) if body.name.startswith(second)]
+    pairs = np.array(list(product(first_bodies, second_bodies)))
     if not pairs.size:
         return None
     bases = PairDistances(robot, watched=(fixed, pairs))

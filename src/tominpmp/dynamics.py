@@ -35,9 +35,9 @@ STEADY = 1e-6
 # its acceleration then gives its direction.
 RESTING = 1e-10
 # Number of rows after which the deadline is checked.
-MANY = 5_000
+CHECK_PERIOD = 5_000
 # Share of its dry friction by which a joint may exceed it and still be held: rounding.
-HOLD = 1e-9
+HOLD_TOLERANCE = 1e-9
 
 _Row = TypeVar("_Row")
 
@@ -92,10 +92,10 @@ class Dynamics(Protocol):
         """Torque with its partial derivatives."""
 
 
-def _heeding(rows: Iterable[_Row]) -> Iterator[_Row]:
+def _interruptible(rows: Iterable[_Row]) -> Iterator[_Row]:
     """Rows, with a check of the deadline every few thousand of them."""
     for number, row in enumerate(rows, 1):
-        if number % MANY == 0:
+        if number % CHECK_PERIOD == 0:
             check()
         yield row
 
@@ -147,20 +147,20 @@ class RobotDynamics:
             return self._smooth(q, v, a)
         return self.inverse_along(q, v, a, directions(v, a))
 
-    def inverse_along(self, q: Array, v: Array, a: Array, way: Array) -> Array:
+    def inverse_along(self, q: Array, v: Array, a: Array, signs: Array) -> Array:
         """Torque for a motion whose directions are known, however slow it may be.
 
         Args:
             q: Positions, shape (m, n) [rad or m].
             v: Velocities, shape (m, n).
             a: Accelerations, shape (m, n).
-            way: Direction of each joint: 1, -1, or 0 at rest, shape (m, n).
+            signs: Direction of each joint: 1, -1, or 0 at rest, shape (m, n).
 
         Returns:
             Torques, shape (m, n) [N m or N].
         """
         tau = self._smooth(q, v, a)
-        return tau if self.friction is None else tau + self.friction * way
+        return tau if self.friction is None else tau + self.friction * signs
 
     def _states(self, q: Array, v: Array, a: Array) -> Iterable[tuple[Array, ...]]:
         """States of all joints of the model, one state at a time."""
@@ -171,7 +171,7 @@ class RobotDynamics:
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
         robot, model, data = self.robot, self.robot.model, self._data
         rnea, rows = pin.rnea, self._states(q, v, a)
-        tau = np.array([rnea(model, data, *row) for row in _heeding(rows)])
+        tau = np.array([rnea(model, data, *row) for row in _interruptible(rows)])
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
 
     def inertial(self, q: Array, a: Array) -> Array:
@@ -190,7 +190,7 @@ class RobotDynamics:
         """Mass matrices at positions of shape (m, n), shape (m, n, n)."""
         robot, model, data = self.robot, self.robot.model, self._data
         out = np.empty((len(q), model.nv, model.nv))
-        for i, row in enumerate(_heeding(robot.expand(q))):
+        for i, row in enumerate(_interruptible(robot.expand(q))):
             out[i] = pin.crba(model, data, row)
         return self._reduced(from_upper(out))
 
@@ -243,25 +243,25 @@ class RobotDynamics:
         q, v = x[:, : self.n], x[:, self.n :]
         return np.concatenate([v, self._acceleration(q, v, u)], axis=1)
 
-    def forward_along(self, q: Array, v: Array, u: Array, way: Array) -> Array:
+    def forward_along(self, q: Array, v: Array, u: Array, signs: Array) -> Array:
         """Accelerations of joints with known directions, however slow they may be.
 
         Args:
             q: Positions, shape (m, n) [rad or m].
             v: Velocities, shape (m, n).
             u: Torques, shape (m, n) [N m or N].
-            way: Direction of each joint with dry friction: 1, -1, or 0 for joints that
-                the friction holds, shape (m, n).
+            signs: Direction of each joint with dry friction: 1, -1, or 0 for joints
+                that the friction holds, shape (m, n).
 
         Returns:
             Accelerations, shape (m, n).
         """
         F = self.robot.friction
-        a, held = self._acceleration(q, v, u - F * way), (way == 0.0) & (F > 0.0)
-        for some in np.unique(held[held.any(axis=1)], axis=0):
-            rows = np.flatnonzero((held == some).all(axis=1))
+        a, held = self._acceleration(q, v, u - F * signs), (signs == 0.0) & (F > 0.0)
+        for pattern in np.unique(held[held.any(axis=1)], axis=0):
+            rows = np.flatnonzero((held == pattern).all(axis=1))
             mass = self.mass(q[rows])
-            a[rows] = held_still(mass, a[rows][..., None], some)[..., 0]
+            a[rows] = held_accelerations(mass, a[rows][..., None], pattern)[..., 0]
         return a
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
@@ -272,9 +272,9 @@ class RobotDynamics:
             bias = self._smooth(q, v, zero) - robot.damping * v
             rest = (force - bias)[..., None]
             return np.asarray(np.linalg.solve(self.mass(q), rest)[..., 0])
-        aba, rows = pin.aba, _heeding(zip(q, v, force, strict=True))
-        found = [aba(model, data, *row) for row in rows]
-        return np.array(found).reshape(q.shape)
+        aba, rows = pin.aba, _interruptible(zip(q, v, force, strict=True))
+        accelerations = [aba(model, data, *row) for row in rows]
+        return np.array(accelerations).reshape(q.shape)
 
     def forward_jacobians(self, x: Array, u: Array) -> ForwardJacobians:
         r"""State derivative with its partial derivatives.
@@ -347,14 +347,14 @@ class DoubleIntegrator(RobotDynamics):
         return u, np.array([none, none, self.mass(q)])
 
 
-def no_torques(q: Array, v: Array, a: Array) -> Array:
+def unknown_torques(q: Array, v: Array, a: Array) -> Array:
     """Inverse dynamics of a motion with unknown torques: NaN, shape (m, n)."""
     return np.full(np.shape(a), np.nan)
 
 
 def torques_of(robot: Robot) -> Callable[[Array, Array, Array], Array]:
     """Inverse dynamics that gives the torques of a motion of a robot."""
-    return no_torques if robot.kinematic else RobotDynamics(robot).inverse
+    return unknown_torques if robot.kinematic else RobotDynamics(robot).inverse
 
 
 def directions(v: Array, a: Array) -> Array:
@@ -378,7 +378,7 @@ def from_upper(matrices: Array) -> Array:
     return np.where(below, np.swapaxes(matrices, -1, -2), matrices)
 
 
-def held_still(mass: Array, free: Array, held: BoolArray) -> Array:
+def held_accelerations(mass: Array, free: Array, held: BoolArray) -> Array:
     """Accelerations when some joints are held against the forces of the others.
 
     Args:
@@ -392,7 +392,7 @@ def held_still(mass: Array, free: Array, held: BoolArray) -> Array:
     return out
 
 
-def setting_out(mass: Array, force: Array, F: Array, resting: BoolArray) -> Array:
+def slip_directions(mass: Array, force: Array, F: Array, resting: BoolArray) -> Array:
     """Directions of the joints at rest whose dry friction cannot hold them.
 
     This is a linear complementarity problem. Joints are released, or held again, one at
@@ -410,12 +410,12 @@ def setting_out(mass: Array, force: Array, F: Array, resting: BoolArray) -> Arra
     """
     way = np.zeros_like(force)
     while True:
-        held, left = resting & (way == 0.0), force - F * way
+        held, accelerating = resting & (way == 0.0), force - F * way
         loose = np.flatnonzero(~held)
         a = np.zeros_like(force)
-        a[loose] = np.linalg.solve(mass[np.ix_(loose, loose)], left[loose])
-        needed = left - mass @ a
-        slips = held & (np.abs(needed) > (1.0 + HOLD) * F)
+        a[loose] = np.linalg.solve(mass[np.ix_(loose, loose)], accelerating[loose])
+        needed = accelerating - mass @ a
+        slips = held & (np.abs(needed) > (1.0 + HOLD_TOLERANCE) * F)
         wrong = np.flatnonzero(slips | (resting & (way * a < 0.0)))
         if not wrong.size:
             return way

@@ -163,7 +163,7 @@ class ProblemError(TominpmpError):
 
 
 @contextmanager
-def told_of(what: str, field: str | None = None) -> Iterator[None]:
+def naming(what: str, field: str | None = None) -> Iterator[None]:
     """Prefix the errors of this library that arise within this block with a subject.
 
     They keep their class and their attributes.

@@ -123,7 +123,7 @@ class RobotKinematics:
         lower, upper = model.lowerPositionLimit, model.upperPositionLimit
         for joint in range(1, model.njoints):
             offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
-            if _slides(model, joint):
+            if _prismatic(model, joint):
                 index = model.joints[joint].idx_q
                 offset += float(min(max(abs(lower[index]), abs(upper[index])), travel))
             span[joint] = span[model.parents[joint]] + offset
@@ -137,7 +137,7 @@ class RobotKinematics:
 def prismatic_joints(robot: Robot) -> BoolArray:
     """Which of the joints of a robot are prismatic, shape (n,)."""
     model = robot.model
-    return np.array([_slides(model, model.getJointId(j)) for j in robot.joint_names])
+    return np.array([_prismatic(model, model.getJointId(j)) for j in robot.joint_names])
 
 
 def endless_joints(robot: Robot) -> BoolArray:
@@ -153,7 +153,7 @@ def endless_joints(robot: Robot) -> BoolArray:
     return np.asarray(free & alone & ~prismatic_joints(robot))
 
 
-def _slides(model: pin.Model, joint: int) -> bool:
+def _prismatic(model: pin.Model, joint: int) -> bool:
     return str(model.joints[joint].shortname()).startswith("JointModelP")
 
 
@@ -278,7 +278,7 @@ class FrameMotions:
     def accelerations(self, q: Array, v: Array, a: Array) -> Array:
         """Accelerations of its origin in the world, shape (m, 3) [m/s^2]."""
         state = self.spatial(q, v, a)
-        return times(state.rotation, _of_origin(state))
+        return times(state.rotation, _origin_acceleration(state))
 
     def acceleration_slopes(
         self, q: Array, v: Array, a: Array
@@ -290,7 +290,7 @@ class FrameMotions:
             each.
         """
         state, by = self.spatial_slopes(q, v, a)
-        own = _of_origin(state)
+        own = _origin_acceleration(state)
         w, x = skew(state.velocity[:, 3:]), skew(state.velocity[:, :3])
         # Derivatives of R own, where R turns with q by R dR = v_v[3:].
         by_q = by.a_q[:, :3] + w @ by.v_q[:, :3] - x @ by.v_q[:, 3:]
@@ -366,7 +366,7 @@ def times(matrices: Array, rows: Array) -> Array:
     return np.asarray((matrices @ rows[:, :, None])[:, :, 0])
 
 
-def _of_origin(state: SpatialStates) -> Array:
+def _origin_acceleration(state: SpatialStates) -> Array:
     """Accelerations of the origin from spatial ones: a + w x v, shape (m, 3)."""
     turned = np.cross(state.velocity[:, 3:], state.velocity[:, :3])
     return np.asarray(state.acceleration[:, :3] + turned)

@@ -24,15 +24,15 @@ Residual = Callable[[Array, IntArray], tuple[Array, Array]]
 # Damping relative to the mean diagonal of the normal equations: it equals the squared
 # residual, but no more than the first number, plus the second one, which keeps the
 # equations regular.
-MOST, LEAST = 1e-2, 1e-10
+MAX_DAMPING, MIN_DAMPING = 1e-2, 1e-10
 # Number of steps after which a row is given up if they have not halved its residual;
 # otherwise rows that make no progress would take most of the time.
 PATIENCE = 12
 # Distance by which a step must cross a bound for the joint to be held there [rad or m].
-BEYOND = 1e-12
+CROSSING = 1e-12
 
 
-def each(function: Callable[[int, Array], tuple[Array, Array]]) -> Residual:
+def row_by_row(function: Callable[[int, Array], tuple[Array, Array]]) -> Residual:
     """Make a residual of many rows from a residual function of a single row.
 
     Args:
@@ -84,30 +84,30 @@ def least_squares(
     rows: IntArray = np.arange(len(q))
     value, slope = residual(out, rows)
     error = (value * value).sum(axis=1)
-    mark = error.copy()
+    earlier = error.copy()
     for number in range(steps):
         check()
-        going = error[rows] >= reached**2
+        active = error[rows] >= reached**2
         if number % PATIENCE == PATIENCE - 1:
-            going &= error[rows] < 0.25 * mark[rows]
-            mark = error.copy()
-        if not going.all():
-            rows, value, slope = rows[going], value[going], slope[going]
+            active &= error[rows] < 0.25 * earlier[rows]
+            earlier = error.copy()
+        if not active.all():
+            rows, value, slope = rows[active], value[active], slope[active]
             if not rows.size:
                 break
-        here, unit = out[rows], scale[rows]
-        damping = np.minimum(MOST, error[rows])
-        step = damped_step(value, slope, unit, damping)
-        there = here + step
-        held = ((here <= low) & (there < low - BEYOND)) | (
-            (here >= high) & (there > high + BEYOND)
+        current, units = out[rows], scale[rows]
+        damping = np.minimum(MAX_DAMPING, error[rows])
+        step = damped_step(value, slope, units, damping)
+        target = current + step
+        held = ((current <= low) & (target < low - CROSSING)) | (
+            (current >= high) & (target > high + CROSSING)
         )
         if held.any():
-            step = damped_step(value, slope, unit * ~held, damping)
-        far = (np.abs(step) / longest[rows]).max(axis=1, keepdims=True)
-        here = np.clip(here + step / np.maximum(far, 1.0), low, high)
-        value, slope = residual(here, rows)
-        out[rows], error[rows] = here, (value * value).sum(axis=1)
+            step = damped_step(value, slope, units * ~held, damping)
+        excess = (np.abs(step) / longest[rows]).max(axis=1, keepdims=True)
+        current = np.clip(current + step / np.maximum(excess, 1.0), low, high)
+        value, slope = residual(current, rows)
+        out[rows], error[rows] = current, (value * value).sum(axis=1)
     return out, np.sqrt(error)
 
 
@@ -130,7 +130,7 @@ def damped_step(value: Array, slope: Array, scale: Array, damping: Array) -> Arr
     diagonal = np.arange(value.shape[1])
     size = normal[:, diagonal, diagonal].mean(axis=1)
     # If all joints are held, any positive damping keeps the equations regular.
-    damping = np.where(size > 0.0, (damping + LEAST) * size, 1.0)
+    damping = np.where(size > 0.0, (damping + MIN_DAMPING) * size, 1.0)
     normal[:, diagonal, diagonal] += damping[:, None]
     found = turned @ np.linalg.solve(normal, value[:, :, None])
     return np.asarray(-scale * found[:, :, 0])

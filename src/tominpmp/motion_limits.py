@@ -18,14 +18,14 @@ from tominpmp.checks import (
     known_joints,
     number,
     of_kind,
-    one_each,
+    one_per_joint,
     positive,
     vector,
     whole,
     wrong,
 )
 from tominpmp.checks import names as joints_named
-from tominpmp.exceptions import ProblemError, told_of
+from tominpmp.exceptions import ProblemError, naming
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
 
@@ -50,7 +50,7 @@ class EffortCurve(Record):
 
     def __post_init__(self) -> None:
         """Check the curve."""
-        with told_of("effort curve"):
+        with naming("effort curve"):
             super().__post_init__()
         speeds, efforts, fault = self.speed.tolist(), self.effort.tolist(), None
         if len(speeds) != len(efforts) or len(speeds) < 2:
@@ -310,7 +310,7 @@ class MotionLimits(Record):
             known_joints(value, joint_names)
             return dict(value)
         if value.ndim == 1:
-            one_each(value, name, joint_names)
+            one_per_joint(value, name, joint_names)
         return dict(zip(joint_names, np.broadcast_to(value, n).tolist(), strict=True))
 
     def by_joint(self, name: str, joint_names: Sequence[str]) -> Array:
@@ -396,15 +396,15 @@ class MotionLimits(Record):
     @property
     def continuous(self) -> bool:
         """Whether accelerations must be continuous."""
-        return any(kind.smooth for kind in self._given)
+        return any(kind.smooth for kind in self._bounded)
 
     @property
     def need_smooth(self) -> bool:
         """Whether there are any limits beyond a share of the torque limits."""
-        return bool(self._given)
+        return bool(self._bounded)
 
     @property
-    def _given(self) -> list[LimitKind]:
+    def _bounded(self) -> list[LimitKind]:
         """Kinds of limits that have bounds."""
         found = []
         for name, kind in kinds_of(self).items():
@@ -437,10 +437,10 @@ def limits_by_joint(
         joint_names: Joints that move; values of other joints are dropped, and infinite
             values.
     """
-    found: dict[str, Any] = {}
+    limits: dict[str, Any] = {}
     for name in kinds_of(MotionLimits):
-        given = values.get(name, {}).items()
-        own = {k: v for k, v in given if k in joint_names and v != np.inf}
-        if own:
-            found[name] = own
-    return MotionLimits(**found) if found else None
+        items = values.get(name, {}).items()
+        bounds = {k: v for k, v in items if k in joint_names and v != np.inf}
+        if bounds:
+            limits[name] = bounds
+    return MotionLimits(**limits) if limits else None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tominpmp.arrays import MaybeNone
 from tominpmp.checks import flag, instance
-from tominpmp.dynamics import no_torques
+from tominpmp.dynamics import unknown_torques
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
 from tominpmp.motion.measures import (
     PeakAcceleration,
@@ -78,7 +78,7 @@ class Solution:
         for name in ("trajectory", "initial"):
             motion = getattr(self, name)
             if robot.kinematic and isinstance(motion, Trajectory):
-                object.__setattr__(self, name, motion.with_torques(no_torques))
+                object.__setattr__(self, name, motion.with_torques(unknown_torques))
 
     @property
     def success(self) -> bool:

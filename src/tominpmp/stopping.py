@@ -26,7 +26,7 @@ from types import FrameType
 # A request that is ignored for this long becomes a KeyboardInterrupt [s].
 PATIENCE = 2.0
 # Period at which another process is polled for a stop request [s].
-ASKING = 0.05
+POLL_PERIOD = 0.05
 # Most evaluations of the dynamics for one start: some seconds for a small arm.
 EVALUATIONS = 300_000
 
@@ -75,7 +75,7 @@ class Deadline:
             return True
         now = time.perf_counter()
         if self._asked is not None and now > self._next:
-            self._next = now + ASKING
+            self._next = now + POLL_PERIOD
             if self._asked():
                 self.requested = self.heeded = True
                 return True
@@ -98,13 +98,13 @@ class Deadline:
     @contextmanager
     def in_force(self) -> Iterator[None]:
         """Put this deadline in force, and let Ctrl-C request a stop."""
-        token = _present.set(self)
+        token = _current.set(self)
         try:
             with self._interruptible():
                 yield
         finally:
             self.heeded = True
-            _present.reset(token)
+            _current.reset(token)
 
     @contextmanager
     def grace(self, until: float) -> Iterator[None]:
@@ -162,7 +162,7 @@ class Deadline:
             self._wait()
 
 
-_present: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
+_current: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
 
 
 def check() -> None:
@@ -171,20 +171,20 @@ def check() -> None:
     Raises:
         Stop: If it is time to stop.
     """
-    deadline = _present.get()
+    deadline = _current.get()
     if deadline is not None and deadline.due:
         raise Stop(deadline.requested)
 
 
 def due() -> bool:
     """Whether it is time to stop."""
-    deadline = _present.get()
+    deadline = _current.get()
     return deadline is not None and deadline.due
 
 
 def seconds_left() -> float:
     """Time until the deadline, 1 ms at least; infinite without a deadline [s]."""
-    deadline = _present.get()
+    deadline = _current.get()
     if deadline is None or math.isinf(deadline.end):
         return math.inf
     return max(deadline.end - time.perf_counter(), 1e-3)
@@ -192,7 +192,7 @@ def seconds_left() -> float:
 
 def seconds_to_end() -> float:
     """Time until the plan must have returned; infinite without a limit [s]."""
-    deadline = _present.get()
+    deadline = _current.get()
     if deadline is None or math.isinf(deadline.last):
         return math.inf
     return max(deadline.last - time.perf_counter(), 0.0)
@@ -200,14 +200,14 @@ def seconds_to_end() -> float:
 
 def request() -> bool:
     """Request a stop of the running computation; False if none accepts the request."""
-    deadline = _present.get()
+    deadline = _current.get()
     return deadline is not None and deadline.ask()
 
 
 @contextmanager
 def grace(seconds: float) -> Iterator[None]:
     """Continue for a grace period after the deadline, to save the results."""
-    deadline = _present.get()
+    deadline = _current.get()
     if deadline is None:
         yield
         return
@@ -218,7 +218,7 @@ def grace(seconds: float) -> Iterator[None]:
 @contextmanager
 def bounded(seconds: float | None) -> Iterator[None]:
     """A stage with a time limit of its own, unless a deadline is in force already."""
-    if _present.get() is not None:
+    if _current.get() is not None:
         yield
         return
     deadline = Deadline()

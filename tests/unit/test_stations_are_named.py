@@ -12,7 +12,7 @@ from command_line import invoke
 
 import tests.sample_arms as arms
 import tominpmp as tm
-from tominpmp.exceptions import told_of
+from tominpmp.exceptions import naming
 
 HOME = np.array([0.3, 0.9])
 LIMITS = tm.MotionLimits(acceleration=6.0)
@@ -200,7 +200,7 @@ def _output(path: Path, *arguments: str) -> str:
 )
 def test_what_errors_know_is_kept(make: Callable[[], tm.TominpmpError]) -> None:
     error = make()
-    with pytest.raises(type(error)) as told, told_of("station 1", "stations[0]"):
+    with pytest.raises(type(error)) as told, naming("station 1", "stations[0]"):
         raise error
     assert str(told.value) == f"station 1: {error}"
     known = dict(vars(error))

@@ -21,7 +21,7 @@ from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.combined_robots import base_placement
-from tominpmp.exceptions import ProblemError, TominpmpError, brief, told_of
+from tominpmp.exceptions import ProblemError, TominpmpError, brief, naming
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
@@ -277,7 +277,7 @@ def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
 
 def _of_task(number: int, count: int) -> AbstractContextManager[None]:
     """Errors that arise within this are about a task."""
-    return told_of(f"tasks: number {number + 1} of {count}", f"tasks[{number}]")
+    return naming(f"tasks: number {number + 1} of {count}", f"tasks[{number}]")
 
 
 def _what(

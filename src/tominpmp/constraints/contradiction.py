@@ -11,7 +11,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.least_squares import each, least_squares
+from tominpmp.least_squares import least_squares, row_by_row
 from tominpmp.robot.robot import Robot
 
 # Number of starts, steps from each, and the residual of a constraint that is kept.
@@ -84,7 +84,7 @@ def nearest(
 
     starts = np.vstack([q, rng.uniform(low, high, (STARTS - 1, q.size))])
     found, left = least_squares(
-        each(beyond), starts, (low, high), one, one, reached=KEPT, steps=STEPS
+        row_by_row(beyond), starts, (low, high), one, one, reached=KEPT, steps=STEPS
     )
     best = int(np.argmin(left))
     return found[best], float(left[best])

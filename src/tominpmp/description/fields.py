@@ -71,7 +71,7 @@ class Field:
         return self.value is not None and self.value not in ("", [], {})
 
     @property
-    def says_something(self) -> bool:
+    def is_filled_in(self) -> bool:
         """Whether the value differs from the defaults of a ROS message."""
 
         def said(value: Any) -> bool:

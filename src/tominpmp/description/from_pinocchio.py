@@ -29,7 +29,7 @@ from tominpmp.description.tree import (
     fixed_joint,
     fresh_name,
     solid,
-    warn_of_points,
+    warn_of_empty_shapes,
 )
 from tominpmp.description.xml_reader import MAX_NUMBER, bounded
 from tominpmp.exceptions import RobotLoadError, brief
@@ -83,7 +83,7 @@ def describe_model(
                 shape = replace(shape, colour=tuple(colour))
             more: Any = {kind: (*getattr(links[name], kind), shape)}
             links[name] = replace(links[name], **more)
-    warn_of_points(points, path)
+    warn_of_empty_shapes(points, path)
     gravity = tuple(np.asarray(model.gravity.linear).tolist())
     description = UrdfDescription(
         name=model.name or "robot",

@@ -28,7 +28,7 @@ from tominpmp.description.tree import (
     JointDescription,
     UrdfDescription,
     fresh_name,
-    warn_of_unseen,
+    warn_of_missing_visuals,
 )
 from tominpmp.description.xml_reader import XmlContext, read_xml, to_number, xml_text
 from tominpmp.exceptions import brief, shortened, warn_caller
@@ -204,7 +204,7 @@ class _MjcfReader:
         for key in root.findall("keyframe/key[@qpos]"):
             if len(key.get("qpos", "").split()) == len(self.joints):
                 keys.append(key)
-        warn_of_unseen(self.unseen, path)
+        warn_of_missing_visuals(self.unseen, path)
         if found:
             warn_caller(f"{path}: not read: {', '.join(sorted(found))}")
         return plain

@@ -261,13 +261,13 @@ def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
     return Shape(kind, tuple(np.maximum(lengths, THIN).tolist()), placement)
 
 
-def warn_of_points(places: Sequence[str], path: Path) -> None:
+def warn_of_empty_shapes(places: Sequence[str], path: Path) -> None:
     """Warn of shapes that were left out because all their sizes are zero."""
     if places:
         warn_caller(f"{path}: shapes of no size are left out: {first_of(places)}")
 
 
-def warn_of_unseen(places: Sequence[str], path: Path) -> None:
+def warn_of_missing_visuals(places: Sequence[str], path: Path) -> None:
     """Warn of visual shapes that were left out because their meshes are missing."""
     if places:
         warn_caller(

@@ -42,8 +42,8 @@ from tominpmp.description.tree import (
     Shape,
     UrdfDescription,
     solid,
-    warn_of_points,
-    warn_of_unseen,
+    warn_of_empty_shapes,
+    warn_of_missing_visuals,
 )
 from tominpmp.description.xml_reader import (
     XmlContext,
@@ -539,8 +539,8 @@ class _UrdfReader:
         not read here.
         """
         path, unread = self.context.path, mistakes(self.root, "robot")
-        warn_of_points(self.points, path)
-        warn_of_unseen(self.unseen, path)
+        warn_of_empty_shapes(self.points, path)
+        warn_of_missing_visuals(self.unseen, path)
         for element in (*self.root.findall("link"), *self.root.findall("joint")):
             where = f"{element.tag} {element.get('name', '').strip()}"
             for part in (element, *element.findall("inertial")):

@@ -90,7 +90,7 @@ INSIDE = """
 def _unread(table: Field, known: Collection[str]) -> Iterator[str]:
     """Unknown keys of a table and of its inner tables that have a value."""
     for name, item in table.table().items():
-        if name not in known and item.says_something:
+        if name not in known and item.is_filled_in:
             yield item.key
         elif name in TABLES and item.given:
             parts = item.items() if isinstance(item.value, list) else (item,)

@@ -260,7 +260,7 @@ def _check_siblings(message: Field, wrapper: str, mention: bool) -> None:
         if name in MULTI_DOF_KEYS:
             if item.get("points").given or item.get("joint_names").given:
                 item.fail("moves joints of several degrees of freedom: not supported")
-        elif mention and name not in (wrapper, *IGNORED_KEYS) and item.says_something:
+        elif mention and name not in (wrapper, *IGNORED_KEYS) and item.is_filled_in:
             warn_caller(
                 f"{message.path}: {item.key} is not looked at: it is no part of the "
                 "motion"

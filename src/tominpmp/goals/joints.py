@@ -30,7 +30,7 @@ from tominpmp.checks import (
     known_joints,
     named_row,
     names,
-    one_each,
+    one_per_joint,
     text,
     vector,
     whole,
@@ -79,7 +79,7 @@ class GoalOnJoints(Record, Goal):
         self._keep(q=q, joints=self.joints if joints is None else joints)
         if self.joints is not None:
             self._keep(joints=names(self.joints, "goal.joints"))
-            one_each(self.q, "goal.q", self.joints)
+            one_per_joint(self.q, "goal.q", self.joints)
 
     @property
     def ways(self) -> tuple[Array, ...]:
@@ -226,7 +226,7 @@ class JointGoal(GoalOnJoints):
         q = in_order({**rest, **places}, known, "goal.q", others=locked)
         if self.v is None:
             return JointGoal(q, wrap=self.wrap)
-        one_each(self.v, "goal.v", self.joints)
+        one_per_joint(self.v, "goal.v", self.joints)
         speeds = dict(zip(self.joints, self.v.tolist(), strict=True))
         still = dict.fromkeys(locked, 0.0)
         v = in_order(speeds, known, "goal.v", others=still, missing=0.0)
@@ -243,7 +243,7 @@ class JointGoal(GoalOnJoints):
         self._angles(robot)
         for name, value in (("goal.q", self.q), ("goal.v", self.v)):
             if value is not None:
-                one_each(value, name, names)
+                one_per_joint(value, name, names)
 
     def with_state(self, q: Array, v: Array) -> JointGoal:
         """A goal at another configuration and velocity."""
@@ -306,7 +306,7 @@ class JointRegionGoal(GoalOnJoints):
         known = instance(robot, Robot, "robot").joint_names
         names = known if self.joints is None else tuple(self.joints)
         known_joints(names, known)
-        one_each(self.q, "goal.q", names)
+        one_per_joint(self.q, "goal.q", names)
         self._angles(robot)
 
     def _asked(self, robot: Robot, given: Array) -> tuple[IntArray, Array, Array]:

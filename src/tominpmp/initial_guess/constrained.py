@@ -15,7 +15,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints.base import States
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.least_squares import each, least_squares
+from tominpmp.least_squares import least_squares, row_by_row
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ def _shifted(
 
     limits = system.problem.robot.limits
     inner, error = least_squares(
-        each(residual),
+        row_by_row(residual),
         line[1:-1],
         (limits.position_lower, limits.position_upper),
         system.step_scale,

@@ -15,7 +15,7 @@ from tominpmp.goals.joints import nearest_turns
 from tominpmp.goals.place import Scales
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.least_squares import damped_step, each, least_squares
+from tominpmp.least_squares import damped_step, least_squares, row_by_row
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Most least-squares steps from a start.
@@ -168,7 +168,7 @@ def _descend(target: Target, q: Array) -> tuple[Array, Array]:
     """Configurations after least squares, shape (m, n), and norms of residuals."""
     limits = target.system.problem.robot.limits
     return least_squares(
-        each(lambda _, q: target.residual(q)),
+        row_by_row(lambda _, q: target.residual(q)),
         q,
         (limits.position_lower, limits.position_upper),
         target.scales.joints,
@@ -266,7 +266,7 @@ def moved_nearer(target: Target, solutions: Sequence[Array]) -> list[Array]:
     low, high = limits.position_lower, limits.position_upper
     weights, scale = speed_weights(limits.velocity), target.scales.joints
     out, rows = np.array(solutions), np.arange(len(solutions))
-    residual = each(lambda _, q: target.residual(q))
+    residual = row_by_row(lambda _, q: target.residual(q))
     for _ in range(STEPS_NEARER):
         if not rows.size:
             break

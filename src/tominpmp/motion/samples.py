@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.checks import choice, names, wrong
-from tominpmp.exceptions import ProblemError, brief, told_of
+from tominpmp.exceptions import ProblemError, brief, naming
 
 # Interpolation of samples, see Samples.
 Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
@@ -101,7 +101,7 @@ class Samples(TimedRows):
         rising = listed and bool(np.all(np.diff(ends, prepend=0.0) >= 0.0))
         if not (rising and ends[-1] <= self.t[-1]):
             expected = "times in order, up to that of the last row"
-            with told_of("samples"):
+            with naming("samples"):
                 raise wrong(self.segment_ends, "segment_ends", expected)
 
     @property

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, FrozenArray, Record, array_or_nan
 from tominpmp.checks import instance, number, positive, whole, wrong
-from tominpmp.exceptions import told_of
+from tominpmp.exceptions import naming
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
@@ -57,7 +57,7 @@ class Disturbances(Record):
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        with told_of("disturbances"):
+        with naming("disturbances"):
             super().__post_init__()
 
     @property

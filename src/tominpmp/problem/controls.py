@@ -70,4 +70,4 @@ def need_smooth(robot: Robot, limits: MotionLimits | None) -> bool:
     """Whether motion limits ask for more than controls that may jump."""
     if limits is None or not limits.need_smooth:
         return False
-    return not (robot.kinematic and limits._given == [ACCELERATION])
+    return not (robot.kinematic and limits._bounded == [ACCELERATION])

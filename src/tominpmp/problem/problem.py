@@ -18,7 +18,7 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
-from tominpmp.exceptions import ProblemError, brief, told_of, warn_caller
+from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import passed
 from tominpmp.kinematics import RobotKinematics
@@ -188,7 +188,7 @@ class Problem(Record):
         messages: list[str] = []
         q = self.q_start
         for k, segment in enumerate(self.segments):
-            with told_of(f"segment {k + 1} of {len(self.segments)}", f"segments[{k}]"):
+            with naming(f"segment {k + 1} of {len(self.segments)}", f"segments[{k}]"):
                 phase, more = self._phase(segment, k, q)
             q = q if phase.goal.configuration is None else phase.goal.configuration
             found.append(phase)
@@ -393,7 +393,7 @@ def check_controls(robot: Robot, limits: MotionLimits | None) -> None:
         return
     limits = limits or MotionLimits()
     kinds = kinds_of(limits).items()
-    wrong = [k for k, kind in kinds if kind.of_torques and kind in limits._given]
+    wrong = [k for k, kind in kinds if kind.of_torques and kind in limits._bounded]
     wrong += ["effort_scale"] if limits.effort_scale < 1.0 else []
     if wrong:
         raise ProblemError(

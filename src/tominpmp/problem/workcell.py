@@ -21,7 +21,7 @@ from tominpmp.checks import VectorLike, instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
 from tominpmp.dynamics import torques_of
-from tominpmp.exceptions import ProblemError, brief, told_of
+from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.goals.sets import AllGoals, AnyGoal
@@ -218,7 +218,7 @@ class Workcell(Record):
         """One goal of the goals of the robots, each without alternatives."""
         for name, goal in goals.items():
             if goal is not None:
-                with told_of(name):
+                with naming(name):
                     goal.validate(self.robots[name][0])
         given = {k: goal for k, goal in goals.items() if goal is not None}
         q = {
@@ -243,7 +243,7 @@ class Workcell(Record):
             raise ProblemError("goal: no robot has one", "goal")
         renamed = []
         for name, goal in given.items():
-            with told_of(name):
+            with naming(name):
                 renamed.append(goal.prefixed(f"{name}/", self.robots[name][0]))
         return AllGoals(renamed)
 

@@ -20,7 +20,7 @@ from tominpmp.arrays import (
 )
 from tominpmp.checks import choice, optional, wrong
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, SceneError, brief, told_of
+from tominpmp.exceptions import ProblemError, SceneError, brief, naming
 from tominpmp.scene.mesh_files import read_mesh
 from tominpmp.scene.obstacles import Obstacle, obstacle
 
@@ -91,7 +91,7 @@ class Mesh(Obstacle):
                 f"the mesh {brief(str(self.path))} is not there: the folder "
                 f"{path.parent} {why}"
             )
-        with told_of(f"the mesh {path} cannot be read"):
+        with naming(f"the mesh {path} cannot be read"):
             vertices, triangles = read_mesh(path)
         self._keep(vertices=vertices, triangles=triangles)
 

@@ -15,10 +15,10 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.dynamics import (
-    HOLD,
+    HOLD_TOLERANCE,
     RobotDynamics,
-    held_still,
-    setting_out,
+    held_accelerations,
+    slip_directions,
 )
 from tominpmp.robot.robot import Robot
 
@@ -104,7 +104,7 @@ class Plant:
         """A derivative with joints that friction holds at rest."""
         if self._holds:
             n, a = self._n, free.reshape(2 * self._n, -1)
-            a[n:] = held_still(self._mass(t, x), a[n:], self._held)
+            a[n:] = held_accelerations(self._mass(t, x), a[n:], self._held)
         return free
 
     def _mass(self, t: float, x: Array) -> Array:
@@ -130,7 +130,7 @@ class Plant:
         self._slide(np.where(self.dry & ~stopped, np.sign(v), 0.0))
         if resting.any():
             mass, a = self._mass(t, x), self.free(t, x)[n:]
-            sets_out = setting_out(mass, mass @ a, self.robot.friction, resting)
+            sets_out = slip_directions(mass, mass @ a, self.robot.friction, resting)
             self._slide(self.way + sets_out)
         self._held = self.dry & (self.way == 0.0)
         self._holds = bool(self._held.any())
@@ -205,7 +205,7 @@ class Plant:
         if back < 0.0 or not self._holds:
             return back
         free, mass = self.free(t, x)[self._n :, None], self._mass(t, x)
-        needed = mass @ (free - held_still(mass, free, self._held))
+        needed = mass @ (free - held_accelerations(mass, free, self._held))
         # A trace more than the torque that starts joints, so that they start.
-        rest = (1.0 + 2.0 * HOLD) * self.robot.friction - np.abs(needed[:, 0])
+        rest = (1.0 + 2.0 * HOLD_TOLERANCE) * self.robot.friction - np.abs(needed[:, 0])
         return min(back, float(rest[self._held].min()))

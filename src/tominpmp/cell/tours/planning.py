@@ -39,7 +39,7 @@ from tominpmp.cell.tours.tour import Tour
 from tominpmp.checks import JointsLike, flag, instance, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import OptionsError, ProblemError, brief, told_of, warn_caller
+from tominpmp.exceptions import OptionsError, ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import place_of
 from tominpmp.goals.joints import JointGoal
@@ -484,7 +484,7 @@ def _checked_goals(
     known, needed = known_names(robot, problem.scene), rules.all_needs
     for k, station in enumerate(stations):
         own = called(k + 1, station.name)
-        with told_of(own, f"stations[{k}]"):
+        with naming(own, f"stations[{k}]"):
             goal = station.goal.resolved(robot)
             goal.validate(robot)
             if station.payload is not None:

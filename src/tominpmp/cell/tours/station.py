@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 
 from tominpmp.arrays import Array, Record, record
 from tominpmp.checks import of_type, wrong
-from tominpmp.exceptions import ProblemError, brief, told_of
+from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.goals.base import Goal
 from tominpmp.problem.segments import Dwell, Flag, Pairs, PayloadOrNone, checked_pairs
 from tominpmp.robot.robot import Robot
@@ -67,7 +67,7 @@ class Station(Record):
         """Check the values that need no robot."""
         if not isinstance(self.name, str) or not self.name.strip():
             raise wrong(self.name, "station.name", "a text")
-        with told_of(f"station {brief(self.name)}", "station"):
+        with naming(f"station {brief(self.name)}", "station"):
             super().__post_init__()
             # A stay is a stop.
             self._keep(stop=self.stop or self.dwell > 0.0)
