@@ -129,7 +129,7 @@ def find_datasheet(
     fitting = [
         sheet
         for sheet in datasheets()
-        if any(_holds(own, _words(name)) for own in words for name in sheet.names)
+        if any(_contains(own, _words(name)) for own in words for name in sheet.names)
         and _prefixes(joint_names, sheet.joints)
     ]
     return max(fitting, key=lambda sheet: len(sheet.joints), default=None)
@@ -163,7 +163,7 @@ def _words(name: str) -> tuple[str, ...]:
     return tuple(word for word in re.split(r"[\W_]+", name.lower()) if word)
 
 
-def _holds(words: tuple[str, ...], wanted: tuple[str, ...]) -> bool:
+def _contains(words: tuple[str, ...], wanted: tuple[str, ...]) -> bool:
     """Whether words occur consecutively among other words."""
     n = len(wanted)
     return any(words[i : i + n] == wanted for i in range(len(words) - n + 1))

@@ -22,7 +22,7 @@ LONGEST_PATH, MOST_PLACES = 400, 20
 # References into a package, and absolute paths that belong to another machine.
 _ELSEWHERE = re.compile(r"(package|model|file):|\$\(find|/|[A-Za-z]:[\\/]")
 # Package name in a manifest.
-_NAMED = re.compile(r"<name>\s*(\S+?)\s*</name>")
+_PACKAGE_NAME = re.compile(r"<name>\s*(\S+?)\s*</name>")
 # Package reference of ROS in a path, left over where a file was not fully expanded.
 _FIND = re.compile(r"^(?:\w+://)?\$\(find(?:-pkg-share)?\s+([\w.-]+)\s*\)/*")
 
@@ -393,5 +393,5 @@ def _package_name(folder: Path) -> str:
         text = manifest.read_text("utf-8", "replace") if manifest.is_file() else ""
     except (OSError, ValueError):
         return ""
-    found = _NAMED.search(text)
+    found = _PACKAGE_NAME.search(text)
     return found[1] if found else ""

@@ -35,9 +35,9 @@ from tominpmp.description.xml_reader import MAX_NUMBER, bounded
 from tominpmp.exceptions import RobotLoadError, brief
 
 # Tolerance within which two placements are equal [m, rad].
-SAME = 1e-12
+PLACEMENT_TOLERANCE = 1e-12
 # Number of vertices around a curved shape that becomes a mesh.
-CORNERS = 48
+VERTICES = 48
 
 # Triangle mesh: vertices (k, 3), and vertex indices of each triangle (m, 3).
 Triangles = tuple[Array, IntArray]
@@ -70,20 +70,20 @@ def describe_model(
     """
     path = Path(f"<pinocchio.Model {model.name}>") if path is None else path
     reader = _ModelReader(model, path)
-    links, points = reader.links(), list[str]()
+    links, empty_shapes = reader.links(), list[str]()
     for geometry, kind in ((collision, "collisions"), (visual, "visuals")):
         for item in () if geometry is None else geometry.geometryObjects:
             name, placement = reader.placed(item)
             shape = _shape(item, placement, path)
             if shape is None:
-                points.append(brief(item.name))
+                empty_shapes.append(brief(item.name))
                 continue
             if kind == "visuals" and not (shape.file and not item.overrideMaterial):
                 colour = np.clip(item.meshColor, 0.0, 1.0).tolist()
                 shape = replace(shape, colour=tuple(colour))
             more: Any = {kind: (*getattr(links[name], kind), shape)}
             links[name] = replace(links[name], **more)
-    warn_of_empty_shapes(points, path)
+    warn_of_empty_shapes(empty_shapes, path)
     gravity = tuple(np.asarray(model.gravity.linear).tolist())
     description = UrdfDescription(
         name=model.name or "robot",
@@ -176,7 +176,7 @@ class _ModelReader:
         """Name of the link that a joint moves: its body's, or one after the joint."""
         for index, frame in enumerate(self.model.frames):
             body = frame.type == pin.FrameType.BODY and frame.parentJoint == joint
-            if body and frame.placement.isIdentity(SAME):
+            if body and frame.placement.isIdentity(PLACEMENT_TOLERANCE):
                 self.link_of[index] = fresh_name(frame.name, self._links)
                 return self.link_of[index]
         own = f"{self.model.names[joint]}_link" if joint else "world"
@@ -280,13 +280,13 @@ def _semantics(
             # Two coordinates are cosine and sine.
             angle = math.atan2(part[-1], part[0]) if joint.nq == 2 else float(part[0])
             state[name] = angle
-    pairs = () if collision is None else _left_out(reader, collision)
+    pairs = () if collision is None else _unchecked_pairs(reader, collision)
     if not pairs and not states:
         return None
     return SemanticDescription(pairs, states, path)
 
 
-def _left_out(
+def _unchecked_pairs(
     reader: _ModelReader, collision: pin.GeometryModel
 ) -> tuple[tuple[str, str], ...]:
     """Link pairs that the collision pairs leave out; empty without a real choice.
@@ -295,7 +295,7 @@ def _left_out(
     """
     items = list(collision.geometryObjects)
     links = [reader.placed(item)[0] for item in items]
-    watched = {
+    checked = {
         tuple(sorted((links[pair.first], links[pair.second])))
         for pair in collision.collisionPairs
     }
@@ -304,9 +304,9 @@ def _left_out(
         for i, k in combinations(range(len(items)), 2)
         if items[i].parentJoint != items[k].parentJoint and links[i] != links[k]
     }
-    if not watched or every <= watched:
+    if not checked or every <= checked:
         return ()
-    return tuple(sorted((one, other) for one, other in every - watched))
+    return tuple(sorted((one, other) for one, other in every - checked))
 
 
 def _triangles(solid: Any) -> Triangles | None:
@@ -317,23 +317,23 @@ def _triangles(solid: Any) -> Triangles | None:
         return np.array(solid.vertices()), np.array([[f[0], f[1], f[2]] for f in faces])
     if kind.startswith("Convex"):
         return _hull(np.array(solid.points()))
-    turn = 2.0 * np.pi * (np.arange(CORNERS) + 0.5) / CORNERS
-    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1) / np.cos(np.pi / CORNERS)
+    turn = 2.0 * np.pi * (np.arange(VERTICES) + 0.5) / VERTICES
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1) / np.cos(np.pi / VERTICES)
     if kind == "Cone":
-        base = np.full((CORNERS, 1), -solid.halfLength)
+        base = np.full((VERTICES, 1), -solid.halfLength)
         top = [[0.0, 0.0, solid.halfLength]]
         return _hull(np.vstack([np.hstack([solid.radius * ring, base]), top]))
     if kind == "Ellipsoid":
-        tilt = np.linspace(0.0, np.pi, CORNERS // 2 + 1)[:, None, None]
+        tilt = np.linspace(0.0, np.pi, VERTICES // 2 + 1)[:, None, None]
         # Circumscribed: the faces touch the ellipsoid, the vertices are outside.
         ball = np.concatenate(
             [
                 np.sin(tilt) * ring,
-                np.broadcast_to(np.cos(tilt), (tilt.size, CORNERS, 1)),
+                np.broadcast_to(np.cos(tilt), (tilt.size, VERTICES, 1)),
             ],
             axis=2,
         ).reshape(-1, 3)
-        ball /= np.cos(np.pi / CORNERS)
+        ball /= np.cos(np.pi / VERTICES)
         return _hull(ball * np.asarray(solid.radii))
     return None
 

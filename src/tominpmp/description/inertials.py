@@ -24,9 +24,9 @@ POINT = 1e-9
 # moment falls below zero by more.
 ROUNDED = 1e-2
 # Distance of joints that count as coincident, with only nominal links between them [m].
-TOGETHER = 1e-2
+COINCIDENT = 1e-2
 # Most joints that a warning names.
-MOST = 5
+MOST_NAMED = 5
 
 # Below these values a mass matrix counts as singular: the smallest diagonal entry [kg
 # m^2 or kg], and the smallest eigenvalue once the diagonal is scaled to one. The
@@ -45,20 +45,20 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
     """
     bodies = description.bodies
     shaped = {link.name for link in bodies if link.collisions or link.visuals}
-    found = impossible_bodies(model) | {
+    faulty = impossible_bodies(model) | {
         joint: f"{named_body(model, joint)} {fault}"
         for joint in range(1, model.njoints)
-        if (fault := _lack(model, joint, shaped)) is not None
+        if (fault := _missing_inertia(model, joint, shaped)) is not None
     }
-    if found:
-        faults = listed([found[joint] for joint in sorted(found)])
+    if faulty:
+        faults = listed([faulty[joint] for joint in sorted(faulty)])
         warn_caller(f"{description.path}: {faults}: mend the <inertial> elements")
 
 
 def listed(faults: Sequence[str]) -> str:
     """Faults of bodies, with their consequences, in a sentence."""
-    shown = "; ".join(faults[:MOST])
-    rest = f"; and {len(faults) - MOST} more" if len(faults) > MOST else ""
+    shown = "; ".join(faults[:MOST_NAMED])
+    rest = f"; and {len(faults) - MOST_NAMED} more" if len(faults) > MOST_NAMED else ""
     return (
         f"{shown}{rest}. The torques that their joints need come out wrong, mostly too "
         "small, and motions too fast for the arm"
@@ -95,7 +95,7 @@ def impossible_moments(tensor: Array) -> str | None:
     )
 
 
-def _lack(model: pin.Model, joint: int, shaped: set[str]) -> str | None:
+def _missing_inertia(model: pin.Model, joint: int, shaped: set[str]) -> str | None:
     """Missing mass or moments of the body behind a joint, in a clause."""
     inertia = model.inertias[joint]
     if inertia.mass == 0.0 and not _virtual(model, joint, shaped):
@@ -115,7 +115,7 @@ def _virtual(model: pin.Model, joint: int, shaped: set[str]) -> bool:
     if not carried or shaped.intersection(links_of(model, joint)):
         return False
     apart = [np.linalg.norm(model.jointPlacements[k].translation) for k in carried]
-    return bool(np.max(apart) <= TOGETHER)
+    return bool(np.max(apart) <= COINCIDENT)
 
 
 def links_of(model: pin.Model, joint: int) -> list[str]:
@@ -160,13 +160,13 @@ def check_inertia(
     path, names = description.path, table.joint_names
     matrix = np.eye(len(names)) if matrix is None else matrix
     ratios, shift = np.abs(matrix), 0.0 if offset is None else offset
-    bare = ratios @ table["armature"] == 0.0
-    found = {k: v for k, v in impossible_bodies(model).items() if bare[k - 1]}
-    if found:
-        leaders = np.unique([ratios[joint - 1].argmax() for joint in found])
+    no_rotor = ratios @ table["armature"] == 0.0
+    wrong = {k: v for k, v in impossible_bodies(model).items() if no_rotor[k - 1]}
+    if wrong:
+        leaders = np.unique([ratios[joint - 1].argmax() for joint in wrong])
         rotors = example_values([names[leader] for leader in leaders.tolist()])
         raise RobotLoadError(
-            f"{path}: {listed(list(found.values()))}: mend the <inertial> elements, or "
+            f"{path}: {listed(list(wrong.values()))}: mend the <inertial> elements, or "
             f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless, or "
             f"{KINEMATIC}",
             path,

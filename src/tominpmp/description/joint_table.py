@@ -76,8 +76,8 @@ class Linkage:
                     f"puts it at {at:g}"
                 )
             if fault:
-                said = f"locked_joints: joint {name} {fault}"
-                raise OptionsError(said, "locked_joints")
+                message = f"locked_joints: joint {name} {fault}"
+                raise OptionsError(message, "locked_joints")
         return cls(locked, followers)
 
     def reasons(self) -> dict[str, str]:
@@ -387,7 +387,7 @@ class JointTable:
             joint = by_name[name]
             for follower, mimic in linkage.followers.items():
                 if mimic.leader == name:
-                    joint = _led(joint, by_name[follower], mimic)
+                    joint = _with_follower(joint, by_name[follower], mimic)
             # In descriptions, a limit of zero stands for an unknown limit.
             velocity = joint.velocity if joint.velocity > 0 else math.nan
             effort = joint.effort if 0 < joint.effort < math.inf else math.nan
@@ -472,7 +472,7 @@ def example_values(joints: Sequence[str]) -> str:
     return "{" + ", ".join(f"{joint!r}: ..." for joint in joints) + "}"
 
 
-def _led(
+def _with_follower(
     joint: JointDescription, follower: JointDescription, mimic: Mimic
 ) -> JointDescription:
     """Include the limits and friction of a follower in those of its leader."""

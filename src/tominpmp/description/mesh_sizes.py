@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element
 from tominpmp.description.xml_reader import parse_xml
 
 # Endings of formats in which a shape may be repeated.
-MAY_REPEAT = (".dae", ".glb", ".gltf")
+INSTANCED = (".dae", ".glb", ".gltf")
 # Memory of an instance in addition to its shape, and of a number of a shape [bytes].
 INSTANCE = 2000
 NUMBER = 16
@@ -50,7 +50,7 @@ def check_expanded(path: Path, data: bytes) -> None:
 
 
 def _gltf_size(document: Mapping[str, Any], path: Path) -> float:
-    arrays = [NUMBER * abs(found["count"]) for found in document.get("accessors", ())]
+    arrays = [NUMBER * abs(item["count"]) for item in document.get("accessors", ())]
     meshes = [
         INSTANCE
         + sum(
@@ -61,14 +61,14 @@ def _gltf_size(document: Mapping[str, Any], path: Path) -> float:
         )
         for mesh in document.get("meshes", ())
     ]
-    shown = [
+    instances = [
         meshes[node["mesh"]] for node in document.get("nodes", ()) if "mesh" in node
     ]
     names = [buffer.get("uri", "data:") for buffer in document.get("buffers", ())]
     files = [path.parent / name for name in names if not name.startswith("data:")]
     nodes = len(document.get("nodes", ()))
-    beside = sum(file.stat().st_size for file in files)
-    return float(sum(arrays) + sum(shown) + nodes + beside)
+    external = sum(file.stat().st_size for file in files)
+    return float(sum(arrays) + sum(instances) + nodes + external)
 
 
 def _collada_size(root: Element) -> float:

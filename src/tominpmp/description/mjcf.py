@@ -35,14 +35,14 @@ from tominpmp.exceptions import brief, shortened, warn_caller
 
 # Elements that generate bodies in ways that Pinocchio does not support; elements, and
 # then attributes, that affect the dynamics and are not read.
-MAKERS = {"attach", "composite", "flexcomp", "frame", "replicate"}
+GENERATORS = {"attach", "composite", "flexcomp", "frame", "replicate"}
 UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass"}
 UNREAD |= {"inertiagrouprange"}
 # Actuators, which share their defaults; for the first two, forces follow from controls.
 DIRECT = ("motor", "general")
 ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".split())
 # Joints with several degrees of freedom.
-MANY = ("free", "ball")
+MULTI_DOF = ("free", "ball")
 # Attributes of the compiler that Pinocchio reads; supported shapes, with the number of
 # their sizes; lengths of further attributes, which Pinocchio does not check.
 COMPILER = {"angle", "eulerseq", "boundmass", "boundinertia", "inertiafromgeom"}
@@ -51,7 +51,7 @@ SHAPES = {"mesh": 0, **ROUND, **SOLID}
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6}
 # Attributes that are one nonnegative number of any size.
-AMOUNTS = ("mass", "armature", "damping", "frictionloss")
+NONNEGATIVE = ("mass", "armature", "damping", "frictionloss")
 
 Range = tuple[float, float]
 
@@ -110,7 +110,7 @@ class _MjcfReader:
         self.joints: dict[str, Element] = {}
         #: Missing mesh files, with a message; shapes that were left out.
         self.missing: dict[str, str] = {}
-        self.unseen: list[str] = []
+        self.dropped: list[str] = []
 
     def _include(self, element: Element, seen: set[Path]) -> None:
         """Replace include elements by the content of their files."""
@@ -157,8 +157,8 @@ class _MjcfReader:
         Raises:
             RobotLoadError: If Pinocchio cannot read the file.
         """
-        plain, kinds = self._plain(), pin.GeometryType
-        shown, weighing = xml_text(plain), xml_text(_weighing(plain))
+        plain, kinds = self._simplified(), pin.GeometryType
+        shown, weighing = xml_text(plain), xml_text(_with_known_weights(plain))
         with tempfile.TemporaryDirectory() as name:
             file, other = str(Path(name, "robot.xml")), str(Path(name, "weights.xml"))
             Path(file).write_bytes(shown)
@@ -170,13 +170,13 @@ class _MjcfReader:
             except Exception as error:
                 self.context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
 
-    def _plain(self) -> Element:
+    def _simplified(self) -> Element:
         """Equivalent file that Pinocchio can read."""
         root, path = self.root, self.context.path
-        plain = Element("mujoco", model=root.get("model", path.stem))
+        simple = Element("mujoco", model=root.get("model", path.stem))
         kept = {k: v for k, v in self.compiler.items() if k in COMPILER}
-        SubElement(plain, "compiler", kept)
-        asset = SubElement(plain, "asset")
+        SubElement(simple, "compiler", kept)
+        asset = SubElement(simple, "asset")
         folder = self.compiler.get("meshdir", self.compiler.get("assetdir", ""))
         for item in root.findall("asset/mesh[@file]"):
             strip = self.compiler.get("strippath") == "true"
@@ -194,22 +194,22 @@ class _MjcfReader:
             if item.tag != "mesh" or item.get("name") not in self.missing:
                 asset.append(item)
         # Pinocchio reads the first body only, and ignores its placement.
-        world = SubElement(SubElement(plain, "worldbody"), "body", name=WORLD)
+        world = SubElement(SubElement(simple, "worldbody"), "body", name=WORLD)
         for body in root.findall("worldbody"):
             world.extend(body)
-        self._make_plain(world, {element.get("name", "") for element in root.iter()})
+        self._simplify(world, {element.get("name", "") for element in root.iter()})
         words = (w for e in root.iter() for w in (e.tag, *e.attrib) if e.get(w) != "0")
         found = UNREAD.intersection(words)
-        keys = SubElement(plain, "keyframe")
+        keys = SubElement(simple, "keyframe")
         for key in root.findall("keyframe/key[@qpos]"):
             if len(key.get("qpos", "").split()) == len(self.joints):
                 keys.append(key)
-        warn_of_missing_visuals(self.unseen, path)
+        warn_of_missing_visuals(self.dropped, path)
         if found:
             warn_caller(f"{path}: not read: {', '.join(sorted(found))}")
-        return plain
+        return simple
 
-    def _make_plain(self, body: Element, names: set[str]) -> None:
+    def _simplify(self, body: Element, names: set[str]) -> None:
         """Name the elements of a body, drop unsupported shapes, and store joints."""
         where = f"body {body.get('name')}"
         for child in list(body):
@@ -226,16 +226,16 @@ class _MjcfReader:
             for key in counts.keys() & child.attrib.keys():
                 low = 0.0 if key == "size" else None
                 self.context.numbers(child, key, where, (0.0,) * counts[key], low)
-            for key in (k for k in AMOUNTS if k in child.attrib):
+            for key in (k for k in NONNEGATIVE if k in child.attrib):
                 if not 0.0 <= to_number(child.get(key, "")) < math.inf:
                     what = f"{where}: {tag} {key}={brief(child.get(key))}"
                     self.context.fail(f"{what}, expected a number from 0 on")
-            if tag in MAKERS:
+            if tag in GENERATORS:
                 self.context.fail(
                     f"{where} has <{tag}>, which is not read; write "
                     "out the bodies that it makes (mujoco.mj_saveLastXML does)"
                 )
-            if tag == "freejoint" or (tag == "joint" and kind in MANY):
+            if tag == "freejoint" or (tag == "joint" and kind in MULTI_DOF):
                 self.context.fail(
                     f"{where} has a {'ball' if kind == 'ball' else 'free'} joint; only "
                     "joints that turn about one axis or slide along one can be planned "
@@ -245,12 +245,12 @@ class _MjcfReader:
                 child.set("name", fresh_name(f"{body.get('name')}_{tag}", names))
             if tag == "body":
                 child = self._with_one_joint(body, child, names)
-                self._make_plain(child, names)
+                self._simplify(child, names)
             elif tag == "joint":
                 self.joints[child.get("name", "")] = Element(tag, child.attrib)
                 for key in ("range", "ref", "actuatorfrcrange"):
                     child.attrib.pop(key, None)
-            elif tag == "geom" and (kind not in SHAPES or self._is_unseen(body, child)):
+            elif tag == "geom" and (kind not in SHAPES or self._is_absent(body, child)):
                 body.remove(child)
             elif tag == "geom" and "fromto" not in child.attrib:
                 # Pinocchio ignores the rotation of a shape without a position.
@@ -271,7 +271,7 @@ class _MjcfReader:
         outer.extend((joints[0], body))
         return outer
 
-    def _is_unseen(self, body: Element, geom: Element) -> bool:
+    def _is_absent(self, body: Element, geom: Element) -> bool:
         """Whether a shape is visual only, weightless, and its mesh is missing."""
         missing = self.missing.get(geom.get("mesh", ""))
         if missing is None:
@@ -281,7 +281,7 @@ class _MjcfReader:
         )
         if weighs or not geom.get("contype") == geom.get("conaffinity") == "0":
             self.context.fail(f"body {body.get('name')}: the mesh {missing}")
-        self.unseen.append(f"body {body.get('name')} ({brief(geom.get('mesh'))})")
+        self.dropped.append(f"body {body.get('name')} ({brief(geom.get('mesh'))})")
         return True
 
     def finished(
@@ -307,11 +307,11 @@ class _MjcfReader:
 
     def _range(self, element: Element, name: str, limited: str) -> Range:
         """Range of an attribute; infinite if it is not in force."""
-        said = element.get(limited, "auto")
+        setting = element.get(limited, "auto")
         automatic = (
             self.compiler.get("autolimits") != "false" and name in element.attrib
         )
-        if said == "false" or (said == "auto" and not automatic):
+        if setting == "false" or (setting == "auto" and not automatic):
             return -math.inf, math.inf
         where = f"{element.tag} {element.get('name', '')}"
         low, high = self.context.numbers(element, name, where, (0.0, 0.0))
@@ -329,16 +329,16 @@ class _MjcfReader:
                 ends = np.clip(ends, *np.sort(gain * control))
             name = actuator.get("joint", actuator.get("jointinparent", ""))
             sums[name] = sums.get(name, 0.0) + np.sort(gear * ends)
-        found = {}
+        limits = {}
         for name, own in self.joints.items():
             most = self._range(own, "actuatorfrcrange", "actuatorfrclimited")
             low, high = np.clip(sums.get(name, most), *most).tolist()
             if math.isfinite(high - low):
-                found[name] = low, high
-        return found
+                limits[name] = low, high
+        return limits
 
 
-def _weighing(root: Element) -> Element:
+def _with_known_weights(root: Element) -> Element:
     """Remove the shapes of bodies whose weight Pinocchio does not compute correctly.
 
     Pinocchio takes visual shapes for weightless, and each mesh for one kilogram. A body

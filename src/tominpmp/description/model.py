@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointTable
-from tominpmp.description.mesh_sizes import MAY_REPEAT, check_expanded
+from tominpmp.description.mesh_sizes import INSTANCED, check_expanded
 from tominpmp.description.tree import (
     SIZES,
     JointDescription,
@@ -53,9 +53,9 @@ def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pi
     root, here = description.root, pin.SE3.Identity()
     inertia = _inertia(links[root])
     body = model.addFrame(pin.Frame(root, 0, 0, here, kinds.BODY, inertia))
-    waiting = [(joint, body) for joint in on_link.get(root, ())]
-    while waiting:
-        joint, above = waiting.pop()
+    stack = [(joint, body) for joint in on_link.get(root, ())]
+    while stack:
+        joint, above = stack.pop()
         index = int(model.frames[above].parentJoint)
         place = model.frames[above].placement * pin.SE3(joint.placement)
         inertia = _inertia(links[joint.child])
@@ -70,7 +70,7 @@ def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pi
             frame, place = model.addJointFrame(index, above), pin.SE3.Identity()
             model.appendBodyToJoint(index, inertia, place)
         body = model.addBodyFrame(joint.child, index, place, frame)
-        waiting += [(below, body) for below in on_link.get(joint.child, ())]
+        stack += [(below, body) for below in on_link.get(joint.child, ())]
     return model
 
 
@@ -154,7 +154,7 @@ def _solid(shape: Shape, load: Any) -> Any:
 
 def _read_mesh(file: str, scale: tuple[float, ...]) -> Any:
     path = Path(file)
-    if path.suffix.lower() in MAY_REPEAT:
+    if path.suffix.lower() in INSTANCED:
         check_expanded(path, path.read_bytes())
     return coal.MeshLoader().load(file, np.array(scale))
 
@@ -201,10 +201,10 @@ def sticks(model: pin.Model, q: Array) -> Array:
 
 
 def are_neighbours(
-    model: pin.Model, one: int, other: int, carriers: Collection[int]
+    model: pin.Model, first: int, second: int, carriers: Collection[int]
 ) -> bool:
     """Whether no joint with shapes, a carrier, lies between two joints."""
-    for joint, target in ((one, other), (other, one)):
+    for joint, target in ((first, second), (second, first)):
         parent = int(model.parents[joint])
         while parent and parent not in carriers:
             parent = int(model.parents[parent])

@@ -245,28 +245,28 @@ class _SrdfReader:
         """
         text, links = self.context.text, self.links
         pairs: dict[Pair, str] = {}
-        strangers: set[str] = set()
+        unknown: set[str] = set()
         for element in self.root.iter("disable_default_collisions"):
-            one = text(element, "link", element.tag)
-            if one in links:
-                others = (link for link in self.description.links if link != one)
-                pairs |= {_ordered(one, other): WHOLE_LINK for other in others}
+            first = text(element, "link", element.tag)
+            if first in links:
+                rest = (link for link in self.description.links if link != first)
+                pairs |= {_ordered(first, second): WHOLE_LINK for second in rest}
             else:
-                strangers.add(one)
+                unknown.add(first)
         for tag in ("enable_collisions", "disable_collisions"):
             for element in self.root.iter(tag):
-                one, other = (text(element, f"link{i}", tag) for i in (1, 2))
-                pair = _ordered(one, other)
+                first, second = (text(element, f"link{i}", tag) for i in (1, 2))
+                pair = _ordered(first, second)
                 if tag == "enable_collisions":
                     pairs.pop(pair, None)
                 elif links.issuperset(pair):
                     pairs[pair] = element.get("reason", "").strip()
                 else:
-                    strangers |= {*pair} - links
-        if strangers and not pairs:
+                    unknown |= {*pair} - links
+        if unknown and not pairs:
             self.context.fail(
                 "belongs to another robot: it names the links "
-                f"{', '.join(sorted(strangers)[:10])}, the robot has "
+                f"{', '.join(sorted(unknown)[:10])}, the robot has "
                 f"{', '.join(self.description.links)}"
             )
         return pairs
@@ -364,34 +364,34 @@ def group_locks(
     Raises:
         OptionsError: If the group is unknown, or has no joint.
     """
-    said = SemanticDescription() if semantics is None else semantics
-    inside = _asked_for(said, description, group)
+    srdf = SemanticDescription() if semantics is None else semantics
+    inside = _group_joints(srdf, description, group)
     outside = [j for j in description.joints if j.name not in inside and not j.mimic]
-    return {j.name: rest_position(j, said.group_states) for j in outside} | dict(locked)
+    return {j.name: rest_position(j, srdf.group_states) for j in outside} | dict(locked)
 
 
-def _asked_for(
-    said: SemanticDescription, description: UrdfDescription, group: Group
+def _group_joints(
+    semantics: SemanticDescription, description: UrdfDescription, group: Group
 ) -> Collection[str]:
     """Joints of a group by name, or of a chain or a list of joints."""
-    name = said.find_group(group) if isinstance(group, str) else None
+    name = semantics.find_group(group) if isinstance(group, str) else None
     if name is not None:
-        found = said.groups[name]
+        found = semantics.groups[name]
         if not found.joints:
             raise OptionsError(
                 f"group: the group {name!r} has no joint that the robot has", "group"
             )
         warn_of_group(name, found)
         return found.joints
-    joints = _without_name(description, group)
+    joints = _listed_joints(description, group)
     if joints is None:
-        raise OptionsError(_no_group(list(said.groups), group), "group")
+        raise OptionsError(_no_group(list(semantics.groups), group), "group")
     if not joints:
         raise OptionsError(f"group: no joint moves {brief(group)}", "group")
     return joints
 
 
-def _without_name(description: UrdfDescription, group: object) -> set[str] | None:
+def _listed_joints(description: UrdfDescription, group: object) -> set[str] | None:
     """Joints of a list of names, or of a chain between links; None if neither."""
     moving = {joint.name for joint in description.joints}
     links = set(description.links)

@@ -27,7 +27,7 @@ WORLD, GROUND = "world", "ground"
 _ROD = {"radius": 1, "length": 1}
 SIZES = {"box": {"size": 3}, "cylinder": _ROD, "capsule": _ROD, "sphere": {"radius": 1}}
 # Least thickness of shapes; flat ones get it [m].
-THIN = 1e-6
+MIN_THICKNESS = 1e-6
 
 
 @dataclass(frozen=True)
@@ -137,10 +137,10 @@ class JointDescription(Record):
 
     def motion(self, position: float) -> pin.SE3:
         """Displacement of the joint frame at a position [rad or m]."""
-        way = position * self.axis
+        displacement = position * self.axis
         if self.kind == "prismatic":
-            return pin.SE3(np.eye(3), way)
-        return pin.SE3(pin.exp3(way), np.zeros(3))
+            return pin.SE3(np.eye(3), displacement)
+        return pin.SE3(pin.exp3(displacement), np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +258,7 @@ def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
     lengths = np.array([*sizes], dtype=float)
     if not np.any(lengths):
         return None
-    return Shape(kind, tuple(np.maximum(lengths, THIN).tolist()), placement)
+    return Shape(kind, tuple(np.maximum(lengths, MIN_THICKNESS).tolist()), placement)
 
 
 def warn_of_empty_shapes(places: Sequence[str], path: Path) -> None:

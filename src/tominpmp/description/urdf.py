@@ -60,9 +60,9 @@ MAX_MESH_BYTES = 512 * 2**20
 # Colour of shapes that have only a texture.
 BLACK = (0.0, 0.0, 0.0, 1.0)
 # Distance within which soft limits count as equal to the limits [rad or m].
-SLIGHT = 1e-9
+SOFT_TOLERANCE = 1e-9
 # Most places that a warning names.
-MOST = 10
+MOST_NAMED = 10
 # Range in which limits of revolute joints look like degrees: five to 115 turns.
 MANY_TURNS, DEGREES = 30.0, 720.0
 # Most links; the parsers recurse into the tree, and humanoids have some hundred.
@@ -71,7 +71,7 @@ SHAPES = (*SIZES, "mesh")
 # Limits of joints that yourdfpy does not read; Drake prefixes their names.
 MOTION = ("acceleration", "deceleration", "jerk")
 # Similarity from which a name is taken for a misspelling, from 0 to 1.
-ALIKE = 0.8
+SIMILARITY = 0.8
 
 
 class Form(NamedTuple):
@@ -85,7 +85,7 @@ class Form(NamedTuple):
         hints: Numbers for other programs: NaN by default and if invalid.
         needs: Required children.
         parts: Children that are added with their defaults if missing.
-        may: Optional children; the first of several counts.
+        optional: Optional children; the first of several counts.
     """
 
     texts: Sequence[str] = ()
@@ -95,13 +95,13 @@ class Form(NamedTuple):
     hints: Sequence[str] = ()
     needs: Sequence[str] = ()
     parts: Sequence[str] = ()
-    may: Sequence[str] = ()
+    optional: Sequence[str] = ()
 
 
 _ZERO, _ZEROS = (0.0,), (0.0, 0.0, 0.0)
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 FORMS = {
-    "link": Form(("name",), may=("inertial",)),
+    "link": Form(("name",), optional=("inertial",)),
     "inertial": Form(needs=("mass",), parts=("origin", "inertia")),
     "mass": Form(numbers={"value": _ZERO}, low=0.0),
     # The sign is not checked: rounding leaves moments of -1e-20, and the inertia of the
@@ -118,7 +118,7 @@ FORMS = {
         ("name", "type"),
         needs=("parent", "child"),
         parts=("origin", "axis", "limit", "dynamics", "safety_controller"),
-        may=("mimic",),
+        optional=("mimic",),
     ),
     "fixed joint": Form(("name", "type"), needs=("parent", "child"), parts=("origin",)),
     "parent": Form(("link",)),
@@ -137,7 +137,7 @@ CHILDREN = {
     "robot": ("link", "joint", "material"),
     "link": ("inertial", "visual", "collision"),
     **{
-        tag: (*FORMS[tag].needs, *FORMS[tag].parts, *FORMS[tag].may)
+        tag: (*FORMS[tag].needs, *FORMS[tag].parts, *FORMS[tag].optional)
         for tag in ("joint", "inertial")
     },
 }
@@ -225,7 +225,7 @@ class UrdfChecker:
         values |= {name: context.limit(element, name, where) for name in form.limits}
         values |= {name: to_number(element.get(name, "")) for name in form.hints}
         copy = add(parent, tag, **values)
-        for child_tag in (*form.needs, *form.parts, *form.may):
+        for child_tag in (*form.needs, *form.parts, *form.optional):
             child = element.find(child_tag)
             if child is None and child_tag in form.needs:
                 holder = "" if "name" in form.texts else f": <{tag}>"
@@ -277,28 +277,28 @@ class UrdfChecker:
             add(copy, "texture", filename=texture.get("filename"))
 
 
-def mistakes(element: Element, where: str) -> list[str]:
+def misspellings(element: Element, where: str) -> list[str]:
     """Names of children and attributes that look like misspellings of known ones."""
-    found = []
+    faults = []
     for child in element:
-        meant = _nearly(child.tag, CHILDREN[element.tag])
-        if meant:
-            found.append(f"<{child.tag}> of {where} (did you mean <{meant}>?)")
+        known = _closest_match(child.tag, CHILDREN[element.tag])
+        if known:
+            faults.append(f"<{child.tag}> of {where} (did you mean <{known}>?)")
         for name in child.attrib:
-            meant = _nearly(name, ATTRIBUTES.get(child.tag, ()))
-            if meant:
-                found.append(
+            known = _closest_match(name, ATTRIBUTES.get(child.tag, ()))
+            if known:
+                faults.append(
                     f"the attribute {name!r} of <{child.tag}> of {where} (did you mean "
-                    f"{meant!r}?)"
+                    f"{known!r}?)"
                 )
-    return found
+    return faults
 
 
-def _nearly(name: str, known: Sequence[str]) -> str | None:
+def _closest_match(name: str, known: Sequence[str]) -> str | None:
     # Names with a prefix belong to other programs.
     if name in known or ":" in name:
         return None
-    close = difflib.get_close_matches(name.lower()[:80], known, n=1, cutoff=ALIKE)
+    close = difflib.get_close_matches(name.lower()[:80], known, n=1, cutoff=SIMILARITY)
     return close[0] if close else None
 
 
@@ -332,10 +332,10 @@ def read_parsed(
     for element, joint in zip(root.iter("joint"), parsed.robot.joints, strict=True):
         # The XML writer of yourdfpy omits these elements.
         for tag in ("mimic", "safety_controller"):
-            said = getattr(joint, tag)
-            if said is not None:
-                given = {k: v for k, v in vars(said).items() if v is not None}
-                add(element, tag, **given)
+            field = getattr(joint, tag)
+            if field is not None:
+                values = {k: v for k, v in vars(field).items() if v is not None}
+                add(element, tag, **values)
     return read_urdf(path, package_dirs, root)
 
 
@@ -351,12 +351,12 @@ class _UrdfReader:
     ) -> None:
         self.root, self.context, self.folders = root, context, folders
         #: Visual shapes with missing meshes, and shapes whose sizes are all zero.
-        self.unseen: list[str] = []
-        self.points: list[str] = []
+        self.missing_visuals: list[str] = []
+        self.empty_shapes: list[str] = []
         #: Joints with soft limits inside their limits, and joints with limits in
         #: degrees.
-        self.softer: list[str] = []
-        self.turned: list[str] = []
+        self.soft_limited: list[str] = []
+        self.in_degrees: list[str] = []
 
     def read(self) -> UrdfDescription:
         root, context = self.root, self.context
@@ -422,7 +422,7 @@ class _UrdfReader:
             sizes = np.hstack([getattr(held, name) for name in SIZES[kind]])
             shape = solid(kind, sizes, place)
             if shape is None:
-                self.points.append(where)
+                self.empty_shapes.append(where)
         if seen and shape is not None and item.material is not None:
             return self._coloured(shape, item.material)
         return shape
@@ -432,7 +432,7 @@ class _UrdfReader:
         context, name = self.context, mesh.filename
         path, tried = self._find(name)
         if path is None and seen:
-            self.unseen.append(f"{where} ({shortened(repr(name))})")
+            self.missing_visuals.append(f"{where} ({shortened(repr(name))})")
             return None
         if path is None:
             context.fail(f"{where}: the mesh {missing_resource(name, tried)}")
@@ -474,7 +474,7 @@ class _UrdfReader:
         if norm < 1e-6:
             axis = tuple(joint.axis.tolist())
             context.fail(f"{where}: the axis {axis} has no direction")
-        self._look_at_ends(joint)
+        self._collect_soft_limits(joint)
         limit = element.find("limit")
         given = () if limit is None else limit.attrib
         more = {
@@ -518,19 +518,19 @@ class _UrdfReader:
 
     # -- warnings ----------------------------------------------------------------------
 
-    def _look_at_ends(self, joint: Any) -> None:
+    def _collect_soft_limits(self, joint: Any) -> None:
         """Collect joints with soft limits inside their limits, or limits in degrees."""
         name, kind, soft = joint.name, joint.type, joint.safety_controller
         least, most = joint.limit.lower, joint.limit.upper
         ends = [abs(x) for x in (least, most) if not math.isnan(x)]
         if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= DEGREES:
-            self.turned.append(name)
+            self.in_degrees.append(name)
         # Missing limits are NaN, for which these comparisons are false.
         lower, upper = soft.soft_lower_limit, soft.soft_upper_limit
-        is_within = lower > least + SLIGHT or upper < most - SLIGHT
+        is_within = lower > least + SOFT_TOLERANCE or upper < most - SOFT_TOLERANCE
         # Equal soft limits were omitted: both are zero by the specification.
         if kind != "continuous" and lower < upper and is_within:
-            self.softer.append(name)
+            self.soft_limited.append(name)
 
     def _warn(self) -> None:
         """Warn of misspellings, soft and doubtful limits, and missing meshes.
@@ -538,25 +538,25 @@ class _UrdfReader:
         Controllers may enforce the soft limits of a ``<safety_controller>``; they are
         not read here.
         """
-        path, unread = self.context.path, mistakes(self.root, "robot")
-        warn_of_empty_shapes(self.points, path)
-        warn_of_missing_visuals(self.unseen, path)
+        path, unread = self.context.path, misspellings(self.root, "robot")
+        warn_of_empty_shapes(self.empty_shapes, path)
+        warn_of_missing_visuals(self.missing_visuals, path)
         for element in (*self.root.findall("link"), *self.root.findall("joint")):
             where = f"{element.tag} {element.get('name', '').strip()}"
             for part in (element, *element.findall("inertial")):
-                unread += mistakes(part, where)
+                unread += misspellings(part, where)
         if unread:
-            warn_caller(f"{path}: not read: {'; '.join(unread[:MOST])}")
-        if self.softer:
+            warn_caller(f"{path}: not read: {'; '.join(unread[:MOST_NAMED])}")
+        if self.soft_limited:
             warn_caller(
                 f"{path}: <safety_controller>: soft limits within the position limits "
-                f"are not kept: {_first(self.softer)}; give position_lower and "
+                f"are not kept: {_first(self.soft_limited)}; give position_lower and "
                 "position_upper where a controller keeps them"
             )
-        if self.turned:
+        if self.in_degrees:
             warn_caller(
                 f"{path}: position limits of many turns, which look like degrees: "
-                f"{_first(self.turned)}; a URDF file has radians"
+                f"{_first(self.in_degrees)}; a URDF file has radians"
             )
 
 
@@ -603,7 +603,7 @@ def _check_tree(
 
 
 def _first(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST]) + (", ..." if len(names) > MOST else "")
+    return ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
 
 
 # Number written for no limit; readers take numbers of this size for no limit.

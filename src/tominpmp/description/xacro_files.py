@@ -76,17 +76,17 @@ def expanded(
     words = {
         k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in args.items()
     }
-    given, printed = _Arguments(words), StringIO()
+    arguments, printed = _Arguments(words), StringIO()
     try:
         with _LOCK, _guarded(path, package_dirs), redirect_stderr(printed):
             xacro.init_stacks(str(path.absolute()))
             document = xacrodoc.XacroDoc.from_string(
-                text.decode("utf-8-sig"), subargs=given, resolve_packages=False
+                text.decode("utf-8-sig"), subargs=arguments, resolve_packages=False
             )
             content: bytes = document.dom.toxml(encoding="utf-8")
     except Exception as error:  # expressions may raise anything
-        raise _told(error, path) from error
-    declared = sorted(getattr(given, "declared", ()))
+        raise _unwrapped_error(error, path) from error
+    declared = sorted(getattr(arguments, "declared", ()))
     for name in words.keys() - declared:
         raise OptionsError(
             f"{path} has no xacro argument {brief(name)}{closest(name, declared)}; it "
@@ -98,7 +98,7 @@ def expanded(
     return content
 
 
-def _told(error: Any, path: Path) -> RobotLoadError:
+def _unwrapped_error(error: Any, path: Path) -> RobotLoadError:
     """Error for a file that cannot be expanded; unwraps the exceptions of xacro."""
     reason = str(error) or type(error).__name__
     while getattr(error, "exc", None) is not None:

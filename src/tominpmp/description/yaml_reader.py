@@ -114,7 +114,7 @@ class _Builder:
         before = self.count
         self._add(1, event)
         if isinstance(event, yaml.ScalarEvent):
-            value = self._word(event)
+            value = self._scalar(event)
         else:
             self._check_tag(event)
             if depth >= MAX_DEPTH:
@@ -150,7 +150,7 @@ class _Builder:
             found[key] = self._value(next(self.events), depth)
         return found
 
-    def _word(self, event: Any) -> Any:
+    def _scalar(self, event: Any) -> Any:
         if event.tag in UNITS:
             value = _in_unit(event.value, event.tag)
             if value is None:
@@ -160,7 +160,7 @@ class _Builder:
         self._check_tag(event)
         # The C parser has an empty style where the Python parser has None.
         is_plain = not event.style and event.tag is None
-        return _plain(event.value) if is_plain else event.value
+        return _plain_value(event.value) if is_plain else event.value
 
     def _check_tag(self, event: Any) -> None:
         if event.tag is not None and not _CORE_TAG.fullmatch(event.tag):
@@ -168,7 +168,7 @@ class _Builder:
             self.fail(f"the tag {event.tag[:80]!r} is refused: {known}", event)
 
 
-def _plain(word: str) -> Any:
+def _plain_value(word: str) -> Any:
     """Value of a plain scalar."""
     if word in _WORDS:
         return _WORDS[word]
@@ -188,12 +188,12 @@ def _in_unit(text: str, unit: str) -> float | None:
     if len(text) > LONGEST_EXPRESSION:
         return None
     try:
-        return UNITS[unit] * _reckoned(ast.parse(text.strip(), mode="eval").body)
+        return UNITS[unit] * _evaluate(ast.parse(text.strip(), mode="eval").body)
     except (SyntaxError, ValueError, TypeError, ArithmeticError, RecursionError):
         return None
 
 
-def _reckoned(node: ast.AST) -> float:
+def _evaluate(node: ast.AST) -> float:
     """Evaluate an expression of numbers, pi and the four operations."""
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(
@@ -203,8 +203,8 @@ def _reckoned(node: ast.AST) -> float:
         case ast.Name(id="pi"):
             return math.pi
         case ast.UnaryOp(op=ast.USub(), operand=inner):
-            return -_reckoned(inner)
+            return -_evaluate(inner)
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
-            value: float = _OPERATIONS[type(op)](_reckoned(left), _reckoned(right))
+            value: float = _OPERATIONS[type(op)](_evaluate(left), _evaluate(right))
             return value
     raise ValueError("no number")
