@@ -258,7 +258,7 @@ def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
     good = listed and all(isinstance(name, str) and name for name in value)
     names = tuple(str(name) for name in value) if good else ()
     if not names or len(set(names)) < len(names):
-        raise wrong(value, called, "names of joints, each its own, none twice")
+        raise wrong(value, called, "names of joints, all of them different")
     return names
 
 

@@ -98,9 +98,7 @@ def _checked_parts(
             raise wrong(f"robots: got {brief(part)}, expected {expected}")
         name, robot, base = part
         if not isinstance(name, str) or not name or "/" in name:
-            raise wrong(
-                f"robots: the name {brief(name)} is none; expected a text without '/'"
-            )
+            raise wrong(f"robots: a name is {brief(name)}, expected a text without '/'")
         if name in robots:
             raise wrong(f"robots: two of them are named {brief(name)}")
         of_kind(robot, Robot, f"robots: {brief(name)}", "a Robot", "robots")

@@ -55,7 +55,7 @@ class EffortCurve(Record):
         speeds, efforts, fault = self.speed.tolist(), self.effort.tolist(), None
         if len(speeds) != len(efforts) or len(speeds) < 2:
             counts = f"{len(speeds)} speeds and {len(efforts)} torques"
-            fault = f"{counts}, expected as many of each, two at least", "effort"
+            fault = f"{counts}, expected equal numbers, two at least", "effort"
         elif speeds[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
             fault = f"speeds are {speeds}, expected to increase from 0", "speed"
         elif min(efforts) < 0.0:

@@ -242,8 +242,8 @@ class Solution:
 
         if self.options.energy_weight:
             raise ProblemError(
-                f"energy_weight is {self.options.energy_weight:g}, expected 0: what "
-                "limits are worth is known of motions of least T alone",
+                f"energy_weight is {self.options.energy_weight:g}, expected 0: "
+                "sensitivities are known for motions of least T only",
                 "energy_weight",
             )
         return analyse(self.problem, self._motion())

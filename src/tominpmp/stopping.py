@@ -47,7 +47,7 @@ class Deadline:
     """A deadline and a stop request.
 
     Args:
-        asked: Whether another process requests a stop.
+        poll: Function that returns whether another process requests a stop.
 
     Attributes:
         end: Time at which to stop, on the clock of ``time.perf_counter`` [s]; infinite
@@ -58,14 +58,14 @@ class Deadline:
         heeded: Whether the request has been noticed.
     """
 
-    def __init__(self, asked: Callable[[], bool] | None = None) -> None:
+    def __init__(self, poll: Callable[[], bool] | None = None) -> None:
         self.end = math.inf
         self.last = math.inf
         self.requested = False
         self.heeded = False
-        self._asked = asked
-        self._next = 0.0
-        self._set_aside = False
+        self._poll = poll
+        self._next_poll = 0.0
+        self._requested_before = False
 
     @property
     def due(self) -> bool:
@@ -74,9 +74,9 @@ class Deadline:
             self.heeded = True
             return True
         now = time.perf_counter()
-        if self._asked is not None and now > self._next:
-            self._next = now + POLL_PERIOD
-            if self._asked():
+        if self._poll is not None and now > self._next_poll:
+            self._next_poll = now + POLL_PERIOD
+            if self._poll():
                 self.requested = self.heeded = True
                 return True
         return now > self.end
@@ -84,7 +84,7 @@ class Deadline:
     @property
     def interrupted(self) -> bool:
         """Whether a stop was requested, also before a grace period began."""
-        return self.requested or self._set_aside
+        return self.requested or self._requested_before
 
     def check(self) -> None:
         """Stop if it is time to stop.
@@ -113,13 +113,13 @@ class Deadline:
         Args:
             until: The deadline, on the clock of ``time.perf_counter`` [s].
         """
-        before = self.end, self.requested, self._asked, self._set_aside
-        self._set_aside = self.interrupted
-        self.end, self.requested, self._asked = until, False, None
+        before = self.end, self.requested, self._poll, self._requested_before
+        self._requested_before = self.interrupted
+        self.end, self.requested, self._poll = until, False, None
         try:
             yield
         finally:
-            end, requested, self._asked, self._set_aside = before
+            end, requested, self._poll, self._requested_before = before
             self.end, self.requested = end, self.requested or requested
 
     @contextmanager
@@ -132,7 +132,7 @@ class Deadline:
             return
 
         def interrupted(number: int, frame: FrameType | None) -> None:
-            if not self.ask():
+            if not self.request_stop():
                 usual(number, frame)
 
         signal.signal(signal.SIGINT, interrupted)
@@ -142,7 +142,7 @@ class Deadline:
             signal.signal(signal.SIGINT, usual)
             self.heeded = True
 
-    def ask(self) -> bool:
+    def request_stop(self) -> bool:
         """Request a stop; False if one was requested before."""
         if self.requested:
             return False
@@ -201,7 +201,7 @@ def seconds_to_end() -> float:
 def request() -> bool:
     """Request a stop of the running computation; False if none accepts the request."""
     deadline = _current.get()
-    return deadline is not None and deadline.ask()
+    return deadline is not None and deadline.request_stop()
 
 
 @contextmanager
@@ -242,7 +242,7 @@ class Budget:
     def __init__(
         self, evaluations: float = EVALUATIONS, seconds: float = math.inf
     ) -> None:
-        self.left = self._first = evaluations
+        self.remaining = self._total = evaluations
         self._end = time.process_time() + seconds
 
     @property
@@ -253,24 +253,24 @@ class Budget:
             Stop: If it is time to stop the plan.
         """
         check()
-        return self.left <= 0 or time.process_time() > self._end
+        return self.remaining <= 0 or time.process_time() > self._end
 
-    def part(self, evaluations: float = EVALUATIONS) -> Budget:
-        """A share of the budget; :meth:`take` deducts its use."""
-        part = Budget(min(evaluations, self.left))
-        part._end = self._end
-        return part
+    def share(self, evaluations: float = EVALUATIONS) -> Budget:
+        """A share of the budget; :meth:`deduct` charges its use."""
+        share = Budget(min(evaluations, self.remaining))
+        share._end = self._end
+        return share
 
-    def take(self, part: Budget) -> None:
+    def deduct(self, share: Budget) -> None:
         """Deduct the evaluations that a share has used."""
-        self.left -= part._first - part.left
+        self.remaining -= share._total - share.remaining
 
-    def pay(self, evaluations: int) -> None:
+    def spend(self, evaluations: int) -> None:
         """Deduct evaluations.
 
         Raises:
             StopIteration: If the budget is used up.
         """
-        self.left -= evaluations
+        self.remaining -= evaluations
         if self.spent:
             raise StopIteration

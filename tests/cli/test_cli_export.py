@@ -178,7 +178,7 @@ def test_tolerances_of_a_goal_are_told_of(run: Run, judge: Judge, files: None) -
         warnings.simplefilter("default")
         result = run("verify", "scenario.toml", "goal.json")
     assert result.exit_code == 0, result.stderr
-    assert "path_tolerance is not looked at" in " ".join(result.stderr.split())
+    assert "path_tolerance is ignored" in " ".join(result.stderr.split())
 
 
 def test_motion_that_ends_in_motion(run: Run, free: None) -> None:

@@ -226,7 +226,7 @@ def test_wrong_csv(
         (b"\xff\xfe\x00", "is no CSV file"),
         (b"time\n0.0\n", "line 1: expected the columns"),
         (HEADER.encode() + b"\n", "holds 0 rows"),
-        (b"time,q_a,q_a,v_a,v_a,a_a,a_a,u_a,u_a\n", "each its own"),
+        (b"time,q_a,q_a,v_a,v_a,a_a,a_a,u_a,u_a\n", "all of them different"),
         (b'time,"q_a\n', "is no CSV file"),
     ],
 )
@@ -266,7 +266,7 @@ def write_npz(path: Path, **changes: object) -> Path:
         ({"t": np.zeros((3, 1))}, "t has shape"),
         ({"u": np.array([["x", "y"]] * 3)}, "u does not hold numbers"),
         ({"q": np.full((3, 2), np.inf)}, "row 1, joint 'a'"),
-        ({"joint_names": np.array(["a", "a"])}, "each its own"),
+        ({"joint_names": np.array(["a", "a"])}, "all of them different"),
         ({"joint_names": np.zeros(2)}, "not a list of names"),
         ({"q": np.array([[{}, {}]] * 3)}, "is no NPZ file"),
     ],

@@ -369,7 +369,7 @@ def load(folder: Path, **around: Any) -> Samples:
     [
         ({"path_tolerance": [{"name": "a", "position": 0.1}]}, "path_tolerance is not"),
         ({"goal_time_tolerance": {"sec": 1, "nanosec": 0}}, "goal_time_tolerance is n"),
-        ({"speed_scaling": 0.5}, "speed_scaling is not looked at"),
+        ({"speed_scaling": 0.5}, "speed_scaling is ignored"),
     ],
 )
 def test_what_stands_beside_a_motion_is_told_of(

@@ -157,7 +157,7 @@ def test_csv_and_npz_of_positions_alone(tmp_path: Path) -> None:
     [
         (("joint_names",), None, "joint_names", "is missing"),
         (("joint_names",), ["a"], "points[0].positions", "expected 1 numbers"),
-        (("joint_names",), ["a", "a"], "joint_names", "each its own"),
+        (("joint_names",), ["a", "a"], "joint_names", "all of them different"),
         (("points",), [], None, "holds 0 rows"),
         (("points",), 7, "points", "expected a list"),
         (("points", 1, "positions"), [1.0], "points[1].positions", "2 numbers"),

@@ -272,7 +272,7 @@ def test_wrong_meshes(
 
 def test_request_is_no_scene(planar3r: Robot, tmp_path: Path) -> None:
     _, request = write(tmp_path)
-    with pytest.raises(ScenarioError, match="is no planning scene"):
+    with pytest.raises(ScenarioError, match="is not a planning scene"):
         load_moveit(planar3r, request, request)
 
 

@@ -115,5 +115,7 @@ def test_a_format_of_files_of_ones_own(
     assert np.all(np.isnan(again.u))
     # Wrong samples are refused as those of any other file.
     path.write_text(path.read_text().replace("joint1", "joint2"))
-    with pytest.raises(tm.ScenarioError, match="names of joints, each its own"):
+    with pytest.raises(
+        tm.ScenarioError, match="names of joints, all of them different"
+    ):
         tm.load_motion(path)

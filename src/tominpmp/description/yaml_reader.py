@@ -107,7 +107,7 @@ class _Builder:
         """Value that begins with an event, at a depth of nesting."""
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
-                self.fail(f"nothing is named {brief(event.anchor)} before it", event)
+                self.fail(f"there is no anchor {brief(event.anchor)} before it", event)
             value, size = self.anchors[event.anchor]
             self._add(size, event)
             return value
@@ -144,7 +144,7 @@ class _Builder:
             if isinstance(event, yaml.ScalarEvent):
                 key = event.value
             if not isinstance(key, str):
-                self.fail("a key is no single word", event)
+                self.fail("a key is not a single word", event)
             if key in found:
                 self.fail(f"the key {key[:80]!r} is there twice", event)
             found[key] = self._value(next(self.events), depth)

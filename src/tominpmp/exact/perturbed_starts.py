@@ -130,8 +130,8 @@ def single_motor_motions(
             lengths = rng.dirichlet(np.full(count, 2.0)) * duration
             none = np.zeros(levels.shape, dtype=np.int64)
             arcs = Arcs(lengths, levels, none.astype(bool), none)
-            part = budget.part(ROUGH_EVALUATIONS)
-            found = solve_lengths(system, arcs, None, part, ROUGH_STEPS)
-            budget.take(part)
+            share = budget.share(ROUGH_EVALUATIONS)
+            found = solve_lengths(system, arcs, None, share, ROUGH_STEPS)
+            budget.deduct(share)
             if found is not None and found.miss < PROMISING:
                 yield found

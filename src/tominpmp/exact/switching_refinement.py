@@ -97,7 +97,7 @@ class Search:
         """Optimise rough arcs; whether the motion is short enough."""
         if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.budget.spent:
             return False
-        budget = self.budget.part(evaluations)
+        budget = self.budget.share(evaluations)
         motion = refine_arcs(self.system, arcs, states, budget)
         if motion is None:
             return False
@@ -147,7 +147,7 @@ def exact_switches(
     search = Search(granted, progress, budget, limit)
     _look(search, options, without_friction(granted, plan))
     for motion in reversed(search.found):
-        arcs, iterate = _iterate(sharpen(granted, motion, budget.part()))
+        arcs, iterate = _iterate(sharpen(granted, motion, budget.share()))
         records = tuple(progress.records)
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
         exact = Candidate.of(attempt.name, attempt.initial, result)
@@ -186,7 +186,7 @@ def _explore(search: Search, options: Options, plan: Trajectory) -> None:
             return
         search.read(trajectory, TRY_EVALUATIONS)
     if driven_joints(system).size == 1:
-        part = budget.part()
+        part = budget.share()
         duration = search.duration if search.found else plan.duration
         for rough in single_motor_motions(system, duration, rng, part):
             search.follow(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)

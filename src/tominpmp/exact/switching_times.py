@@ -212,7 +212,7 @@ def _minimize(
         if rough and slow < SLOW:
             raise StopIteration
         last = z.copy()
-        budget.pay(program.evaluations - paid)
+        budget.spend(program.evaluations - paid)
         paid = program.evaluations
         if still_steps >= STILL_STEPS:
             raise StopIteration
@@ -328,7 +328,7 @@ def sharpen(
     This takes little of the budget, and its end is paid for.
     """
     total = STEPS // 2
-    reserve = Budget(max(budget.left, EVALUATIONS // 4))
+    reserve = Budget(max(budget.remaining, EVALUATIONS // 4))
     while total < MOST_STEPS:
         total *= 2
         finer = polish(system, optimised, reserve, total)

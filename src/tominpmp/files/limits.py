@@ -195,7 +195,7 @@ def _warn_of_joints(
     notes = {
         f"the robot has no joints {', '.join(unknown)}": unknown,
         f"limits of joints that follow others are not used: {', '.join(led)}": led,
-        f"the limits are taken whole, without {' and '.join(factors)}": factors,
+        f"the limits are not scaled by {' and '.join(factors)}": factors,
     }
     said = [note for note, found in notes.items() if found]
     if said:

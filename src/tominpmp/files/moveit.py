@@ -152,7 +152,7 @@ class _Frames:
             return self.base.actInv(self.fixed[name])
         known = ["world", *([self.root] if self.root else []), *self.fixed]
         frame_id.fail(
-            f"there is no frame {brief(name)} that stands still; there are: "
+            f"there is no fixed frame {brief(name)}; there are: "
             f"{', '.join(dict.fromkeys(known))}"
         )
 
@@ -263,7 +263,7 @@ def _read_scene(message: Field, frames: _Frames) -> Scene:
         ScenarioError: As :func:`load_moveit_scene`.
     """
     if not any(key in message.table() for key in SCENE_KEYS):
-        message.fail(f"is no planning scene: it has none of {', '.join(SCENE_KEYS)}")
+        message.fail(f"is not a planning scene: it has none of {', '.join(SCENE_KEYS)}")
     _refuse_attached(message.get("robot_state"))
     world = message.get("world")
     unread = dict.fromkeys((*_unread_precautions(message), *_unread(message, SCENE)))

@@ -262,8 +262,7 @@ def _check_siblings(message: Field, wrapper: str, mention: bool) -> None:
                 item.fail("moves joints of several degrees of freedom: not supported")
         elif mention and name not in (wrapper, *IGNORED_KEYS) and item.is_filled_in:
             warn_caller(
-                f"{message.path}: {item.key} is not looked at: it is no part of the "
-                "motion"
+                f"{message.path}: {item.key} is ignored: it is not part of the motion"
             )
 
 

@@ -390,7 +390,7 @@ def read_payload(table: Field) -> Payload:
 
 
 def read_pairs(
-    table: Field, about: str = "of what may touch"
+    table: Field, about: str = "of bodies that may touch"
 ) -> tuple[tuple[str, str], ...]:
     """Read pairs of names; empty if the key is missing.
 

@@ -610,7 +610,7 @@ def read_source(
     parts = _pinocchio_parts(source, geometry)
     if geometry is not None and parts is None:
         raise RobotLoadError(
-            f"geometry is given beside {brief(source)}; it belongs to a pinocchio.Model"
+            f"geometry is given with {brief(source)}; it needs a pinocchio.Model"
         )
     embedded: SemanticDescription | None = None
     effort: Mapping[str, Any] = {}
@@ -705,7 +705,7 @@ def _imported_module(name: str) -> Any:
         ) from error
     except Exception as error:  # the download may raise anything
         raise RobotLoadError(
-            f"robot_descriptions.{name} cannot be had: {brief(str(error), 200)}"
+            f"robot_descriptions.{name} cannot be loaded: {brief(str(error), 200)}"
         ) from error
 
 
