@@ -341,7 +341,6 @@ class MotionLimits(Record):
         Args:
             others: Limits of lower priority; None to complete nothing.
             joint_names: Names of the joints.
-            joint_names: Names of the joints.
 
         Raises:
             ProblemError: If there are too many or too few values.

@@ -108,8 +108,9 @@ class Options(Record):
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
             runs over an interval: "constant", or for "inverse" also "linear"
             (continuous accelerations) and "spline" (smooth ones); "auto" takes "linear"
-            where limits need it, or torques are the active limits on 24 intervals or
-            more, and otherwise, where speeds are and with several segments, "constant".
+            where limits require it, or where torques are the active limits on 24
+            intervals or more, and otherwise "constant", as with active speed limits or
+            several segments.
         objective: "time" for the fastest motion, or "feasible" for the first one that
             keeps all constraints, in its replay too; its time is not minimised.
         effort: How widely the planner searches for a global optimum: "quick" (one

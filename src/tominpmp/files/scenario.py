@@ -296,7 +296,7 @@ def vector(value: Field, robot: Robot) -> Array | None:
 
 
 def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
-    """Numbers in joint order, or by name with the known values as defaults; (n,)."""
+    """Numbers in joint order, or by name over known values; shape (n,)."""
     names = robot.joint_names
     if not isinstance(value.value, dict):
         numbers = value.numbers()

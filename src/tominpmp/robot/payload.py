@@ -100,8 +100,9 @@ class Payload(Record):
 
     Attributes:
         mass: Mass [kg].
+        frame: Name of the frame that carries it.
+        com: Centre of mass in the frame, shape (3,) [m].
         inertia: Inertia about the centre of mass, in the axes of the frame, shape (3,
-            3) [kg m^2]; None for a point mass.
             3) [kg m^2]; None for a point mass.
         geometry: Its shapes, one or a list, with positions and rotations relative to
             the frame instead of the world.
