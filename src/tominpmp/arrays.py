@@ -22,8 +22,8 @@ from tominpmp.exceptions import brief, shortened
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-#: Type of an attribute that is None only after a failure: who has a successful solution
-#: need not test it. An annotation names the usual type as well, for type checkers.
+#: Type of an attribute that is None only after a failure: code that has a successful
+#: solution need not test it. Annotations name the usual type, too, for type checkers.
 MaybeNone: TypeAlias = Any
 
 #: Takes a caller's value and its name in messages; returns the value to be stored.

@@ -70,7 +70,7 @@ def wrong(
 def instance(
     value: T, kinds: type | tuple[type, ...], name: str, expected: str = ""
 ) -> T:
-    """Check the type of an argument, which the error by default names as expected.
+    """Check the type of an argument; by default the error says which was expected.
 
     Raises:
         ProblemError: If it is of another type.

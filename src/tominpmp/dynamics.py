@@ -47,8 +47,8 @@ class ForwardJacobians(NamedTuple):
 
     Attributes:
         f: dx/dt with x = (q, v), shape (m, 2n).
-        f_x: Shape (m, 2n, 2n).
-        f_u: Shape (m, 2n, n).
+        f_x: Derivatives by the state, shape (m, 2n, 2n).
+        f_u: Derivatives by the torque, shape (m, 2n, n).
     """
 
     f: Array
@@ -60,10 +60,10 @@ class InverseJacobians(NamedTuple):
     """Torque and its partial derivatives, one row per evaluation point.
 
     Attributes:
-        tau: Shape (m, n) [N m or N].
-        tau_q: Shape (m, n, n).
-        tau_v: Shape (m, n, n).
-        tau_a: The mass matrix, shape (m, n, n).
+        tau: Torques, shape (m, n) [N m or N].
+        tau_q: Derivatives by positions, shape (m, n, n).
+        tau_v: Derivatives by velocities, shape (m, n, n).
+        tau_a: Derivatives by accelerations: the mass matrices, shape (m, n, n).
     """
 
     tau: Array
