@@ -352,9 +352,9 @@ def _by_names(value: object) -> tuple[object, object] | None:
             return value[places[0]], value[turns[0]]
         return None
     for place, turn in (("translation", "rotation"), ("position", "orientation")):
-        found = _attribute(value, place), _attribute(value, turn)
-        if all(part is not None and not callable(part) for part in found):
-            return found
+        parts = _attribute(value, place), _attribute(value, turn)
+        if all(part is not None and not callable(part) for part in parts):
+            return parts
     return None
 
 

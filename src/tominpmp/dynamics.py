@@ -367,9 +367,9 @@ def directions(v: Array, a: Array) -> Array:
     Returns:
         1, -1, or 0 for joints that remain at rest, shape (m, n).
     """
-    way = np.where(np.abs(v) > RESTING, np.sign(v), np.sign(a))
+    signs = np.where(np.abs(v) > RESTING, np.sign(v), np.sign(a))
     resting = (np.abs(v) <= STANDSTILL) & (np.abs(a) <= STEADY)
-    return np.where(resting, 0.0, way)
+    return np.where(resting, 0.0, signs)
 
 
 def from_upper(matrices: Array) -> Array:
@@ -408,15 +408,15 @@ def slip_directions(mass: Array, force: Array, F: Array, resting: BoolArray) -> 
     Returns:
         1 or -1 for joints that begin to move, 0 for all others, shape (n,).
     """
-    way = np.zeros_like(force)
+    signs = np.zeros_like(force)
     while True:
-        held, accelerating = resting & (way == 0.0), force - F * way
+        held, accelerating = resting & (signs == 0.0), force - F * signs
         loose = np.flatnonzero(~held)
         a = np.zeros_like(force)
         a[loose] = np.linalg.solve(mass[np.ix_(loose, loose)], accelerating[loose])
         needed = accelerating - mass @ a
         slips = held & (np.abs(needed) > (1.0 + HOLD_TOLERANCE) * F)
-        wrong = np.flatnonzero(slips | (resting & (way * a < 0.0)))
+        wrong = np.flatnonzero(slips | (resting & (signs * a < 0.0)))
         if not wrong.size:
-            return way
-        way[wrong[0]] = np.sign(needed[wrong[0]]) if held[wrong[0]] else 0.0
+            return signs
+        signs[wrong[0]] = np.sign(needed[wrong[0]]) if held[wrong[0]] else 0.0

@@ -86,11 +86,11 @@ def closest(name: object, known: Sequence[str]) -> str:
     if not isinstance(name, str) or len(name) > BRIEF:
         return ""
     lower = {item.lower(): item for item in known}
-    found = difflib.get_close_matches(name.lower(), lower, n=2, cutoff=0.6)
+    matches = difflib.get_close_matches(name.lower(), lower, n=2, cutoff=0.6)
     # Frame names often begin with the name of the robot.
-    found += [item for item in lower if item.endswith(name.lower()) and name]
-    found += [item for item in lower if item.startswith(name.lower()) and name[2:]]
-    names = list(dict.fromkeys(lower[item] for item in found))[:2]
+    matches += [item for item in lower if item.endswith(name.lower()) and name]
+    matches += [item for item in lower if item.startswith(name.lower()) and name[2:]]
+    names = list(dict.fromkeys(lower[item] for item in matches))[:2]
     return f" (did you mean {' or '.join(names)}?)" if names else ""
 
 
@@ -163,13 +163,13 @@ class ProblemError(TominpmpError):
 
 
 @contextmanager
-def naming(what: str, field: str | None = None) -> Iterator[None]:
+def naming(subject: str, field: str | None = None) -> Iterator[None]:
     """Prefix the errors of this library that arise within this block with a subject.
 
     They keep their class and their attributes.
 
     Args:
-        what: The subject, which goes before their messages: "station 2 ('drill')".
+        subject: Subject, which goes before their messages: "station 2 ('drill')".
         field: Field of the subject, to which a :class:`ProblemError` is then ascribed.
 
     Raises:
@@ -179,7 +179,7 @@ def naming(what: str, field: str | None = None) -> Iterator[None]:
         yield
     except TominpmpError as error:
         changed = copy.copy(error)
-        changed.args = (shortened(f"{what}: {error}", LONGEST),)
+        changed.args = (shortened(f"{subject}: {error}", LONGEST),)
         if isinstance(changed, ProblemError) and field is not None:
             inner = (changed.field or "").removeprefix(field).lstrip(".")
             changed.field = f"{field}.{inner}" if inner else field

@@ -97,8 +97,8 @@ class RobotKinematics:
             v: Velocities, shape (n,).
             frame: Name of the frame.
         """
-        found = FrameMotions(self.robot, frame).velocity_slopes(q[None], v[None])
-        return FrameMotion(*(part[0] for part in found))
+        slopes = FrameMotions(self.robot, frame).velocity_slopes(q[None], v[None])
+        return FrameMotion(*(part[0] for part in slopes))
 
     @property
     def length(self) -> float:
@@ -308,19 +308,19 @@ class FrameMotions:
             a: Accelerations, shape (m, n).
         """
         parts = self._expanded(q, v=v, a=a)
-        found = self._empty(len(parts[0]))
+        states = self._empty(len(parts[0]))
         model, data = self.robot.model, self._data
         for k, state in enumerate(zip(*parts, strict=True)):
             pin.forwardKinematics(model, data, *state)
-            self._read(found, k)
-        return found
+            self._read(states, k)
+        return states
 
     def spatial_slopes(
         self, q: Array, v: Array, a: Array
     ) -> tuple[SpatialStates, SpatialSlopes]:
         """Spatial velocities and accelerations, and their derivatives."""
         states, robot = self._expanded(q, v=v, a=a), self.robot
-        found = self._empty(len(states[0]))
+        values = self._empty(len(states[0]))
         model, data, index, nv = robot.model, self._data, self._index, robot.model.nv
         parts = np.empty((4, len(states[0]), 6, nv))
         for k, state in enumerate(zip(*states, strict=True)):
@@ -328,9 +328,9 @@ class FrameMotions:
             by = pin.getFrameAccelerationDerivatives(model, data, index, LOCAL)
             for part, slope in zip(parts, by, strict=True):
                 part[k] = slope.reshape(6, nv)
-            self._read(found, k)
+            self._read(values, k)
         v_q, a_q, a_v, v_v = robot.reduce_tangent(parts)
-        return found, SpatialSlopes(v_q, v_v, a_q, a_v)
+        return values, SpatialSlopes(v_q, v_v, a_q, a_v)
 
     def _expanded(self, q: Array, **rates: Array) -> tuple[Array, ...]:
         """Check rows of states, and expand them to all joints of the model."""
@@ -343,13 +343,13 @@ class FrameMotions:
     def _empty(m: int) -> SpatialStates:
         return SpatialStates(np.empty((m, 3, 3)), np.empty((m, 6)), np.empty((m, 6)))
 
-    def _read(self, found: SpatialStates, k: int) -> None:
+    def _read(self, states: SpatialStates, k: int) -> None:
         """Copy the results for one state out of Pinocchio's data."""
         model, data, index = self.robot.model, self._data, self._index
-        found.rotation[k] = pin.updateFramePlacement(model, data, index).rotation
-        found.velocity[k] = pin.getFrameVelocity(model, data, index, LOCAL).vector
+        states.rotation[k] = pin.updateFramePlacement(model, data, index).rotation
+        states.velocity[k] = pin.getFrameVelocity(model, data, index, LOCAL).vector
         spatial = pin.getFrameAcceleration(model, data, index, LOCAL)
-        found.acceleration[k] = spatial.vector
+        states.acceleration[k] = spatial.vector
 
 
 def skew(rows: Array) -> Array:

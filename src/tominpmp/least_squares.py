@@ -42,10 +42,10 @@ def row_by_row(function: Callable[[int, Array], tuple[Array, Array]]) -> Residua
     """
 
     def residual(q: Array, rows: IntArray) -> tuple[Array, Array]:
-        found = [function(*row) for row in zip(rows.tolist(), q, strict=True)]
-        most = max(value.size for value, _ in found)
+        results = [function(*row) for row in zip(rows.tolist(), q, strict=True)]
+        most = max(value.size for value, _ in results)
         value, slope = np.zeros((len(q), most)), np.zeros((len(q), most, q.shape[1]))
-        for row, (one, by_q) in enumerate(found):
+        for row, (one, by_q) in enumerate(results):
             value[row, : one.size], slope[row, : one.size] = one, by_q
         return value, slope
 
@@ -132,5 +132,5 @@ def damped_step(value: Array, slope: Array, scale: Array, damping: Array) -> Arr
     # If all joints are held, any positive damping keeps the equations regular.
     damping = np.where(size > 0.0, (damping + MIN_DAMPING) * size, 1.0)
     normal[:, diagonal, diagonal] += damping[:, None]
-    found = turned @ np.linalg.solve(normal, value[:, :, None])
-    return np.asarray(-scale * found[:, :, 0])
+    step = turned @ np.linalg.solve(normal, value[:, :, None])
+    return np.asarray(-scale * step[:, :, 0])

@@ -377,8 +377,8 @@ class MotionLimits(Record):
         values: dict[str, Any] = {}
         for name in kinds_of(self):
             bounds = self._bounds_of(name, present).items()
-            kept = {names[k]: v for k, v in bounds if k in names and v != np.inf}
-            values[name] = kept or None
+            bounded = {names[k]: v for k, v in bounds if k in names and v != np.inf}
+            values[name] = bounded or None
         return replace(self, **values)
 
     def check(self, joint_names: Sequence[str]) -> None:
@@ -405,12 +405,12 @@ class MotionLimits(Record):
     @property
     def _bounded(self) -> list[LimitKind]:
         """Kinds of limits that have bounds."""
-        found = []
+        kinds = []
         for name, kind in kinds_of(self).items():
             bounds = getattr(self, name)
             if bounds is not None and not (isinstance(bounds, Mapping) and not bounds):
-                found.append(kind)
-        return found
+                kinds.append(kind)
+        return kinds
 
 
 def classes_of_limits() -> list[type[MotionLimits]]:

@@ -261,8 +261,8 @@ class Solution:
         """
         from tominpmp.verification.clearance import clearance_of
 
-        found = self.verification
-        deviation = None if found is None else found.deviation
+        replay = self.verification
+        deviation = None if replay is None else replay.deviation
         return clearance_of(self.problem, self._motion(), deviation)
 
     def raise_if_failed(self) -> Solution:
@@ -396,7 +396,7 @@ class Solution:
         motion = self._motion()
         path = export(motion, path, dt=dt, with_effort=with_effort, message=message)
         if verify and self.success:
-            found = check_export(self, path, dt=dt)
-            if not found.ok:
-                warn_caller(found.message)
+            check = check_export(self, path, dt=dt)
+            if not check.ok:
+                warn_caller(check.message)
         return path

@@ -69,13 +69,13 @@ class Datasheet:
         Returns:
             The values; empty if the robot lacks a joint of the sheet.
         """
-        found: dict[str, dict[str, float]] = {}
+        by_quantity: dict[str, dict[str, float]] = {}
         for prefix in _prefixes(joint_names, self.joints):
             for quantity, values in self.values.items():
                 numbers = zip(self.joints, values, strict=True)
                 named = {f"{prefix}{joint}": value for joint, value in numbers}
-                found.setdefault(quantity, {}).update(named)
-        return found
+                by_quantity.setdefault(quantity, {}).update(named)
+        return by_quantity
 
 
 @cache
@@ -163,14 +163,14 @@ def _words(name: str) -> tuple[str, ...]:
     return tuple(word for word in re.split(r"[\W_]+", name.lower()) if word)
 
 
-def _contains(words: tuple[str, ...], wanted: tuple[str, ...]) -> bool:
+def _contains(words: tuple[str, ...], part: tuple[str, ...]) -> bool:
     """Whether words occur consecutively among other words."""
-    n = len(wanted)
-    return any(words[i : i + n] == wanted for i in range(len(words) - n + 1))
+    n = len(part)
+    return any(words[i : i + n] == part for i in range(len(words) - n + 1))
 
 
 def _prefixes(joint_names: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Prefixes of joint names with which a robot has all joints of a sheet."""
     first, names = joints[0], set(joint_names)
-    found = [name[: -len(first)] for name in joint_names if name.endswith(first)]
-    return [p for p in found if all(f"{p}{joint}" in names for joint in joints)]
+    prefixes = [name[: -len(first)] for name in joint_names if name.endswith(first)]
+    return [p for p in prefixes if all(f"{p}{joint}" in names for joint in joints)]

@@ -62,8 +62,8 @@ class Field:
             f"there is no such key{closest(name, names)}; there are: {', '.join(names)}"
         )
 
-    def _expected(self, what: str) -> NoReturn:
-        self.fail(f"is {shortened(repr(self.value))}, expected {what}")
+    def _expected(self, expected: str) -> NoReturn:
+        self.fail(f"is {shortened(repr(self.value))}, expected {expected}")
 
     @property
     def given(self) -> bool:
@@ -93,10 +93,10 @@ class Field:
 
     def need(self, name: str) -> Field:
         """Value of a required key."""
-        found = self.get(name)
-        if found.value is None:
-            found.fail("is missing")
-        return found
+        item = self.get(name)
+        if item.value is None:
+            item.fail("is missing")
+        return item
 
     def table(self) -> dict[str, Field]:
         """Values of a table by key."""

@@ -264,8 +264,8 @@ def missing_resource(name: str, tried: Sequence[Path]) -> str:
     hint = next(filter(None, hints), "")
     places = [shortened(str(path), LONGEST_PATH) for path in tried[:MOST_PLACES]]
     remedy = "; give the folder that holds the package in package_dirs"
-    what = f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}"
-    return what + remedy if _ELSEWHERE.match(name) else what
+    message = f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}"
+    return message + remedy if _ELSEWHERE.match(name) else message
 
 
 def _in_packages(path: Path) -> list[str]:
@@ -281,16 +281,16 @@ def _in_packages(path: Path) -> list[str]:
 def _in_any_case(path: Path) -> Path | None:
     """The only existing path that matches if case is ignored."""
     path = path.absolute()
-    found = Path(path.anchor)
+    existing = Path(path.anchor)
     for part in path.parts[1:]:
-        names = _names_in(found)
+        names = _names_in(existing)
         if part not in names:
             names = tuple(n for n in names if n.casefold() == part.casefold())
             if len(names) != 1:
                 return None
             part = names[0]
-        found /= part
-    return found
+        existing /= part
+    return existing
 
 
 def _names_in(folder: Path) -> tuple[str, ...]:
@@ -372,18 +372,18 @@ def _candidates(
     for folder, depth in (*depths, *((folder.parent, 1) for folder in own)):
         if package in (named := _packages_in(folder, depth)):
             yield named[package] / inside
-    given = [folder for folder in package_dirs if (folder / "package.xml").is_file()]
-    yield from (folder / inside for folder in (*given, *own))
+    packages = [folder for folder in package_dirs if (folder / "package.xml").is_file()]
+    yield from (folder / inside for folder in (*packages, *own))
 
 
 @cache
 def _packages_in(folder: Path, depth: int) -> dict[str, Path]:
     """Packages in a folder, down to a depth, by name; cached until a search fails."""
-    found: dict[str, Path] = {}
+    packages: dict[str, Path] = {}
     for level in range(1, depth + 1):
         for manifest in sorted(folder.glob("*/" * level + "package.xml")):
-            found.setdefault(_package_name(manifest.parent), manifest.parent)
-    return found
+            packages.setdefault(_package_name(manifest.parent), manifest.parent)
+    return packages
 
 
 def _package_name(folder: Path) -> str:
@@ -393,5 +393,5 @@ def _package_name(folder: Path) -> str:
         text = manifest.read_text("utf-8", "replace") if manifest.is_file() else ""
     except (OSError, ValueError):
         return ""
-    found = _PACKAGE_NAME.search(text)
-    return found[1] if found else ""
+    match = _PACKAGE_NAME.search(text)
+    return match[1] if match else ""

@@ -259,13 +259,13 @@ def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | 
 
 
 def _uneven_efforts(reader: _ModelReader) -> dict[str, tuple[float, float]]:
-    found = {}
+    efforts = {}
     for name, joint in reader.moving:
         low = float(reader.model.lowerEffortLimit[joint.idx_v])
         high = float(reader.model.upperEffortLimit[joint.idx_v])
         if low != -high and max(-low, high) <= MAX_NUMBER:
-            found[name] = low, high
-    return found
+            efforts[name] = low, high
+    return efforts
 
 
 def _semantics(

@@ -67,7 +67,7 @@ def listed(faults: Sequence[str]) -> str:
 
 def impossible_bodies(model: pin.Model) -> dict[int, str]:
     """Faults of physically impossible inertias, by the joint that moves the body."""
-    found = {}
+    faults = {}
     for joint in range(1, model.njoints):
         inertia, fault = model.inertias[joint], None
         if inertia.mass < 0.0:
@@ -75,8 +75,8 @@ def impossible_bodies(model: pin.Model) -> dict[int, str]:
         elif not _is_point(inertia):
             fault = impossible_moments(inertia.inertia)
         if fault is not None:
-            found[joint] = f"{named_body(model, joint)} {fault}"
-    return found
+            faults[joint] = f"{named_body(model, joint)} {fault}"
+    return faults
 
 
 def impossible_moments(tensor: Array) -> str | None:

@@ -192,9 +192,9 @@ def override(
         if pairs and array.ndim == 0 and not array < 0:
             array = np.array([-array, array])
         if array.shape != ((2,) if pairs else ()) or np.isnan(array).any():
-            wanted = "a number from 0, or (lower, upper)" if pairs else "a number"
+            form = "a number from 0, or (lower, upper)" if pairs else "a number"
             raise OptionsError(
-                f"{option}: joint {name} got {brief(value)}, expected {wanted}", option
+                f"{option}: joint {name} got {brief(value)}, expected {form}", option
             )
         result[joint_names.index(name)] = array
     return result
@@ -220,8 +220,8 @@ def _fault(option: str, row: np.void) -> str:
             "lower one to be less"
         )
     if value < 0.0 or (speed and value == 0.0) or (math.isinf(value) and not speed):
-        wanted = "a number greater than zero" if speed else "a finite number from 0"
-        return f"got {value:g}, expected {wanted}"
+        expected = "a number greater than zero" if speed else "a finite number from 0"
+        return f"got {value:g}, expected {expected}"
     return ""
 
 
@@ -274,17 +274,17 @@ def stack_parts(
     out = np.empty(len(joints))
     for name in names:
         rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
-        named, given = by_joint(values[name]), array_or_nan(values[name])
+        named, row = by_joint(values[name]), array_or_nan(values[name])
         if named is not None:  # by the names within their own robot
             own = [joints[i].removeprefix(f"{name}/") for i in rows]
-            given = in_order(named, own, name)
-        if given.shape != (len(rows),):
+            row = in_order(named, own, name)
+        if row.shape != (len(rows),):
             raise ProblemError(
-                f"{name} has shape {given.shape}, expected {len(rows)} numbers, one "
+                f"{name} has shape {row.shape}, expected {len(rows)} numbers, one "
                 f"for each of: {', '.join(joints[i] for i in rows)}",
                 name,
             )
-        out[rows] = given
+        out[rows] = row
     return out
 
 
@@ -409,10 +409,10 @@ class JointTable:
             JointNotFound: If a joint is unknown.
         """
         names, rows = self.joint_names, self.rows.copy()
-        given = {k: value for k, value in values.items() if value is not None}
-        for option, value in given.items():
+        changes = {k: value for k, value in values.items() if value is not None}
+        for option, value in changes.items():
             rows[option] = override(option, value, self[option], names, not_free)
-        for option in given:
+        for option in changes:
             for name, row in zip(names, rows, strict=True):
                 fault = _fault(option, row)
                 if fault:

@@ -80,8 +80,8 @@ def describe_mjcf(
     for option in root.findall("option"):
         gravity = reader.context.numbers(option, "gravity", "option", gravity)
     tree = tuple(reader.finished(joint, efforts) for joint in described.tree)
-    found = [(e.get("body1", ""), e.get("body2", "")) for e in root.iter("exclude")]
-    pairs = sorted({(min(pair), max(pair)) for pair in found})
+    excluded = [(e.get("body1", ""), e.get("body2", "")) for e in root.iter("exclude")]
+    pairs = sorted({(min(pair), max(pair)) for pair in excluded})
     states = {} if semantics is None else dict(semantics.group_states)
     states.pop("qpos0", None)  # added by Pinocchio
     return (
@@ -174,8 +174,8 @@ class _MjcfReader:
         """Equivalent file that Pinocchio can read."""
         root, path = self.root, self.context.path
         simple = Element("mujoco", model=root.get("model", path.stem))
-        kept = {k: v for k, v in self.compiler.items() if k in COMPILER}
-        SubElement(simple, "compiler", kept)
+        settings = {k: v for k, v in self.compiler.items() if k in COMPILER}
+        SubElement(simple, "compiler", settings)
         asset = SubElement(simple, "asset")
         folder = self.compiler.get("meshdir", self.compiler.get("assetdir", ""))
         for item in root.findall("asset/mesh[@file]"):
@@ -199,14 +199,14 @@ class _MjcfReader:
             world.extend(body)
         self._simplify(world, {element.get("name", "") for element in root.iter()})
         words = (w for e in root.iter() for w in (e.tag, *e.attrib) if e.get(w) != "0")
-        found = UNREAD.intersection(words)
+        unread = UNREAD.intersection(words)
         keys = SubElement(simple, "keyframe")
         for key in root.findall("keyframe/key[@qpos]"):
             if len(key.get("qpos", "").split()) == len(self.joints):
                 keys.append(key)
         warn_of_missing_visuals(self.dropped, path)
-        if found:
-            warn_caller(f"{path}: not read: {', '.join(sorted(found))}")
+        if unread:
+            warn_caller(f"{path}: not read: {', '.join(sorted(unread))}")
         return simple
 
     def _simplify(self, body: Element, names: set[str]) -> None:
@@ -228,8 +228,8 @@ class _MjcfReader:
                 self.context.numbers(child, key, where, (0.0,) * counts[key], low)
             for key in (k for k in NONNEGATIVE if k in child.attrib):
                 if not 0.0 <= to_number(child.get(key, "")) < math.inf:
-                    what = f"{where}: {tag} {key}={brief(child.get(key))}"
-                    self.context.fail(f"{what}, expected a number from 0 on")
+                    message = f"{where}: {tag} {key}={brief(child.get(key))}"
+                    self.context.fail(f"{message}, expected a number from 0 on")
             if tag in GENERATORS:
                 self.context.fail(
                     f"{where} has <{tag}>, which is not read; write "

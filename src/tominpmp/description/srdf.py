@@ -138,8 +138,8 @@ class SemanticDescription:
         """
         if name in self.groups:
             return name
-        wanted = self._words(name)
-        alike = [group for group in self.groups if self._words(group) == wanted]
+        words = self._words(name)
+        alike = [group for group in self.groups if self._words(group) == words]
         return alike[0] if len(alike) == 1 else None
 
     def _words(self, name: str) -> list[str]:
@@ -287,24 +287,24 @@ class _SrdfReader:
 
     def _rotor_inertias(self) -> dict[str, float]:
         """Inertia of rotors times the squared gear ratio, as in Pinocchio."""
-        context, where, found = self.context, "rotor_params", {}
+        context, where, inertias = self.context, "rotor_params", {}
         for joint in self.root.findall(".//rotor_params//joint"):
             inertia = context.number(joint, "mass", where, low=0.0)
             ratio = context.number(joint, "gear_ratio", where)
-            found[context.text(joint, "name", where)] = inertia * ratio**2
-        return found
+            inertias[context.text(joint, "name", where)] = inertia * ratio**2
+        return inertias
 
     def _group(self, name: str) -> JointGroup:
-        found, unknown = self._members(name, ())
-        moves_base = any(self.virtual.get(k, "fixed") != "fixed" for k in found)
-        joints = tuple(joint for joint in self.moving if joint in found)
+        members, unknown = self._members(name, ())
+        moves_base = any(self.virtual.get(k, "fixed") != "fixed" for k in members)
+        joints = tuple(joint for joint in self.moving if joint in members)
         return JointGroup(joints, tuple(dict.fromkeys(unknown)), moves_base)
 
     def _members(self, name: str, above: tuple[str, ...]) -> tuple[set[str], list[str]]:
         """Joints of any kind in a group, and members that the robot lacks."""
         if name in above:
             self.context.fail(f"the group {name!r} holds itself")
-        where, found = f"group {name}", set[str]()
+        where, members = f"group {name}", set[str]()
         unknown: list[str] = []
         for element in self.groups[name]:
             tag = element.tag
@@ -316,21 +316,21 @@ class _SrdfReader:
                 lacking = [link for link in (base, tip) if link not in self.links]
                 unknown += lacking
                 if not lacking:
-                    found |= self.description.joints_between(base, tip)
+                    members |= self.description.joints_between(base, tip)
             elif tag in ("joint", "link", "group"):
                 member = self.context.text(element, "name", where)
                 if tag == "group" and member in self.groups:
                     joints, lacking = self._members(member, (*above, name))
-                    found |= joints
+                    members |= joints
                     unknown += lacking
                 elif tag == "link" and member in self.links:
                     if member in self.carrying:  # no joint carries the root link
-                        found.add(self.carrying[member])
+                        members.add(self.carrying[member])
                 elif tag == "joint" and self._short(member) in self.known:
-                    found.add(self._short(member))
+                    members.add(self._short(member))
                 else:
                     unknown.append(member)
-        return found, unknown
+        return members, unknown
 
     def _short(self, joint: str) -> str:
         """A joint name, without the prefix of the robot that some files add."""
@@ -376,13 +376,13 @@ def _group_joints(
     """Joints of a group by name, or of a chain or a list of joints."""
     name = semantics.find_group(group) if isinstance(group, str) else None
     if name is not None:
-        found = semantics.groups[name]
-        if not found.joints:
+        members = semantics.groups[name]
+        if not members.joints:
             raise OptionsError(
                 f"group: the group {name!r} has no joint that the robot has", "group"
             )
-        warn_of_group(name, found)
-        return found.joints
+        warn_of_group(name, members)
+        return members.joints
     joints = _listed_joints(description, group)
     if joints is None:
         raise OptionsError(_no_group(list(semantics.groups), group), "group")
@@ -420,12 +420,12 @@ def _no_group(groups: Sequence[str], group: object) -> str:
     )
 
 
-def warn_of_group(name: str, found: JointGroup) -> None:
+def warn_of_group(name: str, group: JointGroup) -> None:
     """Warn of members of a group that the robot lacks, and of moving bases."""
     faults = []
-    if found.unknown:
-        faults.append(f"names {', '.join(found.unknown)}, which the robot lacks")
-    if found.moves_base:
+    if group.unknown:
+        faults.append(f"names {', '.join(group.unknown)}, which the robot lacks")
+    if group.moves_base:
         faults.append("moves the base, which is planned for as standing still")
     if faults:
         warn_caller(f"the group {name!r} {' and '.join(faults)}")
@@ -470,11 +470,11 @@ def srdf_file(
             item = add(root, "disable_collisions", link1=one, link2=other)
             if (one, other) in semantics.never_touch:
                 item.set("reason", NEVER)
-    for group, found in semantics.groups.items():
+    for group, members in semantics.groups.items():
         element = add(root, "group", name=group)
-        for joint in (*found.joints, *found.unknown):
+        for joint in (*members.joints, *members.unknown):
             add(element, "joint", name=joint)
-        if found.moves_base:
+        if members.moves_base:
             base = f"{group}_base"
             add(element, "joint", name=base)
             add(root, "virtual_joint", name=base, type="floating")

@@ -193,11 +193,11 @@ class UrdfDescription(Record):
     def joints_above(self, link: str) -> set[str]:
         """Joints from the root to a link, including fixed ones; empty if unknown."""
         above = {joint.child: joint for joint in self.tree}
-        found = set()
+        chain = set()
         while link in above:
-            found.add(above[link].name)
+            chain.add(above[link].name)
             link = above[link].parent
-        return found
+        return chain
 
     def joints_between(self, one: str, other: str) -> set[str]:
         """Joints of the chain between two links, including fixed ones."""
@@ -292,11 +292,11 @@ def fixed_joint(
 
 def fresh_name(name: str, taken: set[str]) -> str:
     """Make a name unique by a number, and add it to the names taken."""
-    number, found = 2, name
-    while found in taken:
-        found, number = f"{name}_{number}", number + 1
-    taken.add(found)
-    return found
+    number, free = 2, name
+    while free in taken:
+        free, number = f"{name}_{number}", number + 1
+    taken.add(free)
+    return free
 
 
 def joined(

@@ -189,7 +189,7 @@ class UrdfChecker:
     def _named(self, tag: str) -> dict[str, Element]:
         """Links or joints by their names in messages; names must be unique."""
         # Joints of a <transmission> or <gazebo> are not children of the root.
-        elements, found = self.root.findall(tag), dict[str, Element]()
+        elements, named = self.root.findall(tag), dict[str, Element]()
         if len(elements) > MAX_LINKS:
             self.context.fail(
                 f"has {len(elements)} {tag}s, at most {MAX_LINKS} are read"
@@ -197,10 +197,10 @@ class UrdfChecker:
         for number, element in enumerate(elements, 1):
             name = self.context.text(element, "name", f"{tag} number {number}")
             where = f"{tag} {name}"
-            if where in found:
+            if where in named:
                 self.context.fail(f"there are two {tag}s named {brief(name)}")
-            found[where] = element
-        return found
+            named[where] = element
+        return named
 
     def _add(
         self, parent: Element, element: Element, where: str, form: Form | None = None

@@ -132,23 +132,23 @@ class _Builder:
             self.fail(f"it holds more than {MAX_VALUES} values", event)
 
     def _list(self, depth: int) -> list[Any]:
-        found = []
+        items = []
         while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
-            found.append(self._value(event, depth))
-        return found
+            items.append(self._value(event, depth))
+        return items
 
     def _mapping(self, depth: int) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        table: dict[str, Any] = {}
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             key = self._value(event, depth)
             if isinstance(event, yaml.ScalarEvent):
                 key = event.value
             if not isinstance(key, str):
                 self.fail("a key is not a single word", event)
-            if key in found:
+            if key in table:
                 self.fail(f"the key {key[:80]!r} is there twice", event)
-            found[key] = self._value(next(self.events), depth)
-        return found
+            table[key] = self._value(next(self.events), depth)
+        return table
 
     def _scalar(self, event: Any) -> Any:
         if event.tag in UNITS:

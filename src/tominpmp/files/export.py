@@ -140,8 +140,8 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
     flag(with_effort, "with_effort")
     if message is not None:
         choice(message, tuple(MESSAGES), "message")
-    for name, given in (("with_effort", with_effort), ("message", message)):
-        if given and not is_message(path):
+    for name, value in (("with_effort", with_effort), ("message", message)):
+        if value and not is_message(path):
             raise ProblemError(
                 f"{name} is for ROS messages ({', '.join(PARSERS)}), not for {path}",
                 name,

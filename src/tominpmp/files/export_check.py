@@ -164,8 +164,8 @@ def check_file(
     instance(within, Tolerances, "tolerances", "Tolerances or None")
 
     def judge(motion: Trajectory) -> Judgement:
-        found = verify(problem, motion, within)
-        return found.violations, found
+        replay = verify(problem, motion, within)
+        return replay.violations, replay
 
     return _check(problem, path, judge, interpolation)
 
@@ -300,8 +300,8 @@ def _verified(solution: Solution, planned: Trajectory, motion: Trajectory) -> Ju
     if not problem.segments:
         times = _inner_instants(motion.t)
         state, clearly = motion(times), EVIDENT * tolerances.limits
-        found = state_violations(problem, times, state.q, state.v, state.u, clearly)
-        violated = tuple(item for item in found if item.violated)
+        excesses = state_violations(problem, times, state.q, state.v, state.u, clearly)
+        violated = tuple(item for item in excesses if item.violated)
         if violated:
             return violated, None
     replayed = verify(problem, motion, tolerances)

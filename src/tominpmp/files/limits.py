@@ -75,9 +75,9 @@ CURVES: dict[str, tuple[Callable[..., EffortCurve], tuple[str, ...]]] = {
 
 def _read_only(value: Mapping[str, float], name: str) -> Mapping[str, float]:
     """Check limits by joint name, and make the mapping read-only."""
-    given = instance(value, Mapping, name, "limits by joint name")
-    found = {k: number(v, f"{name} of joint {k!r}") for k, v in given.items()}
-    return MappingProxyType(found)
+    table = instance(value, Mapping, name, "limits by joint name")
+    limits = {k: number(v, f"{name} of joint {k!r}") for k, v in table.items()}
+    return MappingProxyType(limits)
 
 
 ByJoint: TypeAlias = Annotated[Mapping[str, float], _read_only]
@@ -122,10 +122,10 @@ class MoveItLimits(Record):
             :meth:`motion_limits`.
         """
         factor = self.velocity_scaling if flag(scaled, "scaled") else 1.0
-        found = {"velocity": {k: factor * v for k, v in self.velocity.items()}}
+        arguments = {"velocity": {k: factor * v for k, v in self.velocity.items()}}
         for name in ("effort", "position_lower", "position_upper"):
-            found[name] = dict(getattr(self, name))
-        return {name: values for name, values in found.items() if values}
+            arguments[name] = dict(getattr(self, name))
+        return {name: values for name, values in arguments.items() if values}
 
     def motion_limits(
         self, joint_names: Sequence[str], *, scaled: bool = False
@@ -197,9 +197,9 @@ def _warn_of_joints(
         f"limits of joints that follow others are not used: {', '.join(led)}": led,
         f"the limits are not scaled by {' and '.join(factors)}": factors,
     }
-    said = [note for note, found in notes.items() if found]
-    if said:
-        warn_caller(f"{limits.path}: {'; '.join(said)}")
+    warnings = [note for note, found in notes.items() if found]
+    if warnings:
+        warn_caller(f"{limits.path}: {'; '.join(warnings)}")
 
 
 def load_joint_limits(path: str | Path) -> MoveItLimits:
@@ -224,18 +224,18 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
         if "joint_limits" not in table.table() and table.get(wrapper).given:
             table = table.get(wrapper)
     joints = table.need("joint_limits").table()
-    found: dict[str, dict[str, float]] = {name: {} for name in _KEYS}
+    values: dict[str, dict[str, float]] = {name: {} for name in _KEYS}
     notes = [k for k in table.table() if k not in ("joint_limits", *_SCALINGS)]
     for joint, limits in joints.items():
         for name, keys in _KEYS.items():
             value = _limit(limits, *keys)
             if value is not None:
-                found[name][joint] = value
+                values[name][joint] = value
         slowing = _limit(limits, *_SLOWING)
         if slowing is not None:
             slowing = abs(slowing)
-            own = found["acceleration"].get(joint, slowing)
-            found["acceleration"][joint] = min(own, slowing)
+            own = values["acceleration"].get(joint, slowing)
+            values["acceleration"][joint] = min(own, slowing)
             if own != slowing:
                 notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
         notes += _unread(limits)
@@ -246,7 +246,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
         for factor in scaling
     )
     return MoveItLimits(
-        path, **found, velocity_scaling=speed, acceleration_scaling=acceleration
+        path, **values, velocity_scaling=speed, acceleration_scaling=acceleration
     )
 
 
@@ -335,9 +335,9 @@ def read_curve(item: Field) -> EffortCurve:
     Raises:
         ScenarioError: If it has none of these forms.
     """
-    given = item.table()
+    table = item.table()
     for key, (make, keys) in CURVES.items():
-        if key in given:
+        if key in table:
             item.only(*keys)
             values = (item.need(name) for name in keys)
             numbers = [value.number("a positive number", above=0.0) for value in values]

@@ -319,16 +319,16 @@ def _read_object(item: Field, frames: _Frames) -> list[Obstacle]:
     place = frames.to_base(item.get("header"))
     if item.get("pose").given:
         place = place * _read_pose(item.get("pose"))
-    found: list[tuple[Field, pin.SE3]] = []
+    placed: list[tuple[Field, pin.SE3]] = []
     for kind in PLURALS:
         shapes, poses = _shapes_and_poses(item, kind, optional="poses")
         within = [place * _read_pose(pose) for pose in poses] or [place] * len(shapes)
-        found += zip(shapes, within, strict=True)
-    if not found:
+        placed += zip(shapes, within, strict=True)
+    if not placed:
         item.fail(f"the object {brief(name)} has no shapes")
     return [
-        _obstacle(name if len(found) == 1 else f"{name}.{index}", *shape, frames)
-        for index, shape in enumerate(found)
+        _obstacle(name if len(placed) == 1 else f"{name}.{index}", *shape, frames)
+        for index, shape in enumerate(placed)
     ]
 
 
@@ -476,13 +476,13 @@ def _start_values(request: Field, key: str) -> dict[str, float]:
 
 def _goal_names(request: Field, key: str, *kinds: str) -> list[str]:
     """Joints ("joint_name") or links ("link_name") in the goal constraints."""
-    found = [
+    names = [
         item.need(key).text()
         for goal in request.get("goal_constraints").items()
         for kind in kinds
         for item in goal.get(f"{kind}_constraints").items()
     ]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(names))
 
 
 def _goal_joints(request: Field) -> list[str]:
@@ -702,10 +702,10 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
             f"{', '.join(unknown[:20])}; what they move is not part of it"
         )
     for name, position in robot.locked_joints.items():
-        asked = start.get(name, position)
-        if abs(asked - position) > LOCK_OFFSET:
+        requested = start.get(name, position)
+        if abs(requested - position) > LOCK_OFFSET:
             warn_caller(
-                f"{state.path}: joint {name} is at {asked:g} at the start, but the "
+                f"{state.path}: joint {name} is at {requested:g} at the start, but the "
                 f"robot has it locked at {position:g}"
             )
 
@@ -841,13 +841,13 @@ class _GoalReader:
             choices = [self._regions(place, turns) for place in places]
             if np.prod([len(regions) for regions in choices]) > MOST_GOALS:
                 item.fail(f"holds more than {MOST_GOALS} combinations of regions")
-            found = []
+            goals = []
             for regions in itertools.product(*choices):
                 parts = [*fixed, *_frame_goals(places, regions, turns)]
                 if not parts:
                     item.fail("asks for nothing: every orientation will do")
-                found.append(parts[0] if len(parts) == 1 else AllGoals(parts))
-        return found
+                goals.append(parts[0] if len(parts) == 1 else AllGoals(parts))
+        return goals
 
     def _joint_goal(self, constraints: Sequence[Field], alone: bool) -> Goal:
         """Goal for joints, alone or combined with goals for frames."""
@@ -893,18 +893,18 @@ class _GoalReader:
 
     def _orientations(self, item: Field) -> dict[str, _Rotation]:
         """Orientation constraints by link."""
-        found: dict[str, _Rotation] = {}
+        orientations: dict[str, _Rotation] = {}
         for turn in item.get("orientation_constraints").items():
             link = self._link(turn)
-            if link in found:
+            if link in orientations:
                 turn.get("link_name").fail(f"the link {brief(link)} is there twice")
             rotation = _read_rotation(turn.need("orientation"))
             keys = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
             tolerance = np.minimum([_tolerance(turn.get(k)) for k in keys], np.pi)
             tolerance[tolerance <= ACCURACY] = 0.0
             base = self.frames.to_base(turn.get("header")).rotation
-            found[link] = _Rotation(base @ rotation, tolerance)
-        return found
+            orientations[link] = _Rotation(base @ rotation, tolerance)
+        return orientations
 
     def _regions(self, place: Field, turns: Mapping[str, _Rotation]) -> list[_Region]:
         """Alternative regions for the origin of a link."""
@@ -917,7 +917,7 @@ class _GoalReader:
             if turn is None or not turn.exact:
                 offset.fail("an offset without an exact orientation is not read")
             base = pin.SE3(np.eye(3), -turn.rotation @ shift) * base
-        found: list[_Region] = []
+        regions: list[_Region] = []
         for kind in ("primitive", "mesh"):
             # A pose without a shape is a point.
             shapes, poses = _shapes_and_poses(region, kind, optional="shapes")
@@ -931,10 +931,10 @@ class _GoalReader:
                     with blaming(shape):
                         mesh = Mesh("region", **_mesh(shape, self.frames))
                     spot = spot * pin.SE3(np.eye(3), mesh.points.mean(axis=0))
-                found.append((spot, size))
-        if not 0 < len(found) <= MOST_GOALS:
-            region.fail(f"holds {len(found)} regions, expected 1 to {MOST_GOALS}")
-        return found
+                regions.append((spot, size))
+        if not 0 < len(regions) <= MOST_GOALS:
+            region.fail(f"holds {len(regions)} regions, expected 1 to {MOST_GOALS}")
+        return regions
 
     def _link(self, item: Field) -> str:
         link = item.need("link_name")

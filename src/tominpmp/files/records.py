@@ -228,7 +228,7 @@ def file_name(path: Path, folder: Path) -> str:
     return path.relative_to(folder).as_posix() if folder in path.parents else str(path)
 
 
-def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
+def from_table(table: Field, kinds: Mapping[str, type[Any]], noun: str) -> Any:
     """Make a record from its table; the key ``type`` selects one of the classes.
 
     Raises:
@@ -237,7 +237,7 @@ def from_table(table: Field, kinds: Mapping[str, type[Any]], what: str) -> Any:
     kind = table.need("type")
     if not isinstance(kind.value, str) or kind.value not in kinds:
         kind.fail(
-            f"there is no {what} {brief(kind.value)}{closest(kind.value, list(kinds))}"
+            f"there is no {noun} {brief(kind.value)}{closest(kind.value, list(kinds))}"
             f"; there are: {', '.join(kinds)}"
         )
     values = {k: v for k, v in table.table().items() if k != "type"}

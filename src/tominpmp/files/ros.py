@@ -130,11 +130,11 @@ def _spread(ticks: IntArray, duration: float) -> IntArray:
     if ticks.size == 1:
         return ticks
     last = max(int(np.ceil(duration * BILLION - 1e-3)), MIN_STEP)
-    kept = [0]
+    spread = [0]
     for tick in ticks[1:-1].tolist():
-        if tick - kept[-1] >= MIN_STEP and last - tick >= MIN_STEP:
-            kept.append(tick)
-    return np.array([*kept, last], dtype=np.int64)
+        if tick - spread[-1] >= MIN_STEP and last - tick >= MIN_STEP:
+            spread.append(tick)
+    return np.array([*spread, last], dtype=np.int64)
 
 
 def accelerations_continue(trajectory: Trajectory) -> bool:
@@ -287,9 +287,9 @@ def read_message(message: Field) -> Samples:
         point.only(*POINT_FIELDS.values(), "time_from_start")
     parts: dict[str, Array] = {}
     for key, name in POINT_FIELDS.items():
-        found = [point.get(name) for point in points]
-        if key == "q" or any(item.given for item in found):
-            rows = [item.numbers(len(names)) for item in found]
+        fields = [point.get(name) for point in points]
+        if key == "q" or any(item.given for item in fields):
+            rows = [item.numbers(len(names)) for item in fields]
             parts[key] = np.array(rows).reshape(len(points), len(names))
     times = [_seconds(point.need("time_from_start")) for point in points]
     return filled_samples(names, np.array(times), parts, interpolation="controller")
@@ -524,10 +524,10 @@ def controller_refusals(
             instance(name, str, "joint_names", "a list of names")
     outer = dict(message)
     field = Field(outer, Path("the message"))
-    found = find_trajectory(field, mention=False).value
-    if not isinstance(found, Mapping):
+    trajectory = find_trajectory(field, mention=False).value
+    if not isinstance(trajectory, Mapping):
         raise ProblemError("the message holds no JointTrajectory", "message")
-    names, points = found.get("joint_names"), found.get("points")
+    names, points = trajectory.get("joint_names"), trajectory.get("points")
     if not isinstance(names, list) or not names:
         return (Refusal("there are no joint names", "joint_names"),)
     if not isinstance(points, list) or not points:
@@ -538,7 +538,7 @@ def controller_refusals(
     broken = [
         *_joints(names, joint_names, partial),
         *_goal(outer, names),
-        *_stamp(found.get("header")),
+        *_stamp(trajectory.get("header")),
         *_times(points),
         *_numbers(points, names, effort_interface),
         *_uniform(points),
@@ -632,11 +632,11 @@ def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
     first = points[0]
     for index, point in enumerate(points):
         for field in POINT_FIELDS.values():
-            given = bool(_values(point, field))
-            if given != bool(_values(first, field)):
+            present = bool(_values(point, field))
+            if present != bool(_values(first, field)):
                 has = "has them, the first point has not"
                 lacks = "is empty, that of the first point is not"
-                yield Refusal(has if given else lacks, field, index)
+                yield Refusal(has if present else lacks, field, index)
                 return
     if _values(first, "accelerations") and not _values(first, "velocities"):
         yield Refusal("is not followed without velocities", "accelerations", 0)

@@ -401,13 +401,13 @@ def read_pairs(
     Raises:
         ScenarioError: If an item is not a pair of names.
     """
-    found = []
+    pairs = []
     for item in table.items():
         names = [name.text() for name in item.items()]
         if len(names) != 2:
             item.fail(f"holds {len(names)} names, expected two, {about}")
-        found.append((names[0], names[1]))
-    return tuple(found)
+        pairs.append((names[0], names[1]))
+    return tuple(pairs)
 
 
 def key_of(
@@ -424,15 +424,15 @@ def key_of(
         The innermost value on the path that the file has; the table if it has none of
         it.
     """
-    found = table
+    item = table
     for step in re.findall(r"\w+", field or ""):
-        if isinstance(found.value, list) and step.isdigit():
-            found = list(found.items())[int(step)]
-        elif found is table and step in keys:
-            found = table.get(step)
-        elif isinstance(found.value, dict) and step in found.value:
-            found = found.get(step)
-    return found
+        if isinstance(item.value, list) and step.isdigit():
+            item = list(item.items())[int(step)]
+        elif item is table and step in keys:
+            item = table.get(step)
+        elif isinstance(item.value, dict) and step in item.value:
+            item = item.get(step)
+    return item
 
 
 # Readers of the keys that scenarios and segments have in common.
@@ -459,9 +459,9 @@ def read_conditions(table: Field, robot: Robot) -> dict[str, Any]:
         ScenarioError: If a value is wrong.
     """
     items = table.table().items()
-    found = {name: READERS[name](item) for name, item in items if name in READERS}
+    values = {name: READERS[name](item) for name, item in items if name in READERS}
     limits = read_motion_limits(table.get("motion_limits"), robot)
-    return found | {"motion_limits": limits}
+    return values | {"motion_limits": limits}
 
 
 # Largest difference of placements and inertias of a robot after writing and reading.
@@ -785,10 +785,10 @@ def load_scenario(path: str | Path) -> Scenario:
     start = document.need("start")
     start.only("q", "v", "state")
     q_start, v_start = positions(start, robot, None), vector(start.get("v"), robot)
-    aim = document.get("goal")
-    if aim.value is None and not document.get("segments").given:
-        aim.fail("is missing, and there are no segments; expected one or the other")
-    goal = None if aim.value is None else read_goal(aim, robot, q_start)
+    target = document.get("goal")
+    if target.value is None and not document.get("segments").given:
+        target.fail("is missing, and there are no segments; expected one or the other")
+    goal = None if target.value is None else read_goal(target, robot, q_start)
     segments = read_segments(document.get("segments"), robot, q_start)
     conditions = read_conditions(document, robot)
     check_names(document, robot, goal, conditions.get("constraints", ()))
@@ -810,8 +810,8 @@ def _blamed(document: Field, field: str) -> Field:
     """Value of a scenario at fault, by a field of its problem: "segments[1].goal"."""
     if re.match(r"(segments\[0\]\.)?[qv]_start", field):
         return document.get("start")  # also the start of the first segment
-    found = key_of(document, field, SECTIONS)
-    return document.get("goal") if found is document else found
+    item = key_of(document, field, SECTIONS)
+    return document.get("goal") if item is document else item
 
 
 def save_scenario(

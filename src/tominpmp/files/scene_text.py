@@ -114,12 +114,12 @@ class _Reader:
         return self.text[begin : self.place].strip()
 
     def _word(self, expected: str) -> str:
-        found = _WORD.search(self.text, self.place)
+        match = _WORD.search(self.text, self.place)
         self.count += 1
-        if found is None or self.count > MAX_VALUES:
-            self._fail("the end" if found is None else f"{MAX_VALUES} words", expected)
-        self.place = found.end()
-        return found[0]
+        if match is None or self.count > MAX_VALUES:
+            self._fail("the end" if match is None else f"{MAX_VALUES} words", expected)
+        self.place = match.end()
+        return match[0]
 
     def _fail(self, found: str, expected: str) -> NoReturn:
         line = self.text.count("\n", 0, self.place) + 1

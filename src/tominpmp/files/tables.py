@@ -240,5 +240,5 @@ def _array(archive: zipfile.ZipFile, key: str) -> np.ndarray[Any, Any]:
         raise ValueError(f"{key} says that it holds {shape} values of {dtype}")
     if count > most // 8:
         raise ValueError(f"{key} holds {count} values, expected {most // 8} at most")
-    found = np.frombuffer(content, dtype)
-    return found.reshape(shape, order="F" if columnwise else "C")
+    values = np.frombuffer(content, dtype)
+    return values.reshape(shape, order="F" if columnwise else "C")
