@@ -185,8 +185,8 @@ def check_export(
         The result.
 
     Raises:
-        ProblemError: If the solution is not one or has no motion, or an argument is
-            wrong.
+        ProblemError: If the first argument is not a solution or has no motion, or an
+            argument is wrong.
         ScenarioError: If the file cannot be read.
     """
     begin = time.perf_counter()
@@ -290,7 +290,7 @@ def _alternative_steps(dt: float | None) -> list[float | None]:
 
 
 def _verified(solution: Solution, planned: Trajectory, motion: Trajectory) -> Judgement:
-    """Verify a reader's version of a plan; by a replay only if simpler tests pass."""
+    """Verify a reader's version of a plan; replay only if quicker tests are undecided."""
     problem, known = solution.problem, solution.verification
     planned, motion = (controlled(each, problem.robot) for each in (planned, motion))
     tolerances = solution.options.tolerances
