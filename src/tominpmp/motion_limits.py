@@ -109,7 +109,7 @@ class LimitKind:
     Attributes:
         name: Its name in messages, reports and records.
         units: Units of its bounds, for revolute and for prismatic joints.
-        of: Bounded quantity: "q", "v", "a" or "u" for positions, velocities,
+        quantity: Bounded quantity: "q", "v", "a" or "u" for positions, velocities,
             accelerations or torques; "j" or "du" for rates of accelerations or torques;
             "uv" for a function of torques and velocities.
         order: Power of the factor by which the quantity falls if time is stretched by
@@ -122,7 +122,7 @@ class LimitKind:
 
     name: str
     units: tuple[str, str]
-    of: str
+    quantity: str
     order: int
     part_of: str = ""
     numbers: ClassVar[bool] = True
@@ -130,17 +130,17 @@ class LimitKind:
     @property
     def smooth(self) -> bool:
         """Whether only motions whose accelerations do not jump can keep the limit."""
-        return self.of in ("j", "du")
+        return self.quantity in ("j", "du")
 
     @property
     def of_torques(self) -> bool:
         """Whether it bounds torques, or a quantity that depends on them."""
-        return self.of in ("u", "du", "uv")
+        return self.quantity in ("u", "du", "uv")
 
     @property
     def of_states(self) -> bool:
         """Whether position, velocity and torque at an instant decide if it is kept."""
-        return self.of in ("q", "v", "u", "uv")
+        return self.quantity in ("q", "v", "u", "uv")
 
     @property
     def unit(self) -> str:
@@ -230,7 +230,7 @@ FEEDBACK = replace(EFFORT, name="feedback")
 # Kinds of the fields of motion limits.
 ACCELERATION = LimitKind("acceleration", ("rad/s^2", "m/s^2"), "a", 2)
 # Acceleration limit of kinematic robots, whose controls are accelerations.
-CONTROL_ACCELERATION = replace(ACCELERATION, of="u")
+CONTROL_ACCELERATION = replace(ACCELERATION, quantity="u")
 JERK = LimitKind("jerk", ("rad/s^3", "m/s^3"), "j", 3)
 EFFORT_RATE = LimitKind("effort rate", ("N m/s", "N/s"), "du", 3)
 OVER_SPEED = EffortOverSpeed("effort over speed", EFFORT.units, "uv", 2, EFFORT.name)

@@ -78,7 +78,7 @@ def _tightest_limits(problem: Problem) -> dict[str, Array]:
     """
     found = {of: np.full(problem.robot.n, math.inf) for of in BOUNDED}
     for item in joint_limits(problem.robot, problem.motion_limits):
-        of = item.kind.of
+        of = item.kind.quantity
         if of == "u" and problem.robot.kinematic:
             of = "a"
         if of in found:

@@ -17,7 +17,7 @@ from tominpmp.constraints.base import (
 from tominpmp.motion_limits import ACCELERATION, LimitKind
 
 # Zero accelerations are no limit of a user's.
-STANDSTILL = replace(ACCELERATION, name="acceleration before a stay", of="")
+STANDSTILL = replace(ACCELERATION, name="acceleration before a stay", quantity="")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +43,8 @@ class JointLimit(Record, Constraint):
     def __post_init__(self) -> None:
         """Take over what the kind of limit says."""
         super().__post_init__()
-        kind, limited = self.kind, self.kind.of != ""
-        self._keep(field=kind.of, order=kind.order, curable=limited and kind.order > 0)
+        kind, curable = self.kind, self.kind.quantity != "" and self.kind.order > 0
+        self._keep(field=kind.quantity, order=kind.order, curable=curable)
 
     @classmethod
     def standstill(cls, scale: Array) -> JointLimit:

@@ -290,7 +290,7 @@ def _alternative_steps(dt: float | None) -> list[float | None]:
 
 
 def _verified(solution: Solution, planned: Trajectory, motion: Trajectory) -> Judgement:
-    """Verify a reader's version of a plan; replay only if quicker tests are undecided."""
+    """Verify a reader's version of a plan; replay it only if in doubt."""
     problem, known = solution.problem, solution.verification
     planned, motion = (controlled(each, problem.robot) for each in (planned, motion))
     tolerances = solution.options.tolerances

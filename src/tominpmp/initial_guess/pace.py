@@ -35,10 +35,10 @@ def least_duration(system: ProblemFunctions, q: Array) -> float:
     load = np.abs(load - system.dynamics.inverse(q[:1], zero, zero))[0]
     change, times = {"a": span, "j": span, "du": load}, [0.0]
     for item in joint_limits(system.problem.robot, system.motion_limits):
-        if item.kind.of in change:
+        if item.kind.quantity in change:
             # Distance from rest to rest under a bang-bang derivative of this order.
             order = item.kind.order
-            power = 4.0 * 8.0 ** (order - 2) * change[item.kind.of] / item.upper
+            power = 4.0 * 8.0 ** (order - 2) * change[item.kind.quantity] / item.upper
             times.append(float(np.max(power)) ** (1.0 / order))
     return max(times)
 

@@ -43,12 +43,12 @@ class JointBounds:
 
     def beyond(self, q: Array, v: Array, a: Array, u: Array) -> Array:
         """Excess of a motion over the bounds at instants, shape (m, n)."""
-        if self.kind.of == "uv":
+        if self.kind.quantity == "uv":
             out = np.full(u.shape, -np.inf)
             for i, bound in self.by_speed.items():
                 out[:, i] = self.kind.largest_excess(bound, u[:, i], v[:, i])
             return out
-        return self.outside({"q": q, "v": v, "a": a, "u": u}[self.kind.of])
+        return self.outside({"q": q, "v": v, "a": a, "u": u}[self.kind.quantity])
 
     def outside(self, values: Array) -> Array:
         """How far values are outside the bounds, shape (..., n)."""
@@ -79,7 +79,7 @@ def joint_limits(robot: Robot, limits: MotionLimits | None) -> list[JointBounds]
     for name, kind in kinds_of(more).items():
         if kind.name == driving.name:
             continue
-        if kind.of == "uv":
+        if kind.quantity == "uv":
             bounds = sorted(more._bounds_of(name, names).items())
             by_speed = {names.index(k): bound for k, bound in bounds if bound != np.inf}
             scale = span.copy()

@@ -221,9 +221,9 @@ class SegmentRows:
         efforts = np.where(driven, strongest, np.inf)
         worth, held = rows.value, rows.held_above
         for item in joint_limits(*of_arm):
-            kind, most = item.kind, efforts if item.kind.of == "u" else item.upper
+            kind, most = item.kind, efforts if item.kind.quantity == "u" else item.upper
             asked = [(kind.name, most, worth * used)]
-            if kind.of == "q":
+            if kind.quantity == "q":
                 asked = [("upper position", most, worth * held)]
                 asked.append(("lower position", item.lower, worth * ~held))
             for name, limit, values in asked:
@@ -233,7 +233,7 @@ class SegmentRows:
                     limit,
                     self._units(kind),
                     joints=np.flatnonzero(np.isfinite(limit)),
-                    places=kind.of == "q",
+                    places=kind.quantity == "q",
                 )
             for joint, bound in item.by_speed.items():
                 yield from self._over_speed(kind, joint, bound)

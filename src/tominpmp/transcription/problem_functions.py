@@ -225,11 +225,11 @@ class ProblemFunctions:
         limits: list[Constraint] = []
         for item in joint_limits(self.problem.robot, self.motion_limits):
             joints, kind, most = item.joints, item.kind, item.upper
-            if kind.of == "u":
+            if kind.quantity == "u":
                 limits.append(TorqueLimit(self.motors, kind))
-            elif kind.of == "du":
+            elif kind.quantity == "du":
                 limits.append(TorqueRate(self.motors, kind, joints, most[joints]))
-            elif kind.of == "uv":
+            elif kind.quantity == "uv":
                 limits.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
             elif joints.size:
                 scale = most if kind.order else self.step_scale

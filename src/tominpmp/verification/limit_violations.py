@@ -121,17 +121,17 @@ def limit_violations(
     t, q, v = replay.t[rows], replay.q[rows], replay.v[rows]
     u = np.concatenate([replay.u, torque.ends()[known, 1]])
     ways, a = _ways(robot, replay, v, ends), np.zeros((1, 0, 0))
-    accelerated = any(item.kind.of in ("a", "j") for item in limits)
+    accelerated = any(item.kind.quantity in ("a", "j") for item in limits)
     if accelerated or any(item.order > 1 for item in problem.ready_constraints):
         dynamics = RobotDynamics(robot)
         a = np.array([dynamics.forward_along(q, v, u, way) for way in ways])
 
     def beyond(item: JointBounds) -> tuple[Array, Array]:
         """Times, and excesses over a limit."""
-        if item.kind.of == "j":
+        if item.kind.quantity == "j":
             rounding = ROUNDING * np.max(np.abs(q), axis=0)
             return _rates(replay.t, ends, a[0], item.upper, rounding=rounding)
-        if item.kind.of == "du":
+        if item.kind.quantity == "du":
             return _rates(replay.t, ends, u, item.upper, robot.friction * ways)
         return t, np.min([item.beyond(q, v, one, u) for one in a], axis=0)
 
