@@ -210,7 +210,7 @@ def test_wrong_parts(ur5: Robot) -> None:
     one = ("a", ur5, (0, 0, 0))
     for parts, message in (
         ([one, ("a", ur5, (2, 0, 0))], "two of them are named 'a'"),
-        ([one, ("", ur5, FAR)], "the name '' is none"),
+        ([one, ("", ur5, FAR)], "a name is ''"),
         ([one, ("b/c", ur5, FAR)], "expected a text without '/'"),
         ([one, ("b", "ur5", FAR)], "'b' is a str, expected a Robot"),
         ([one, ("b", ur5)], "expected tuples of name, robot and base"),

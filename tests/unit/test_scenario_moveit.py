@@ -359,7 +359,7 @@ def test_joints_without_a_goal(planar3r: Robot, tmp_path: Path) -> None:
         (
             ("world", "collision_objects", 1, "header", "frame_id", "tool"),
             "[1].header.frame_id",
-            "no frame 'tool' .* world, .*desk",
+            "no fixed frame 'tool'.* world, .*desk",
         ),
         (
             ("world", "octomap", {"octomap": {"data": [1, 2]}}),

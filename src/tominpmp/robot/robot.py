@@ -610,7 +610,7 @@ def read_source(
     parts = _pinocchio_parts(source, geometry)
     if geometry is not None and parts is None:
         raise RobotLoadError(
-            f"geometry is given with {brief(source)}; it needs a pinocchio.Model"
+            f"geometry is given with {brief(source)}; it belongs to a pinocchio.Model"
         )
     embedded: SemanticDescription | None = None
     effort: Mapping[str, Any] = {}
