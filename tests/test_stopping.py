@@ -77,11 +77,11 @@ def test_exact_switching_interrupted_keeps_the_motion(monkeypatch, after, way):
         steps.append(callback.over)
         return done
 
-    def pay(budget, evaluations):
+    def spend(budget, evaluations):
         assert not callback.over, "it looks for exact switching still"
 
     monkeypatch.setattr(TrustRegionStep, "_propose", counted)
-    monkeypatch.setattr(stopping.Budget, "pay", pay)
+    monkeypatch.setattr(stopping.Budget, "spend", spend)
     options = tm.Options(refine="switching", callback=callback)
     solution = tm.plan(pendulums(), options)
     assert callback.over, "the test interrupts too late"

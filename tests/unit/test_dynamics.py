@@ -220,7 +220,7 @@ def test_many_rows_heed_a_limit_of_time(arm: Robot, monkeypatch) -> None:
         raise Stop(requested=False)
 
     monkeypatch.setattr("tominpmp.dynamics.check", stop)
-    monkeypatch.setattr("tominpmp.dynamics.MANY", 3)
+    monkeypatch.setattr("tominpmp.dynamics.CHECK_PERIOD", 3)
     dynamics, few, many = RobotDynamics(arm), np.zeros((2, arm.n)), np.zeros((3, arm.n))
     dynamics.inverse(few, few, few)
     with pytest.raises(Stop):
