@@ -6,8 +6,8 @@ from .choice import (
 )
 from .highs import HighsSolver as HighsSolver
 from .piqp import (
-    USUALLY as USUALLY,
-    Nearly as Nearly,
+    USUAL_TERMINATION as USUAL_TERMINATION,
     PiqpSolver as PiqpSolver,
+    Termination as Termination,
 )
 from .solver import LpSolver as LpSolver
