@@ -89,7 +89,7 @@ def test_the_base_may_not_go_where_there_is_no_motion() -> None:
         ({"bounds": 3}, "bounds is 3"),
         ({"bounds": {"w": (0, 1)}}, "bounds: 'w'"),
         ({"bounds": {"x": (0.5, 1)}}, "a range about zero"),
-        ({"bounds": {"yaw": (-1, 1)}, "moves": "goals"}, "does not turn"),
+        ({"bounds": {"yaw": (-1, 1)}, "moves": "goals"}, "only the base"),
         ({"moves": "table"}, "moves is 'table'"),
         ({"moves": ()}, "moves is"),
         ({"weights": [1.0]}, "weights is"),

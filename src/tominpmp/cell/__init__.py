@@ -1,1 +1,1 @@
-"""The cell: tours through stations, batches of plans, and where things stand."""
+"""Work cells: tours through stations, batches of plans, and placement of equipment."""

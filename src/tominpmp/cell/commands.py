@@ -1,6 +1,6 @@
-"""The commands ``batch`` and ``tour``: what can be said to them.
+"""The commands ``batch`` and ``tour``: arguments, options and help texts.
 
-Only what is light is imported here, as the help is made of it.
+Only light modules are imported here, as each call of the help imports this module.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ def batch(
 ) -> int:
     """Plan many scenarios, several at once, and keep the results in a folder.
 
-    Each result is a file (.npz) with the problem, the motion, its time and what
-    was found of it. A batch that was interrupted goes on where it was. A scenario
-    that is broken is named, and the others are planned.
+    Each result is a file (.npz) with the problem, the motion, its duration, bounds
+    and verdicts. An interrupted batch resumes where it stopped. A broken scenario is
+    reported by its name, and the others are planned.
 
     Exit codes:
-        0    all have a motion
-        1    some have none: they are named
+        0    every scenario has a motion
+        1    some scenarios have no motion: they are named
         2    bad input
-        130  interrupted (Ctrl-C); results that were kept are taken by
-             the next run
+        130  interrupted (Ctrl-C); the next run takes over the results
+             that were written
         143  terminated (SIGTERM); likewise
     """
     from tominpmp.cell.running import run_batch
@@ -55,12 +55,12 @@ def tour(scenario: TourScenario, /, *, args: TourOptions = TourOptions()) -> int
 
     The file has a list of [[stations]] in place of a goal. The cycle begins at the
     start and ends there, too, unless its table [tour] says otherwise; all motions
-    are verified. The report tells when the arm is where, and what no order can
-    beat.
+    are verified. The report lists when the arm is at which station, and a lower
+    bound of the cycle time over all orders.
 
     Exit codes:
         0    a tour was found
-        1    none was found
+        1    no tour was found
         2    bad input
         130  interrupted (Ctrl-C)
         143  terminated (SIGTERM)

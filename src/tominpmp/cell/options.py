@@ -15,9 +15,9 @@ class BatchOptions(ReportOptions):
     """Where a batch is planned, and where its results go.
 
     Attributes:
-        output (FOLDER): Keep the results there, an NPZ file each; what is there from a
-            former run is not planned again. Default: results.
-        workers (N): How many are planned at once. Default: as many as there are cores.
+        output (FOLDER): Folder for the results, an NPZ file each; problems whose
+            results a former run has left there are not planned again. Default: results.
+        workers (N): Number of problems planned at once. Default: the number of cores.
         backend (NAME): loky (processes), threading, dask, ray, or any other of joblib.
             Default: loky.
         warm_start: Let problems begin with the motions of their neighbours.
@@ -34,13 +34,13 @@ class BatchOptions(ReportOptions):
 @options("Output")
 @dataclass(frozen=True, kw_only=True)
 class TourOptions(ReportOptions):
-    """What of a tour to write and what to show.
+    """Files that a tour is written to, and its report.
 
     Attributes:
         output (FILE): Write the whole cycle there: .csv, .npz, or a ROS 2 message
             (.yaml, .json, or .mcap for a bag); replaced if it exists.
         dt (SECONDS): Time between the rows. Default: the nodes of the motions.
-        plot (FILE): Draw a Gantt picture: .png, .pdf or .svg.
+        plot (FILE): Draw a Gantt chart: .png, .pdf or .svg.
         html (FILE): Write a page that plays the cycle: .html.
         max_time (SECONDS): Time limit of the planning.
         verbose: Show the log too.

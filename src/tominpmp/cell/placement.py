@@ -1,8 +1,8 @@
 """Moves the base of a robot, obstacles or goals to where tasks take less time.
 
-The duration of every task comes with its derivatives by all places, so that a plan of
-each task tells which way to go. Steps are those of a quasi-Newton method within bounds;
-the plans of a step begin with the motions of the last one.
+Every plan yields the derivatives of its duration by all placements, so that one plan
+of each task gives a descent direction. A quasi-Newton method within bounds makes the
+steps; the plans of a step are warm-started with the motions of the previous one.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def robot_at(robot: Robot, base: Any) -> Robot:
 
     Args:
         robot: The robot.
-        base: Placement base_to_world of the root of its description: anything that
-            says a pose, or a position, shape (3,) [m].
+        base: Placement base_to_world of the root of its description: a pose in any
+            accepted form, or a position, shape (3,) [m].
 
     Raises:
         ProblemError: If an argument is of another type.
@@ -53,27 +53,31 @@ def robot_at(robot: Robot, base: Any) -> Robot:
 
 @dataclass(frozen=True, eq=False)
 class Moves:
-    """How the problems of tasks change with some coordinates.
+    """Dependence of the problems of tasks on the coordinates of a placement.
 
     Attributes:
-        what: "base", "goals", or names of obstacles.
+        moved: "base", "goals", or names of obstacles.
         names: Names of the coordinates that are free.
         robot: The robot.
         base: Placement of its base where all coordinates are zero.
     """
 
-    what: str | tuple[str, ...]
+    moved: str | tuple[str, ...]
     names: tuple[str, ...]
     robot: Robot
     base: pin.SE3
 
     def placement(self, x: Array) -> pin.SE3:
-        """The displacement, of the base about its own origin; shape (k,) to SE3."""
+        """Placement of the base, or displacement of goals or obstacles.
+
+        Args:
+            x: The coordinates, shape (k,) [m or rad]; the base turns about its origin.
+        """
         twist = self._twist(x)
-        if self.what != BASE:
+        if self.moved != BASE:
             return pin.SE3(np.eye(3), twist[:3])
-        turned = pin.exp3(twist[3:]) @ self.base.rotation
-        return pin.SE3(turned, self.base.translation + twist[:3])
+        rotation = pin.exp3(twist[3:]) @ self.base.rotation
+        return pin.SE3(rotation, self.base.translation + twist[:3])
 
     def _twist(self, x: Array) -> Array:
         twist = np.zeros(6)
@@ -83,22 +87,22 @@ class Moves:
     def mover(self, x: Array) -> Callable[[Problem], Problem]:
         """The function that applies a placement to a task.
 
-        Raises:
-            TominpmpError: If a task cannot be: a start that collides, say.
+        The function raises a TominpmpError if the task is impossible there: a start
+        that collides, say.
         """
-        move = self.placement(x)
-        by = np.array(move.translation)
-        if self.what == BASE:
+        placement = self.placement(x)
+        shift = np.array(placement.translation)
+        if self.moved == BASE:
             # Tasks share a robot, whose meshes are read once.
-            robot = robot_at(self.robot, move)
+            robot = robot_at(self.robot, placement)
             return lambda task: replace(task, robot=robot)
-        if self.what == GOALS:
-            return lambda task: replace(task, goal=task.goal.moved(by))
+        if self.moved == GOALS:
+            return lambda task: replace(task, goal=task.goal.moved(shift))
 
         def with_obstacles(task: Problem) -> Problem:
             scene = [
-                replace(item, position=item.position + by)
-                if item.name in self.what
+                replace(item, position=item.position + shift)
+                if item.name in self.moved
                 else item
                 for item in task.scene
             ]
@@ -106,30 +110,36 @@ class Moves:
 
         return with_obstacles
 
-    def gradient(self, found: Sensitivities, x: Array) -> Array:
-        """Derivative of the duration of a task by the coordinates [s/m or s/rad]."""
+    def gradient(self, sensitivities: Sensitivities, x: Array) -> Array:
+        """Derivative of the duration of a task by the coordinates [s/m or s/rad].
+
+        Args:
+            sensitivities: Derivatives of the duration, as shares of it.
+            x: The coordinates, shape (k,) [m or rad].
+        """
         slopes = np.zeros(6)
-        if self.what == BASE:
-            base, twist = found.base, self._twist(x)
-            # Of a rotation about where the base is, not about the world's origin.
-            here = self.placement(x).translation
-            about = base[3:] - np.cross(here, base[:3])
+        if self.moved == BASE:
+            base, twist = sensitivities.base, self._twist(x)
+            # The base turns about its own origin, sensitivities are about the world's.
+            origin = self.placement(x).translation
+            about_base = base[3:] - np.cross(origin, base[:3])
             slopes[:3] = base[:3]
-            slopes[3:] = pin.Jexp3(-twist[3:]).T @ about
+            slopes[3:] = pin.Jexp3(-twist[3:]).T @ about_base
         else:
-            kind = "goal" if self.what == GOALS else "obstacle"
-            for item in found.of(kind):
-                own = kind == "goal" or item.subject in self.what
-                if own and item.vector is not None:
+            kind = "goal" if self.moved == GOALS else "obstacle"
+            for item in sensitivities.of(kind):
+                moves = kind == "goal" or item.subject in self.moved
+                if moves and item.vector is not None:
                     slopes[:3] += item.vector
-        chosen = slopes[[COORDINATES.index(name) for name in self.names]]
-        return np.asarray(found.T * chosen)
+        free = slopes[[COORDINATES.index(name) for name in self.names]]
+        return np.asarray(sensitivities.T * free)
 
 
-# The first step, as a share of the bounds, and the least one that is tried.
-FIRST, LEAST = 0.15, 2e-3
-# A step that promises less than this share of the time is not made.
-ENOUGH = 5e-4
+# Initial and least trust-region radius, as shares of the range of the bounds.
+FIRST_RADIUS, LEAST_RADIUS = 0.15, 2e-3
+# Predicted reduction, as a share of the time, below which the search stops.
+LEAST_REDUCTION = 5e-4
+# Factors of the trust-region radius after good and bad steps.
 GROW, SHRINK = 1.7, 0.35
 
 
@@ -139,8 +149,8 @@ class Trial(Record):
 
     Attributes:
         values: The coordinates, shape (k,) [m or rad].
-        T: Sum of the weighted durations of the tasks [s]; infinite if one failed.
-        plans: How many plans had been made by then.
+        T: Sum of the weighted durations of the tasks [s]; infinite if a task failed.
+        plans: Number of plans made up to this trial, its own included.
     """
 
     values: Array
@@ -154,13 +164,14 @@ class ImprovedPlacement(Record):
 
     Attributes:
         names: Names of the coordinates.
-        values: Their values: displacements from where it began, shape (k,) [m or rad].
+        values: Their values: displacements from the initial placement, shape (k,)
+            [m or rad].
         placement: Placement base_to_world of the base; of obstacles and goals, their
             displacement.
         T: Sum of the weighted durations of the tasks [s].
-        T_before: The same where it began.
-        plans: How many plans were made.
-        trials: All placements that were tried, in that order.
+        T_before: The same sum at the initial placement [s].
+        plans: Number of plans made.
+        trials: All placements that were tried, in the order of the search.
         solutions: The motions of the tasks; their problems have the placement.
     """
 
@@ -207,42 +218,44 @@ def improve_placement(
         )
         print(better.placement, better.T_before, better.T)
 
-    Starts of tasks stay the configurations they are; goals on frames and obstacles stay
-    where they are in the world. What is found is the optimum that lies downhill.
+    The start configurations of tasks do not change; if the base moves, goals on frames
+    and obstacles keep their places in the world. The search is local: it descends to
+    the nearest optimum.
 
     Args:
         robot: The robot.
-        tasks: What it has to do: problems, of one segment each, in which ``robot`` is
+        tasks: The problems to be planned, of one segment each, in which ``robot`` is
             put at the base.
-        base: Where the base is at the beginning: a placement base_to_world or a
-            position, shape (3,) [m]; None for the origin of the world.
-        bounds: By the names of the coordinates that may change ("x", "y", "z", and for
-            the base "roll", "pitch", "yaw" about its own origin), how far either way
-            [m or rad], as (lower, upper) about zero.
-        moves: What is moved: "base", "goals" (all of them), or names of obstacles.
-        weights: How often each task is done; None for once each.
-        most_plans: Number of plans after which no other step is made.
+        base: Initial placement base_to_world of the base, or its position, shape (3,)
+            [m]; None for the origin of the world.
+        bounds: Ranges (lower, upper) about zero of the coordinates that may change
+            [m or rad], by their names: "x", "y", "z", and for the base "roll", "pitch",
+            "yaw" about its own origin.
+        moves: The things to move: "base", "goals" (all of them), or names of obstacles.
+        weights: Number of times that each task is done; None for once each.
+        most_plans: Number of plans after which no further step is made.
         options: Options of the plans.
-        **changes: Options by name, which go before these.
+        **changes: Options by name, which take precedence over ``options``.
 
     Returns:
-        The best placement found, at worst the one that it began with.
+        The best placement found, at worst the initial one.
 
     Raises:
-        ProblemError: If an argument is wrong, or a task has no motion where it begins.
+        ProblemError: If an argument is wrong, or a task has no motion at the initial
+            placement.
         OptionsError: If an option is wrong.
     """
     instance(robot, Robot, "robot")
-    given, low, high = _checked(tasks, bounds)
-    names = tuple(bounds)
-    what = _what(moves, given, names)
+    problems, low, high = _checked(tasks, bounds)
+    names, count = tuple(bounds), len(problems)
+    moved = _moved(moves, problems, names)
     place = base_placement(robot.name, np.zeros(3) if base is None else base, "base")
-    scale = np.ones(len(given)) if weights is None else array_or_nan(weights)
-    if scale.shape != (len(given),) or not np.all(np.isfinite(scale) & (scale > 0.0)):
-        raise wrong(weights, "weights", f"{len(given)} positive numbers, one a task")
+    scale = np.ones(count) if weights is None else array_or_nan(weights)
+    if scale.shape != (count,) or not np.all(np.isfinite(scale) & (scale > 0.0)):
+        raise wrong(weights, "weights", f"{count} positive numbers, one a task")
     most_plans = whole(most_plans, "most_plans", least=1, expected="a number >= 1")
     options = Options.of(options).changed(changes)
-    search = _Search(Moves(what, names, robot, place), given, scale, options)
+    search = _Search(Moves(moved, names, robot, place), problems, scale, options)
     return search.run(low, high, most_plans)
 
 
@@ -276,11 +289,11 @@ def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
 
 
 def _of_task(number: int, count: int) -> AbstractContextManager[None]:
-    """Errors that arise within this are about a task."""
+    """Context manager that attributes errors within it to a task."""
     return naming(f"tasks: number {number + 1} of {count}", f"tasks[{number}]")
 
 
-def _what(
+def _moved(
     moves: Any, tasks: Sequence[Problem], names: Sequence[str]
 ) -> str | tuple[str, ...]:
     """Check the choice of things to move, and that they can be moved."""
@@ -289,7 +302,7 @@ def _what(
     if not set(names) <= set(TRANSLATIONS):
         raise ProblemError(
             f"bounds has {', '.join(names)}, expected some of "
-            f"{', '.join(TRANSLATIONS)}: what is not the base does not turn",
+            f"{', '.join(TRANSLATIONS)}: only the base can be rotated",
             "bounds",
         )
     if isinstance(moves, str) and moves == GOALS:
@@ -300,26 +313,33 @@ def _what(
     chosen = (moves,) if isinstance(moves, str) else moves
     known = {item.name: item for task in tasks for item in task.scene}
     resting = [name for name, item in known.items() if item.motion is None]
-    given = list(chosen) if isinstance(chosen, Sequence) else []
-    if not given or any(name not in resting for name in given):
+    obstacles = list(chosen) if isinstance(chosen, Sequence) else []
+    if not obstacles or any(name not in resting for name in obstacles):
         there = ", ".join(resting) or "there are none"
         raise wrong(moves, "moves", f"'base', 'goals' or obstacles at rest: {there}")
-    return tuple(given)
+    return tuple(obstacles)
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A placement at which all tasks have motions."""
+    """An iterate: a placement at which all tasks have motions.
+
+    Attributes:
+        x: The coordinates, shape (k,) [m or rad].
+        T: Sum of the weighted durations of the tasks [s].
+        gradient: Derivative of T by the coordinates, shape (k,) [s/m or s/rad].
+        solutions: The motions of the tasks.
+    """
 
     x: Array
     T: float
-    slope: Array
+    gradient: Array
     solutions: tuple[Solution, ...]
 
 
 @dataclass(eq=False)
 class _Search:
-    """Quasi-Newton steps within bounds."""
+    """Quasi-Newton method with a trust region within bounds."""
 
     moves: Moves
     tasks: list[Problem]
@@ -329,19 +349,19 @@ class _Search:
     trials: list[Trial] = field(default_factory=list)
 
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
-        """Go downhill until nothing is gained."""
+        """Descend until the predicted reduction or the trust region is negligible."""
         span = high - low
         start = np.zeros(low.size)
         best = self._point(start, self._motions(start, [None] * len(self.tasks)))
-        radius, curvature = FIRST, np.zeros((low.size, low.size))
-        # Left out where the curvature is not positive; scaled by the first update.
+        radius, hessian = FIRST_RADIUS, np.zeros((low.size, low.size))
+        # Updates with negative curvature are skipped; the first update sets the scale.
         model = BFGS(exception_strategy="skip_update", init_scale="auto")
         model.initialize(low.size, "hess")
-        while self.plans + len(self.tasks) <= most_plans and radius > LEAST:
+        while self.plans + len(self.tasks) <= most_plans and radius > LEAST_RADIUS:
             reach = radius * span
             box = np.maximum(low, best.x - reach), np.minimum(high, best.x + reach)
-            x, promised = _step(best, curvature, *box)
-            if promised < ENOUGH * best.T:
+            x, predicted = _step(best, hessian, *box)
+            if predicted < LEAST_REDUCTION * best.T:
                 break
             try:
                 motions = self._motions(x, best.solutions)
@@ -349,15 +369,15 @@ class _Search:
                 self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
                 radius *= SHRINK
                 continue
-            found = self._point(x, motions)
-            model.update(found.x - best.x, found.slope - best.slope)
-            curvature = model.get_matrix()
-            if found.T >= best.T:
+            point = self._point(x, motions)
+            model.update(point.x - best.x, point.gradient - best.gradient)
+            hessian = model.get_matrix()
+            if point.T >= best.T:
                 radius *= SHRINK
                 continue
-            if best.T - found.T > 0.5 * promised:
+            if best.T - point.T > 0.5 * predicted:
                 radius = min(radius * GROW, 1.0)
-            best = found
+            best = point
         return ImprovedPlacement(
             names=self.moves.names,
             values=frozen_array(best.x),
@@ -374,31 +394,31 @@ class _Search:
 
         Args:
             x: The coordinates, shape (k,) [m or rad].
-            starts: What the plans begin with, by task; None for nothing.
+            starts: Warm starts of the plans, by task; None for a cold start.
 
         Raises:
-            TominpmpError: If a task cannot be there, or has no motion there.
+            TominpmpError: If a task is impossible there, or has no motion.
         """
-        count, move = len(self.tasks), self.moves.mover(x)
+        count, placed = len(self.tasks), self.moves.mover(x)
         problems, solutions = list[Problem](), list[Solution]()
         for number, task in enumerate(self.tasks):
             with _of_task(number, count):
-                problems.append(move(task))
+                problems.append(placed(task))
         for number, (problem, start) in enumerate(zip(problems, starts, strict=True)):
             self.plans += 1
             with _of_task(number, count):
-                found = plan(problem, self.options, start)
-            if not found.success:
+                solution = plan(problem, self.options, start)
+            if not solution.success:
                 raise ProblemError(
-                    f"tasks: number {number + 1} of {count} has no motion where "
-                    f"the placement begins: {found.message}",
+                    f"tasks: number {number + 1} of {count} has no motion at "
+                    f"the initial placement: {solution.message}",
                     f"tasks[{number}]",
                 )
-            solutions.append(found)
+            solutions.append(solution)
         return solutions
 
     def _point(self, x: Array, solutions: list[Solution]) -> _Point:
-        """What the motions of all tasks take at a placement, and its slope."""
+        """The iterate of the motions at a placement, which is noted as a trial."""
         T = float(self.weights @ np.array([item.T for item in solutions]))
         slopes = [self.moves.gradient(item.sensitivities, x) for item in solutions]
         self.trials.append(Trial(frozen_array(x), T, self.plans))
@@ -406,19 +426,19 @@ class _Search:
 
 
 def _step(
-    point: _Point, curvature: Array, low: Array, high: Array
+    point: _Point, hessian: Array, low: Array, high: Array
 ) -> tuple[Array, float]:
-    """Least value of a convex quadratic within a box.
+    """Minimise the quadratic model of T, which is convex, within a box.
 
     Returns:
-        Where it is, and what it promises.
+        The minimiser, shape (k,) [m or rad], and the predicted reduction of T [s].
     """
-    slope, here = point.slope, point.x
-    found = minimize(
-        lambda d: (slope @ d + 0.5 * d @ curvature @ d, slope + curvature @ d),
-        np.zeros(here.size),
+    gradient, x = point.gradient, point.x
+    result = minimize(
+        lambda d: (gradient @ d + 0.5 * d @ hessian @ d, gradient + hessian @ d),
+        np.zeros(x.size),
         jac=True,
-        bounds=np.stack([low - here, high - here], axis=1),
+        bounds=np.stack([low - x, high - x], axis=1),
         method="L-BFGS-B",
     )
-    return np.clip(here + found.x, low, high), -float(found.fun)
+    return np.clip(x + result.x, low, high), -float(result.fun)

@@ -1,4 +1,4 @@
-"""What the commands ``batch`` and ``tour`` do: read, plan, write, report."""
+"""Runs the commands ``batch`` and ``tour``: read, plan, write and report."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ from tominpmp.options import Options
 from tominpmp.status import Status
 
 ENDING = ".toml"
-# Problems without a motion that are named.
-NAMED = 20
-# What a report in JSON says of each problem.
+# Largest number of failed problems that a report names.
+MOST_NAMED = 20
+# Fields of an outcome in a report in JSON.
 OF_PROBLEMS = (
     *("index", "name", "success", "status", "message", "gap", "verified", "T"),
     *("path", "seconds", "resumed"),
 )
-# What a report in JSON says of a tour, beside its motions and files.
+# Fields of a tour in a report in JSON, in addition to its motions and files.
 OF_TOURS = (
     *("success", "status", "message", "cycle_time", "lower_bound", "gap", "verified"),
     *("planning_time", "visits"),
@@ -61,36 +61,36 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
     Args:
         source: Folder, list or scenario.
         options: Options of all plans by name.
-        args: Where, and what to report.
+        args: Options of the command: backend, folder of the results, report.
 
     Raises:
-        TominpmpError: If anything given is wrong; a broken scenario among others is
+        TominpmpError: If an argument is wrong; a broken scenario among others is
             reported instead, and the others are planned.
     """
-    begin, given = time.perf_counter(), dict(options)
+    begin, changes = time.perf_counter(), dict(options)
     outcomes = plan_many(
         _scenarios_in(source),
         workers=args.workers,
         backend=args.backend,
         results=args.output,
-        seed=given.pop("seed", None) or 0,
+        seed=changes.pop("seed", None) or 0,
         warm_start=args.warm_start,
         progress=None if args.quiet or args.json else _show,
-        **given,
+        **changes,
     )
     rows = []
     for outcome in outcomes:
-        # Motions are in files; thousands of them need not be in memory, too.
+        # Motions are in files; thousands of them would fill the memory.
         rows.append(replace(outcome, solution=None))
         present().check()
-    found = [row for row in rows if row.success]
+    planned = [row for row in rows if row.success]
     failed = [row for row in rows if not row.success]
     data = {
         "problems": len(rows),
-        "found": len(found),
-        "verified": sum(row.verified for row in found),
+        "found": len(planned),
+        "verified": sum(row.verified for row in planned),
         "resumed": sum(row.resumed for row in rows),
-        "T": sum(row.T for row in found),
+        "T": sum(row.T for row in planned),
         "planning_time": sum(row.seconds for row in rows),
         "seconds": time.perf_counter() - begin,
     }
@@ -99,18 +99,18 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         each = [{names[k]: getattr(row, k) for k in names} for row in rows]
         say(json_text(data | {"outcomes": each}))
     else:
-        for row in failed[:NAMED]:
+        for row in failed[:MOST_NAMED]:
             complain("no motion", f"{row.name}: {row.message}", "bold yellow")
         say(_batch_text(data, args))
     return NO_PLAN if failed else PLANNED
 
 
 def _show(state: Progress) -> None:
-    """Show that a problem is done."""
+    """Print a line of progress for the outcome that came last."""
     last = state.last
-    found = f"T = {last.T:.4f} s" if last.success else f"{last.status}, no motion"
+    result = f"T = {last.T:.4f} s" if last.success else f"{last.status}, no motion"
     more = ", from a former run" if last.resumed else ""
-    say(f"{state.done}/{state.total}  {last.name}: {found}{more}", err=True)
+    say(f"{state.done}/{state.total}  {last.name}: {result}{more}", err=True)
 
 
 def _batch_text(data: Mapping[str, Any], args: BatchOptions) -> str:
@@ -127,19 +127,21 @@ def _batch_text(data: Mapping[str, Any], args: BatchOptions) -> str:
 
 
 def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
-    """Scenario files that a batch is made of, each with a name of its own.
+    """Scenario files of a batch, each with a distinct name.
 
     Args:
-        source: A folder, in which and below which every ``.toml`` is one; a list of
-            them, a TOML file with ``problems = ["a.toml", "cells/*.toml"]``, whose
-            paths are relative to its folder; or one scenario.
+        source: A folder, whose ``.toml`` files, also those of its subfolders, are the
+            scenarios; a list of scenarios, which is a TOML file with
+            ``problems = ["a.toml", "cells/*.toml"]`` and paths relative to its folder;
+            or one scenario.
 
     Returns:
-        Names, which are paths without their endings, and paths, in their order.
+        Pairs of a name, which is the path without its ending, and the path, in the
+        order of the list, or sorted for a folder.
 
     Raises:
-        ScenarioError: If there is no such file or folder, or nothing in it, or a list
-            has other keys.
+        ScenarioError: If the file or folder does not exist or has no scenario, or a
+            list has other keys.
     """
     path = checked_path(source, "source", ScenarioError)
     folder, found = path.parent, list[Path]()
@@ -162,7 +164,7 @@ def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
 
 
 def _matching(folder: Path, pattern: str) -> list[Path]:
-    """Files of a pattern; a plain path need not be there, which is told later."""
+    """Files that match a pattern; a plain path is checked later, when it is read."""
     if not any(sign in pattern for sign in "*?["):
         return [folder / pattern]
     try:
@@ -180,7 +182,7 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     """Plan a tour and report.
 
     Raises:
-        TominpmpError: If anything given is wrong.
+        TominpmpError: If an argument or the scenario is wrong.
     """
     check_target(args.output, "--output", MOTION_ENDINGS)
     check_target(args.plot, "--plot", PLOT_ENDINGS)
@@ -204,7 +206,7 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
 
 
 def _write(tour: Tour, args: TourOptions) -> list[Path]:
-    """Write what was asked for."""
+    """Write the files that the options name, and return their paths."""
     if args.output is not None:
         tour.export(args.output, dt=args.dt)
     if args.plot is not None:
@@ -218,6 +220,6 @@ def _tour_text(tour: Tour, files: list[Path]) -> str:
     lines = [tour.message]
     if tour.success:
         bound = LowerBound(tour.lower_bound, tour.bound_reason)
-        near = bound.comparison(tour.cycle_time) or USELESS
-        lines += [tour.table(), f"cycle  {tour.cycle_time:.4f} s, {near}"]
+        comparison = bound.comparison(tour.cycle_time) or USELESS
+        lines += [tour.table(), f"cycle  {tour.cycle_time:.4f} s, {comparison}"]
     return "\n".join([*lines, *(f"file   {path}" for path in files)])

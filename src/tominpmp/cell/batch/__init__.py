@@ -1,4 +1,4 @@
-"""Batches: many plans, on several processes or a cluster, kept as a dataset."""
+"""Batches: many plans, on several processes or a cluster, stored as a dataset."""
 
 import lazy_loader
 

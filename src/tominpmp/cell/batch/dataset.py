@@ -1,7 +1,7 @@
 """Results of a batch as files: one NPZ file a plan, and tables for learning.
 
-A file holds the problem as the text of a scenario, the motion at its nodes, and what
-was found of it. It needs no pickles and nothing of this library to be read: ::
+A file holds the problem as the text of a scenario, the motion at its nodes, and its
+bounds and verdicts. Reading it takes neither pickle nor this library: ::
 
     with np.load("000017.npz") as file:
         t, q, success, T = file["t"], file["q"], bool(file["success"]), float(file["T"])
@@ -36,11 +36,11 @@ from tominpmp.status import Status
 # Largest number of files in one folder below the folder of the results.
 FILES = 1000
 ARRAYS = ("t", "q", "v", "u")
-# Those that not every motion has.
-MORE_ARRAYS = ("a", "segment_ends")
+# Arrays that only some motions have.
+OPTIONAL_ARRAYS = ("a", "segment_ends")
 VERSION = 1
-# What a file says of an outcome under the names of its fields.
-KEPT = (
+# Fields of an outcome that its file holds under their names.
+STORED_FIELDS = (
     *("index", "name", "seed", "status", "message", "gap", "verified", "seconds"),
     "began_with",
 )
@@ -48,25 +48,26 @@ KEPT = (
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Record):
-    """What became of one problem of a batch; true if there is a motion.
+    """The outcome of one problem of a batch; true if there is a motion.
 
     Attributes:
-        index: Its number in the batch, from 0.
-        name: Its name: that of its file, or its number.
-        seed: The seed that it was planned with.
+        index: Number of the problem in the batch, from 0.
+        name: Name of the problem: the stem of its file, or its number.
+        seed: The seed of its plan.
         success: Whether there is a motion that keeps all constraints.
         status: Name of the status of the solution; "BROKEN" where the problem could not
-            be made or sent, "LOST" where the process that planned it was killed.
-        message: How it ended, or what is wrong with it.
-        T: Duration of the motion [s]; infinite without one.
-        gap: T over what no motion can beat, less one; None if that is not known.
+            be read or sent, "LOST" where the process that planned it was killed.
+        message: How planning ended, or what is wrong with the problem.
+        T: Duration of the motion [s]; infinite without a motion.
+        gap: T over its lower bound, less one; None if no bound is known.
         verified: Whether the independent replay of the motion passed.
         seconds: Time that planning took [s].
-        began_with: Number of the problem whose motion it began with; None for none.
-        solution: The solution; None where there is none. One that was read from a
-            folder of results has neither history nor replay.
-        path: File that holds it; None without a folder of results.
-        resumed: Whether it was read from there.
+        began_with: Number of the problem whose motion was the warm start; None for a
+            cold start.
+        solution: The solution; None if the problem was not planned. A solution that was
+            read from a folder of results has neither history nor replay.
+        path: File that holds the outcome; None without a folder of results.
+        resumed: Whether the outcome was read from that file.
     """
 
     index: int
@@ -90,8 +91,8 @@ class Outcome(Record):
 
     def __repr__(self) -> str:
         """Name, status and time, on one line."""
-        found = f"T = {self.T:.6g} s" if self.success else shortened(self.message)
-        return f"<Outcome {brief(self.name, BRIEF)}: {self.status}, {found}>"
+        result = f"T = {self.T:.6g} s" if self.success else shortened(self.message)
+        return f"<Outcome {brief(self.name, BRIEF)}: {self.status}, {result}>"
 
     @classmethod
     def of(
@@ -102,8 +103,8 @@ class Outcome(Record):
         seed: int,
         began_with: int | None = None,
     ) -> Outcome:
-        """Of a solution."""
-        judged = solution.verification
+        """Make the outcome of a solution."""
+        replay = solution.verification
         return cls(
             index=index,
             name=name,
@@ -113,7 +114,7 @@ class Outcome(Record):
             message=solution.message,
             T=solution.T,
             gap=solution.gap,
-            verified=judged is not None and judged.ok,
+            verified=replay is not None and replay.ok,
             seconds=solution.planning_time,
             began_with=began_with,
             solution=solution,
@@ -121,7 +122,7 @@ class Outcome(Record):
 
 
 def file_of(folder: Path, index: int, name: str) -> Path:
-    """Where the result of a problem is kept."""
+    """The file of the result of a problem."""
     plain = re.sub(r"[^A-Za-z0-9._-]", "_", name)[:80]
     return folder / f"{index // FILES:05d}" / f"{index:07d}_{plain}.npz"
 
@@ -134,20 +135,20 @@ def write_outcome(
     Args:
         path: The file; its folder is made.
         outcome: The result.
-        digest: What tells the problem from another one; empty for none.
+        digest: Hash that identifies the problem; empty without a scenario.
         scenario: The problem as the text of a scenario; empty if no file can hold it.
-        why: Why that is so.
+        why: The reason why no file can hold the problem.
 
     Raises:
-        ScenarioError: If it cannot be written.
+        ScenarioError: If the file cannot be written.
     """
     solution = outcome.solution
     about = {
         "version": VERSION,
-        **{name: getattr(outcome, name) for name in KEPT},
+        **{name: getattr(outcome, name) for name in STORED_FIELDS},
         "digest": digest,
         "no_scenario": why,
-        **_judged(solution),
+        **_verdicts(solution),
     }
     arrays: dict[str, Any] = {
         "about": np.array(json.dumps(about)),
@@ -157,8 +158,8 @@ def write_outcome(
     }
     motion = None if solution is None else solution.trajectory
     if motion is not None:
-        nodes = {name: getattr(motion, name) for name in (*ARRAYS, *MORE_ARRAYS)}
-        arrays |= {name: part for name, part in nodes.items() if part is not None}
+        nodes = {name: getattr(motion, name) for name in (*ARRAYS, *OPTIONAL_ARRAYS)}
+        arrays |= {name: rows for name, rows in nodes.items() if rows is not None}
         arrays["joint_names"] = np.array(motion.joint_names)
         arrays["torques_follow"] = np.array(motion.inverse_dynamics is not None)
 
@@ -170,24 +171,24 @@ def write_outcome(
     write_file(path, lambda file: np.savez(file, **arrays))
 
 
-def _judged(solution: Solution | None) -> dict[str, Any]:
+def _verdicts(solution: Solution | None) -> dict[str, Any]:
     """Bounds and verdicts of a solution."""
     if solution is None:
         return {}
-    found: dict[str, Any] = {
+    verdicts: dict[str, Any] = {
         "feasible": solution.feasible,
         "robot": solution.problem.robot.name,
         "method": solution.options.method,
         "iterations": solution.iterations,
     }
-    bound, judged = solution.lower_bound, solution.verification
+    bound, replay = solution.lower_bound, solution.verification
     if bound is not None:
-        found |= {"lower_bound": bound.T, "lower_bound_reason": bound.reason}
-    if judged is not None:
-        near = judged.min_clearance if math.isfinite(judged.min_clearance) else None
-        found |= {name: getattr(judged, name) for name in ("goal_error", "speed_error")}
-        found["min_clearance"] = near
-    return found
+        verdicts |= {"lower_bound": bound.T, "lower_bound_reason": bound.reason}
+    if replay is not None:
+        errors, clearance = ("goal_error", "speed_error"), replay.min_clearance
+        verdicts |= {name: getattr(replay, name) for name in errors}
+        verdicts["min_clearance"] = clearance if math.isfinite(clearance) else None
+    return verdicts
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,12 +197,12 @@ class Entry(Record):
 
     Attributes:
         path: The file.
-        about: Status, message, seed and whatever else was found, by name.
+        about: Status, message, seed, bounds and verdicts, by name.
         scenario: The problem as the text of a scenario; empty if no file can hold it.
         success: Whether there is a motion that keeps all constraints.
-        T: Its duration [s]; infinite without one.
+        T: Its duration [s]; infinite without a motion.
         arrays: The motion: t (N + 1,), q, v and u (N + 1, n), and others; empty without
-            one.
+            a motion.
     """
 
     path: Path
@@ -226,7 +227,7 @@ class Entry(Record):
             scenario = str(content.pop("scenario"))
             success, T = bool(content.pop("success")), float(content.pop("T"))
             about |= {"index": int(about["index"]), "name": str(about["name"])}
-        except Exception as error:  # whatever a broken file makes of the reader
+        except Exception as error:  # a broken file may raise any error in the reader
             raise ScenarioError(
                 f"{path} is no result of a batch: {error}", path
             ) from error
@@ -236,24 +237,25 @@ class Entry(Record):
         """The problem and the options.
 
         Raises:
-            ScenarioError: If no file could hold it, or what it names is not there.
+            ScenarioError: If no file could hold the problem, or a file that it names
+                is missing.
         """
         if not self.scenario:
             reason = self.about.get("no_scenario") or "it was never made"
             raise ScenarioError(f"{self.path} holds no problem: {reason}", self.path)
         # Paths in it are relative to the folder of the results.
-        beside = self.path.parent.parent / f".{self.path.stem}.toml"
-        write_file(beside, lambda file: file.write(self.scenario.encode()))
+        temporary = self.path.parent.parent / f".{self.path.stem}.toml"
+        write_file(temporary, lambda file: file.write(self.scenario.encode()))
         try:
-            return load_scenario(beside)
+            return load_scenario(temporary)
         finally:
-            beside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
 
     def sampled(self, count: int) -> Array:
         """The motion at instants equally spaced in time, shape (count, 3 n).
 
-        Positions, velocities and torques; torques are those of the nodes, joined by
-        lines.
+        Columns are positions, velocities and torques; torques are interpolated linearly
+        between the nodes.
         """
         motion = self._nodes()
         times = np.linspace(0.0, motion.duration, count)
@@ -263,16 +265,17 @@ class Entry(Record):
 
     def _nodes(self) -> Trajectory:
         """The motion without its dynamics."""
-        found = self.arrays
-        names = tuple(str(name) for name in found["joint_names"].tolist())
-        given = {k: found[k] for k in (*ARRAYS, *MORE_ARRAYS) if k in found}
-        return Trajectory(names, **given)
+        arrays = self.arrays
+        names = tuple(str(name) for name in arrays["joint_names"].tolist())
+        nodes = {k: arrays[k] for k in (*ARRAYS, *OPTIONAL_ARRAYS) if k in arrays}
+        return Trajectory(names, **nodes)
 
     def trajectory(self, problem: Problem | None = None) -> Trajectory | None:
-        """The motion; None without one.
+        """The motion; None if no motion was found.
 
         Args:
-            problem: The problem, for the torques between the nodes; None reads it.
+            problem: The problem, for the torques between the nodes; None to read it
+                from the file.
         """
         if "t" not in self.arrays:
             return None
@@ -287,7 +290,7 @@ class Entry(Record):
         )
 
     def outcome(self, problem: Problem | None, options: Options) -> Outcome:
-        """The result as that of a plan, with the problem that it is of."""
+        """The outcome in the file; with its solution if the problem is given."""
         about = self.about
         solution = None
         if problem is not None and about["status"] in Status.__members__:
@@ -310,7 +313,7 @@ class Entry(Record):
             solution=solution,
             path=self.path,
             resumed=True,
-            **{name: about[name] for name in KEPT if name in about},
+            **{name: about[name] for name in STORED_FIELDS if name in about},
         )
 
 
@@ -356,9 +359,9 @@ class Dataset(Record):
                 time.
 
         Returns:
-            One after the other, results that have a motion, and q, v and u beside each
-            other, shape (count, 3 n); torques between nodes are those of the nodes,
-            joined by lines.
+            Pairs, one after the other, of a result that has a motion and of its columns
+            q, v and u, shape (count, 3 n); torques are interpolated linearly between
+            the nodes.
         """
         count = whole(count, "count", 1, MAX_SAMPLES)
         return ((item, item.sampled(count)) for item in self if item.success)

@@ -1,8 +1,7 @@
 """Work spread over processes, threads or a cluster by joblib.
 
-Which of these is the caller's choice, by the name of a backend or by
-``joblib.parallel_config``: "loky" (processes), "threading", "dask", "ray", or any other
-that was registered.
+The caller chooses the backend by its name or by ``joblib.parallel_config``: "loky"
+(processes), "threading", "dask", "ray", or any other registered backend.
 """
 
 from __future__ import annotations
@@ -21,16 +20,16 @@ CLUSTERS = ("dask", "ray")
 
 
 class Executor:
-    """Applies a function to a stream of work, results as they finish.
+    """Applies a function to a stream of work items, and yields results as they finish.
 
     Args:
-        function: The function; it and the work must be picklable.
-        workers: How many pieces of work are done at once; None for as many as the
-            backend says, or there are cores.
-        backend: Name of a backend of joblib; None for the one that is configured.
+        function: The function; it and the work items must be picklable.
+        workers: Number of work items done at once; None for the number that the backend
+            is configured with, or the number of cores.
+        backend: Name of a backend of joblib; None for the configured backend.
 
     Attributes:
-        workers: How many pieces of work are done at once; None for the backend's own.
+        workers: Number of work items done at once; None for the default of the backend.
 
     Raises:
         ProblemError: If the backend is unknown, or cannot be used.
@@ -43,7 +42,7 @@ class Executor:
         self._function = function
         try:
             self._backend, self.workers = _chosen(backend, workers)
-            self._parallel(self.workers)  # whatever is wrong is wrong now
+            self._parallel(self.workers)  # so that errors are raised now
         except (ImportError, ValueError, TypeError, KeyError) as error:
             raise _wrong(backend, error) from error
 
@@ -69,19 +68,19 @@ class Executor:
             yield from stream
         finally:
             with warnings.catch_warnings():
-                # The caller has stopped asking for the work under way.
+                # The caller has abandoned the work under way.
                 warnings.simplefilter("ignore")
                 stream.close()
 
     def results(self, work: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
-        """Results as they finish, with the numbers of their work.
+        """Results as they finish, with the numbers of their work items.
 
-        Work is taken from the iterator only a little before there is somebody to do
-        it. Where a process is killed, what was under way is done again, each in a
-        process of its own; the result of work whose process dies again is None.
+        Items are taken from the iterator only shortly before a worker is free. If a
+        process is killed, the items under way are done again, each in a separate
+        process; if that process dies, too, the result is None.
 
         Args:
-            work: Numbers, and what the function is applied to.
+            work: Pairs of a number and the argument of the function.
         """
         from joblib.externals.loky.process_executor import BrokenProcessPool
 
@@ -93,9 +92,9 @@ class Executor:
                 yield number, item
 
         while True:
-            with closing(self._run(handed_out(), self.workers)) as found:
+            with closing(self._run(handed_out(), self.workers)) as results:
                 try:
-                    for number, result in found:
+                    for number, result in results:
                         del under_way[number]
                         yield number, result
                     return
@@ -103,7 +102,7 @@ class Executor:
                     pass
             for number, item in sorted(under_way.items()):
                 del under_way[number]
-                # One worker would be this process.
+                # joblib would run a single worker in this process.
                 with closing(self._run([(number, item)], 2)) as alone:
                     try:
                         yield next(alone)
@@ -118,13 +117,13 @@ def _numbered(
 
 
 def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
-    """The backend, and how many pieces of work are done at once.
+    """The backend, and the number of work items done at once.
 
-    What is configured is asked for now: results may be taken when it is no longer.
+    The configuration is read now, as the results may be taken after it has ended.
 
     Raises:
         ImportError: If the package of the backend is not installed.
-        ValueError: If it cannot be used.
+        ValueError: If the backend cannot be used.
     """
     from joblib import parallel_config
     from joblib.parallel import get_active_backend
@@ -134,15 +133,15 @@ def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
     if name in CLUSTERS:
         import_module("distributed" if name == "dask" else "ray")
         if name == "ray":
-            # No dependency of this library.
+            # Ray is no dependency of this library.
             import_module("ray.util.joblib").register_ray()
-        # By its name alone joblib would make a backend of Dask that fails.
+        # From the name alone joblib would make a Dask backend that fails.
         with parallel_config(name, n_jobs=-1):
             configured, count = get_active_backend()
     elif name is not None:
         configured, count = name, available_processes()
     elif count in (None, 1) and type(configured).__name__ == "LokyBackend":
-        # Nobody has configured any: as many as there are cores.
+        # The caller has configured no backend: one process for each core.
         configured, count = None, available_processes()
     return configured, count if workers is None else workers
 

@@ -1,11 +1,11 @@
-"""Which problem of a batch begins with the motion of which other.
+"""Warm starts between the problems of a batch: which motion each plan begins with.
 
-It is decided beforehand, by the problems alone, so that what comes out does not depend
-on which plan happens to be ready first. Problems are put into an order in which each is
-as far as can be from all before it; so the first ones are spread over all of them, and
-the nearest of those before a problem comes nearer and nearer. They are planned in
-rounds, each as large as all before it: a problem begins with the nearest motion of
-former rounds, unless neighbours lead different ways.
+The choice depends on the problems alone and is made beforehand, so that results do not
+depend on the order in which plans finish. Problems are sorted by farthest-point
+sampling: each is as far as possible from all before it, so that the first problems are
+spread over the whole set, and later ones find ever nearer predecessors. They are
+planned in rounds, each as large as all before it: a problem begins with the nearest
+motion of earlier rounds, unless its two nearest neighbours take different paths.
 """
 
 from __future__ import annotations
@@ -21,54 +21,54 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 
-# This share of the problems begins with nothing.
+# Share of the problems with a cold start.
 FIRST = 0.125
-# Problems farther than this from all before them [rad or m] begin with nothing: a
-# motion from elsewhere does not help.
+# Problems farther than this from all before them [rad or m] have a cold start: a motion
+# of a distant problem does not help.
 FAR = 3.0
-# How distances of obstacles count against those of joints [rad/m].
+# Weight of distances of obstacles relative to distances of joints [rad/m].
 LENGTH = 2.0
-# Motions of problems that are so far from each other lead one way if they differ by no
-# more than this [rad or m], and this times that distance, at some instants.
+# Two motions take the same path if they differ at no sample by more than a constant
+# [rad or m] plus a multiple of the distance of their problems; number of samples.
 TURN, STRETCH, LOOKS = 0.3, 1.0, 7
 
 
 @dataclass(frozen=True, eq=False)
 class Rounds:
-    """In which order the problems of a batch are planned.
+    """The order in which the problems of a batch are planned.
 
     Attributes:
         rounds: Numbers of the problems of each round.
-        near: Numbers of the problems whose motions a problem may begin with, and how
-            far they are from it, the nearest first; by the number of the problem.
+        near: By the number of a problem, the numbers of the problems whose motions may
+            be its warm start, and their distances, the nearest first.
     """
 
     rounds: tuple[IntArray, ...]
     near: dict[int, list[tuple[int, float]]]
 
     def start(self, number: int, motions: Mapping[int, Trajectory]) -> int | None:
-        """The problem whose motion another one begins with; None for none.
+        """The problem whose motion is the warm start of a problem; None for a cold one.
 
-        That is the nearest one which has a motion, unless the next one's leads another
-        way: only a search can tell which of the ways is the faster one here.
+        It is the nearest problem that has a motion, unless the second nearest takes
+        another path: only a search finds out which of two paths is the faster here.
 
         Args:
-            number: The problem that is to begin.
-            motions: What was found of others, by their numbers.
+            number: Number of the problem to be planned.
+            motions: Motions found so far, by the numbers of their problems.
         """
-        found = [item for item in self.near[number] if item[0] in motions]
-        if not found:
+        solved = [item for item in self.near[number] if item[0] in motions]
+        if not solved:
             return None
-        (first, apart), *others = found
+        (first, apart), *others = solved
         for second, away in others[:1]:
-            ways = [_way(motions[one]) for one in (first, second)]
-            if np.max(np.abs(ways[0] - ways[1])) > TURN + STRETCH * (apart + away):
+            paths = [_path(motions[k]) for k in (first, second)]
+            if np.max(np.abs(paths[0] - paths[1])) > TURN + STRETCH * (apart + away):
                 return None
         return first
 
 
-def _way(motion: Trajectory) -> Array:
-    """Configurations on the way, at equal shares of the time, shape (k, n)."""
+def _path(motion: Trajectory) -> Array:
+    """Configurations of a motion, at equal shares of its time, shape (k, n)."""
     return motion(np.linspace(0.0, motion.duration, LOOKS)).q
 
 
@@ -76,7 +76,7 @@ def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
     """Order the problems of a batch.
 
     Args:
-        problems: The problems; None where there is none.
+        problems: The problems; None for a broken one.
     """
     groups: defaultdict[Any, list[int]] = defaultdict(list)
     rounds: defaultdict[int, list[int]] = defaultdict(list)
@@ -101,15 +101,15 @@ def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
 def _nearest(
     table: Array, own: int, before: IntArray, members: list[int]
 ) -> list[tuple[int, float]]:
-    """The problems before one that are nearest to it, three at most; how far."""
+    """The nearest of the earlier problems, three at most, with their distances."""
     away = np.linalg.norm(table[before] - table[own], axis=1)
     order = np.argsort(away, kind="stable")[:3]
-    found = [(members[before[k]], float(away[k])) for k in order.tolist()]
-    return [item for item in found if item[1] <= FAR]
+    nearest = [(members[before[k]], float(away[k])) for k in order.tolist()]
+    return [item for item in nearest if item[1] <= FAR]
 
 
 def _spread(table: Array) -> IntArray:
-    """An order in which each row is as far as can be from those before it."""
+    """An order in which each row is as far as possible from all rows before it."""
     away = np.linalg.norm(table - table.mean(axis=0), axis=1)
     order = [int(np.argmin(away))]
     away = np.linalg.norm(table - table[order[0]], axis=1)
@@ -121,9 +121,9 @@ def _spread(table: Array) -> IntArray:
 
 
 def _place(problem: Problem | None) -> tuple[Any, Array]:
-    """Which problems it may be compared with, and where it is among them."""
+    """Key of the group of comparable problems, and coordinates of a problem in it."""
     if problem is None or problem.segments:
-        # Motions of segments do not begin with others.
+        # Problems of several segments take no warm start.
         return ("alone", id(problem)), np.zeros(1)
     robot, goal, parts = problem.robot, problem.goal, [problem.q_start]
     if goal.configuration is not None:

@@ -1,8 +1,8 @@
 """Many plans: made lazily, in several processes, without losing results.
 
 Thousands of problems share a few robots. A robot is pickled once; a process that has
-it already neither unpickles it nor reads its meshes again. Nothing that depends on a
-problem is kept with it.
+it already neither unpickles it nor reads its meshes again. The cache of robots holds
+no data that depend on a problem.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ MOST_WORKERS = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Progress(Record):
-    """How far a batch is.
+    """Progress of a batch.
 
     Attributes:
-        done: Problems that are done, those of former runs too.
-        found: How many of them have a motion.
-        total: Number of all problems; None where it is not known.
+        done: Number of problems that are done, problems of former runs included.
+        found: Number of them that have a motion.
+        total: Number of all problems; None if it is not known.
         seconds: Time since the beginning [s].
         last: The outcome that came last.
     """
@@ -83,35 +83,36 @@ def plan_many(
         for outcome in tm.plan_many(problems, results="out", max_planning_time=10.0):
             print(outcome.name, outcome.T if outcome.success else outcome.message)
 
-    Problems are taken from the iterable as they are needed. The motions are the same to
-    the last bit for any number of workers, on any backend, unless a time limit ends
-    plans. A problem that is wrong, or whose process is killed, is an outcome with a
-    reason, and the others go on.
+    Problems are taken from the iterable only when a worker is free. The motions are the
+    same to the last bit for any number of workers, on any backend, unless a time limit
+    ends plans. A problem that is wrong, or whose process is killed, yields an outcome
+    with a reason, and the other problems are planned.
 
     Args:
-        problems: What to plan: problems, scenarios (see
+        problems: The problems to plan: problems, scenarios (see
             :func:`~tominpmp.files.scenario.load_scenario`) or paths of their files;
-            each may be a pair of a name and one of these; or all of them by name.
-        options: Options of all plans; None for those of the scenarios, or the defaults.
-        workers: How many are planned at once; None for as many as there are cores, or
-            as the backend that is configured says.
-        backend: Where they are planned: "loky" (processes of this machine),
-            "threading", "dask", "ray", or any other backend of joblib by its name; None
-            for the one of ``joblib.parallel_config``, or processes.
-        ordered: Whether outcomes come in the order of the problems, else as they
+            each may be a pair of a name and one of these; or a mapping by name.
+        options: Options of all plans; None for the options of the scenarios, or the
+            defaults.
+        workers: Number of problems planned at once; None for the number that the
+            backend is configured with, or the number of cores.
+        backend: Backend of joblib by its name: "loky" (processes of this machine),
+            "threading", "dask", "ray", or any other; None for the backend of
+            ``joblib.parallel_config``, or processes.
+        ordered: Whether outcomes come in the order of the problems; otherwise as they
             finish.
-        results: Folder in which the results are kept, a file each, see
+        results: Folder for the results, a file each, see
             :class:`~tominpmp.cell.batch.dataset.Dataset`. Problems whose results are
-            there already are not planned again: a run that was killed has lost the
-            plans under way, no more. Processes on other machines must see the folder.
-        seed: Seed of the batch. Each plan has one of its own, made of this and of the
-            name of the problem, or of its number where it has none.
+            there already are not planned again: a run that was killed loses only the
+            plans under way. Processes on other machines must see the folder.
+        seed: Seed of the batch. The seed of each plan is derived from it and from the
+            name of the problem, or the number of a problem without a name.
         warm_start: Whether problems begin with the motion of the nearest problem that
-            was planned before them. All problems are looked at first; which begins
-            with which depends on them alone, not on which is ready first.
+            was planned before them. All problems are read first; the choice of the
+            warm start depends on the problems alone, not on which plan finishes first.
         progress: Called with a :class:`Progress` after each outcome.
-        **changes: Options by name, which go before those of ``options`` and of
-            scenarios: ``max_planning_time`` is the time of each plan [s].
+        **changes: Options by name, which take precedence over ``options`` and the
+            options of scenarios: ``max_planning_time`` is the time of each plan [s].
 
     Yields:
         The outcomes.
@@ -121,7 +122,7 @@ def plan_many(
         OptionsError: If an option is unknown or its value is wrong.
         MissingDependency: If the package of the backend is not installed.
         ScenarioError: If the folder of the results is a file, or results cannot be
-            written.
+            written there.
     """
     items = _iterator(problems)
     Options.of(options).changed(changes)
@@ -138,14 +139,14 @@ def plan_many(
         raise wrong(progress, "progress", "a function")
     executor = Executor(_run_packed, workers, backend)
     total = len(problems) if isinstance(problems, Sized) else None
-    tasks = (_task(index, given, first_seed) for index, given in enumerate(items))
+    tasks = (_task(index, item, first_seed) for index, item in enumerate(items))
     if warm_start:
-        found = _in_rounds(executor, settings, tasks)
+        outcomes = _in_rounds(executor, settings, tasks)
     else:
-        found = _outcomes(executor, settings, tasks, {})
+        outcomes = _outcomes(executor, settings, tasks, {})
     if progress is not None:
-        found = _watched(found, progress, total)
-    return _in_order(found) if ordered else found
+        outcomes = _watched(outcomes, progress, total)
+    return _in_order(outcomes) if ordered else outcomes
 
 
 def _iterator(problems: Any) -> Iterator[Any]:
@@ -162,10 +163,10 @@ def _iterator(problems: Any) -> Iterator[Any]:
 
 
 def _folder(results: str | Path) -> Path:
-    """Make the folder of the results, before anything is planned for it.
+    """Make the folder of the results, so that errors are raised before planning.
 
     Raises:
-        ScenarioError: If it is a file, or nothing can be written there.
+        ScenarioError: If the path is a file, or the folder is not writable.
     """
     folder = checked_path(results, "results").absolute()
     if folder.exists() and not folder.is_dir():
@@ -186,14 +187,14 @@ def _outcomes(
     tasks: Iterable[BatchTask],
     starts: Mapping[int, Start],
 ) -> Iterator[Outcome]:
-    """Outcomes as they finish, of tasks of which some begin with motions."""
+    """Outcomes of tasks as they finish; some tasks have warm starts."""
     sent: dict[int, BatchTask] = {}
 
     def work() -> Iterator[tuple[int, bytes]]:
         for task in tasks:
             try:
                 packed = _packed((task, settings, starts.get(task.index)))
-            except Exception as error:  # whatever the caller's object does
+            except Exception as error:  # pickling a caller's object may raise any error
                 reason = f"the problem cannot be sent: {brief(str(error), 300)}"
                 packed = _packed(task.failed(BROKEN, reason))
             sent[task.index] = task
@@ -210,12 +211,12 @@ def _outcomes(
 def _in_rounds(
     executor: Executor, settings: Settings, tasks: Iterable[BatchTask]
 ) -> Iterator[Outcome]:
-    """Outcomes of tasks that begin with the motions of their neighbours."""
+    """Outcomes of tasks that are warm-started with the motions of their neighbours."""
     every = list(tasks)
     problems: list[Problem | None] = [None] * len(every)
     for k, task in enumerate(every):
         with suppress(TominpmpError):
-            problems[k] = _problem(task.given, Options())[0]
+            problems[k] = _problem(task.source, Options())[0]
     rounds = rounds_of(problems)
     motions: dict[int, Trajectory] = {}
     for numbers in rounds.rounds:
@@ -245,7 +246,7 @@ def _watched(
     progress: Callable[[Progress], object],
     total: int | None,
 ) -> Iterator[Outcome]:
-    """Outcomes, with a word on each."""
+    """Outcomes; each is reported to the progress callback before it is yielded."""
     begin, found = time.perf_counter(), 0
     for done, outcome in enumerate(outcomes, start=1):
         found += outcome.success
@@ -255,7 +256,7 @@ def _watched(
 
 
 BROKEN, LOST = "BROKEN", "LOST"
-# A motion to begin with: the number of the problem that it solves, and the motion.
+# A warm start: the number of the problem that the motion solves, and the motion.
 Start = tuple[int, Trajectory]
 
 
@@ -267,45 +268,47 @@ class BatchTask:
         index: Its number, from 0.
         name: Its name.
         seed: The seed of its plan.
-        given: A Problem, a Scenario or the path of a scenario file; or what is wrong.
+        source: A Problem, a Scenario or the path of a scenario file, as the caller gave
+            it; an object of another type becomes a failed outcome.
     """
 
     index: int
     name: str
     seed: int
-    given: Any
+    source: Any
 
     def failed(self, status: str, message: str) -> Outcome:
         """The outcome of a task that was not planned."""
         return Outcome(self.index, self.name, self.seed, False, status, message)
 
 
-def _task(index: int, given: Any, seed: int) -> BatchTask:
-    """Name a problem, and give it a seed of its own.
+def _task(index: int, item: Any, seed: int) -> BatchTask:
+    """Name a problem, and derive the seed of its plan.
 
     Args:
-        index: Its number.
-        given: What the caller gave: a problem, a path, or a name and one of these.
+        index: Number of the problem.
+        item: A problem, a scenario, a path, or a pair of a name and one of these.
         seed: The seed of the batch.
     """
-    named = isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
-    name, what = given if named else (None, given)
-    if name is None and isinstance(what, str | Path):
-        name = Path(what).stem
-    own = index if name is None else zlib.crc32(name.encode())
-    numbers = np.random.SeedSequence([seed, own]).generate_state(1)
-    return BatchTask(index, name or f"problem {index}", int(numbers[0]), what)
+    named = isinstance(item, tuple) and len(item) == 2 and isinstance(item[0], str)
+    name, source = item if named else (None, item)
+    if name is None and isinstance(source, str | Path):
+        name = Path(source).stem
+    key = index if name is None else zlib.crc32(name.encode())
+    numbers = np.random.SeedSequence([seed, key]).generate_state(1)
+    return BatchTask(index, name or f"problem {index}", int(numbers[0]), source)
 
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """What all plans of a batch have in common.
+    """Settings that all plans of a batch share.
 
     Attributes:
-        options: Options of the plans; None for those of scenarios, or the defaults.
-        changes: Options by name, which go before these.
-        folder: Folder of the results, if they are kept.
-        parent: Number of the process that hands out the work.
+        options: Options of the plans; None for the options of scenarios, or the
+            defaults.
+        changes: Options by name, which take precedence over ``options``.
+        folder: Folder of the results; None to store no results.
+        parent: Id of the process that hands out the work.
     """
 
     options: Options | None
@@ -314,29 +317,29 @@ class Settings:
     parent: int = field(default_factory=os.getpid)
 
 
-# Robots that a process keeps.
+# Number of robots that a process caches.
 MOST_ROBOTS = 16
-# Those that were written to a file and read back.
+# Robots that were written to a file and read back as a check.
 _checked_robots: WeakSet[Robot] = WeakSet()
 
 
 @lru_cache(MOST_ROBOTS)
-def _kept(robot: Robot) -> tuple[Robot, bytes]:
-    """The robot of this process that is equal to one, and its pickle."""
+def _cached(robot: Robot) -> tuple[Robot, bytes]:
+    """The first robot of this process that equals the given robot, and its pickle."""
     return robot, pickle.dumps(robot)
 
 
 @lru_cache(MOST_ROBOTS)
 def _robot(content: bytes) -> Robot:
-    """The robot of a pickle, which is read once."""
-    return _kept(pickle.loads(content))[0]
+    """The robot of a pickle, which is unpickled once."""
+    return _cached(pickle.loads(content))[0]
 
 
 class _Pickler(pickle.Pickler):
     def reducer_override(self, item: Any) -> Any:
-        """Robots as their pickles, of which each process reads one once."""
+        """Replace a robot by its pickle, which each process reads once."""
         if isinstance(item, Robot):
-            return _robot, (_kept(item)[1],)
+            return _robot, (_cached(item)[1],)
         return NotImplemented
 
 
@@ -344,7 +347,7 @@ def _packed(item: Any) -> bytes:
     """Pickle an object.
 
     Raises:
-        Exception: If there is something in it that cannot be pickled.
+        Exception: If the object, or a part of it, cannot be pickled.
     """
     file = io.BytesIO()
     _Pickler(file, protocol=pickle.HIGHEST_PROTOCOL).dump(item)
@@ -352,32 +355,33 @@ def _packed(item: Any) -> bytes:
 
 
 def _run_packed(packed: bytes) -> bytes:
-    """In a process of a batch: plan what was sent, and send the outcome.
+    """Plan a pickled task in a worker process, and return the pickled outcome.
 
-    What is sent is a task, the settings and a motion to begin with; or an outcome where
-    these cannot be sent.
+    Args:
+        packed: The pickle of a task, the settings and a warm start; or of the outcome
+            of a task that could not be pickled, which is returned unchanged.
     """
-    sent = pickle.loads(packed)
-    if isinstance(sent, Outcome):
+    message = pickle.loads(packed)
+    if isinstance(message, Outcome):
         return packed
-    task, settings, start = sent
+    task, settings, start = message
     _end_with(settings.parent)
     return _packed(_planned(task, settings, start))
 
 
 @cache
 def _end_with(handing_out: int) -> None:
-    """Let this process end with the one that hands out the work, if it is its child."""
+    """Let this process end with its parent, if the parent hands out the work."""
     if hasattr(os, "getppid") and os.getppid() == handing_out:
         end_with(handing_out)
 
 
 def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcome:
-    """Plan a problem and keep the result, unless a former run has kept it."""
+    """Plan a problem and store the result, unless a former run has stored it."""
     folder, text, reason, digest = settings.folder, "", "", ""
     path = None if folder is None else file_of(folder, task.index, task.name)
     try:
-        problem, options = _problem(task.given, settings.options)
+        problem, options = _problem(task.source, settings.options)
         options = options.changed(settings.changes)
         options = replace(options, callback=None, processes=1, seed=task.seed)
         if path is not None:
@@ -399,29 +403,29 @@ def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcom
     return replace(outcome, path=path)
 
 
-def _problem(given: Any, options: Options | None) -> tuple[Problem, Options]:
-    """The problem, with the options of its file unless there are others.
+def _problem(source: Any, options: Options | None) -> tuple[Problem, Options]:
+    """The problem, with the options of its file if ``options`` is None.
 
     Raises:
-        TominpmpError: If the given object makes no problem.
+        TominpmpError: If the source is of another type, or its file is wrong.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they are in the problem's own messages
-        if isinstance(given, str | Path):
-            given = load_scenario(given)
-    if isinstance(given, Scenario):
-        return given.problem, given.options if options is None else options
-    if isinstance(given, Problem):
-        return given, Options.of(options)
+        warnings.simplefilter("ignore")  # the message of the solution repeats them
+        if isinstance(source, str | Path):
+            source = load_scenario(source)
+    if isinstance(source, Scenario):
+        return source.problem, source.options if options is None else options
+    if isinstance(source, Problem):
+        return source, Options.of(options)
     expected = "a Problem, a Scenario or the path of a scenario file"
-    raise wrong(given, "the problem", expected)
+    raise wrong(source, "the problem", expected)
 
 
 def _written(problem: Problem, options: Options, folder: Path) -> tuple[str, str]:
-    """A problem as the text of a scenario, or why no file can hold it."""
+    """A problem as the text of a scenario, or the reason why no file can hold it."""
     robot = problem.robot
     try:
-        # To read a robot back takes longer than many a plan.
+        # Reading a robot back takes longer than many plans, so each is checked once.
         check, place = robot not in _checked_robots, folder / "problem.toml"
         text = scenario_text(place, problem, options, check=check)
     except ScenarioError as error:
@@ -431,8 +435,8 @@ def _written(problem: Problem, options: Options, folder: Path) -> tuple[str, str
 
 
 def _former(path: Path, digest: str) -> Entry | None:
-    """The result of a former run, if there is one of this very problem."""
-    with suppress(ScenarioError):  # one that is broken, or not there, is made anew
+    """The result of a former run; None if there is no result of the same problem."""
+    with suppress(ScenarioError):  # a broken or missing file is written anew
         entry = Entry.read(path)
         if entry.about.get("digest") == digest and entry.about["status"] != LOST:
             return entry

@@ -1,4 +1,4 @@
-"""Tours: stations visited in the best order, with the best configurations."""
+"""Tours: stations visited in the best order, at the best configurations."""
 
 import lazy_loader
 

@@ -1,13 +1,14 @@
 """Configurations at which a robot meets the goals of stations.
 
-Goals on frames leave several: the arm can reach around, and a drill may be turned about
-its axis in any way. Some are found from random starts, others from those of neighbours,
-so that the arm can go on as it is.
+Goals on frames leave a choice: inverse kinematics has several branches, and a drill may
+spin about its axis. Some configurations are found from random starts, others from the
+configurations of neighbouring stations, so that the arm need not change its branch.
 
-Configurations are improved for a given order, as spins and reaches are not on a grid:
-near the configuration of each station others are tried, those nearest to where the arm
-comes from and goes to, half way between, and some at random. The best of all stations
-together are found by dynamic programming, and the next ones are looked for nearer by.
+Configurations are then improved for a given order, as spins and redundant joints are
+not on a grid: for each station, trials begin near its configuration, towards those of
+the previous and the next station, half way between the two, and at random. Dynamic
+programming chooses the best combination over all stations, and the radius of the
+trials shrinks.
 """
 
 from __future__ import annotations
@@ -33,13 +34,14 @@ from tominpmp.robot.robot import Robot
 class GoalRows:
     """Residuals of goals at configurations, each with its own goal.
 
-    Poses, directions and positions are taken as exact, without their tolerances; what
-    they lack is a turn and a shift that would bring the frame there, to first order.
+    Poses, directions and positions are taken as exact, without their tolerances; their
+    residual is the rotation vector and the displacement that would bring the frame to
+    the target, to first order.
 
     Attributes:
         goals: The goals.
-        kinematics: Of the robot.
-        rows: Numbers of a residual; shorter ones are filled up with zeros.
+        kinematics: Kinematics of the robot.
+        rows: Number of rows of a residual; shorter residuals are padded with zeros.
     """
 
     def __init__(self, robot: Robot, goals: Sequence[Goal]) -> None:
@@ -62,7 +64,7 @@ class GoalRows:
 
         Args:
             q: Configurations, shape (m, n) [rad or m].
-            which: Index of the goal of each, shape (m,).
+            which: Index of the goal of each configuration, shape (m,).
 
         Returns:
             Residuals, shape (m, rows) [rad or m], and their Jacobians, shape (m, rows,
@@ -73,67 +75,68 @@ class GoalRows:
         frames = self._frames[which]
         for name, motions in self._motions.items():
             mine = np.flatnonzero(frames == name)
-            found = self._of_frame(motions, q[mine], which[mine])
-            value[mine, :6], jacobian[mine, :6] = found
+            rows = self._of_frame(motions, q[mine], which[mine])
+            value[mine, :6], jacobian[mine, :6] = rows
         for i in np.flatnonzero(frames == "").tolist():
             goal = self.goals[which[i]]
-            lack, by_q = goal.place_residual(self.kinematics, q[i])
-            value[i, : lack.size], jacobian[i, : lack.size] = lack, by_q
+            residual, by_q = goal.place_residual(self.kinematics, q[i])
+            value[i, : residual.size], jacobian[i, : residual.size] = residual, by_q
         return value, jacobian
 
     def _of_frame(
         self, motions: FrameMotions, q: Array, which: IntArray
     ) -> tuple[Array, Array]:
-        """Residuals of goals on one frame, a turn above a shift."""
+        """Residuals of goals on one frame: rotation in rows 0 to 2, position below."""
         rotation, origin = motions.placements(q)
-        place, turn, counts, posed = (part[which] for part in self._targets)
-        lack = np.hstack([np.zeros_like(origin), place - origin])
+        place, turn, counts, posed = (field[which] for field in self._targets)
+        twist = np.hstack([np.zeros_like(origin), place - origin])
         if np.any(posed):
-            way = turn[posed] @ rotation[posed].swapaxes(1, 2)
-            lack[posed, :3] = Rotation.from_matrix(way).as_rotvec()
-        now = times(rotation[~posed], turn[~posed, 0])
-        lack[~posed, :3] = _turns_between(now, turn[~posed, 1])
-        # Of motions the shift is above the turn.
+            error = turn[posed] @ rotation[posed].swapaxes(1, 2)
+            twist[posed, :3] = Rotation.from_matrix(error).as_rotvec()
+        axis = times(rotation[~posed], turn[~posed, 0])
+        twist[~posed, :3] = _turns_between(axis, turn[~posed, 1])
+        # Jacobians of frames have the translation above the rotation.
         slope = np.roll(motions.jacobians(q), 3, axis=1)
-        return -times(counts, lack), counts @ slope
+        return -times(counts, twist), counts @ slope
 
 
 def _turns_between(a: Array, b: Array) -> Array:
-    """Rotation vectors that turn unit vectors into others, shapes (m, 3) [rad]."""
+    """Shortest rotation vectors from unit vectors a to b, shapes (m, 3) [rad]."""
     normal = np.cross(a, b)
     sine = np.linalg.norm(normal, axis=1)
     angle = np.arctan2(sine, np.sum(a * b, axis=1))
-    # To the opposite any way is as short.
+    # Between opposite vectors every perpendicular axis is as good.
     opposite = (sine < 1e-9) & (angle > 1.0)
     normal[opposite] = np.cross(a[opposite], np.roll(a[opposite], 1, axis=1) + 0.1)
     length = np.where(opposite, np.linalg.norm(normal, axis=1), sine)
     return np.asarray(normal * (angle / np.maximum(length, 1e-300))[:, None])
 
 
+# Steps of the damped least squares.
 STEPS = 40
 # Residual below which a goal is reached [m, rad].
 REACHED = 1e-7
-# Longest step of a joint, and how far from the start random ones are [rad, or shares of
-# the length that counts as 1 rad].
+# Longest step of a joint, and range of random starts about the start of the tour [rad,
+# or shares of the length that counts as 1 rad].
 LONGEST_STEP, AROUND = 0.5, np.pi
-# Configurations that differ by less in all joints are one [rad or m].
+# Configurations count as equal if they differ by less in all joints [rad or m].
 DISTINCT = 0.02
-# Rows that are improved at once, for the sake of memory.
+# Configurations that are projected at once, to bound the memory.
 CHUNK = 8_192
-# Random starts for a station, and for one where these lead to nothing.
+# Number of random starts for a station, and for a station that they did not solve.
 STARTS, MORE_STARTS = 24, 400
-# Stations nearby whose configurations are tried at a station.
+# Number of nearby stations whose configurations are starts for a station.
 NEIGHBOURS = 4
 
 
 class Configurations:
-    """Where a robot can be at stations.
+    """Finds configurations at which a robot meets the goals of stations.
 
     Attributes:
         problem: Robot, obstacles and limits.
         goals: The goals of the stations.
-        weights: Weights of the joints by which a displacement is short, shape (n,).
-        leaving: By station from which something is carried, the problem with that.
+        weights: Weights of the joints in the length of a displacement, shape (n,).
+        leaving: By the index of a station with a payload, the problem with the payload.
     """
 
     def __init__(
@@ -145,55 +148,56 @@ class Configurations:
     ) -> None:
         self.problem, self.goals = problem, goals
         self.weights, self.leaving = weights, leaving
-        # All alternatives of all goals: the first ones, and how many there are.
-        every = [one for goal in goals for one in goal.alternatives]
+        # The alternatives of all goals in one list: their number by goal, and the index
+        # of the first alternative of each goal.
+        every = [alternative for goal in goals for alternative in goal.alternatives]
         self._counts: IntArray = np.array([len(goal.alternatives) for goal in goals])
         self._first: IntArray = np.cumsum(self._counts) - self._counts
         self._rows = GoalRows(problem.robot, every)
         kinematics, home = self._rows.kinematics, problem.q_start
-        scales = [Scales.of(kinematics, one.place(kinematics, home)) for one in every]
+        scales = [Scales.of(kinematics, goal.place(kinematics, home)) for goal in every]
         self._scales = np.stack([scale.joints for scale in scales])
         # Joints that do not carry the frame of a goal.
         self._idle = np.zeros(self._scales.shape, dtype=bool)
-        for row, one in zip(self._idle, every, strict=True):
-            if one.frame_name is not None:
-                row[:] = ~np.any(kinematics.jacobian(home, one.frame_name), axis=0)
+        for row, goal in zip(self._idle, every, strict=True):
+            if goal.frame_name is not None:
+                row[:] = ~np.any(kinematics.jacobian(home, goal.frame_name), axis=0)
 
     def projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
         """Nearest configurations that meet goals, by damped least squares.
 
         Args:
-            q: Where to begin, shape (m, n) [rad or m].
-            which: Index of the goal of each, shape (m,); of its alternatives the one
-                that is missed by least.
+            q: Starts, shape (m, n) [rad or m].
+            which: Index of the goal of each start, shape (m,); of its alternatives, the
+                one with the smallest residual is aimed at.
 
         Returns:
-            Configurations, shape (m, n), and which of them meet their goals.
+            Configurations, shape (m, n), and whether each meets its goal, shape (m,).
         """
         return self._solved(q, self._nearest_alternatives(q, which))
 
     def _solved(self, q: Array, aim: IntArray) -> tuple[Array, BoolArray]:
-        """Nearest configurations that meet alternatives, given by their index."""
-        out, left = np.array(q), np.zeros(len(q))
+        """Nearest configurations that meet alternatives, and whether they do."""
+        out, residual = np.array(q), np.zeros(len(q))
         limits = self.problem.robot.limits
         for begin in range(0, len(q), CHUNK):
-            part = slice(begin, begin + CHUNK)
-            out[part], left[part] = least_squares(
-                partial(self._residual, aim[part]),
-                q[part],
+            chunk = slice(begin, begin + CHUNK)
+            out[chunk], residual[chunk] = least_squares(
+                partial(self._residual, aim[chunk]),
+                q[chunk],
                 (limits.position_lower, limits.position_upper),
-                self._scales[aim[part]] / self.weights,
-                LONGEST_STEP * self._scales[aim[part]],
+                self._scales[aim[chunk]] / self.weights,
+                LONGEST_STEP * self._scales[aim[chunk]],
                 reached=REACHED,
                 steps=STEPS,
             )
-        return out, left < REACHED
+        return out, residual < REACHED
 
     def _residual(self, aim: IntArray, q: Array, rows: IntArray) -> tuple[Array, Array]:
         return self._rows(q, aim[rows])
 
     def _nearest_alternatives(self, q: Array, which: IntArray) -> IntArray:
-        """Alternatives of goals that configurations miss by least, shape (m,)."""
+        """Index of the alternative with the smallest residual at each q, shape (m,)."""
         counts, first = self._counts[which], self._first[which]
         if np.all(counts == 1):
             return first
@@ -208,61 +212,61 @@ class Configurations:
         return first + best
 
     def free(self, q: Array, g: int) -> BoolArray:
-        """At which configurations a station can be, shape (m,).
+        """Whether configurations are admissible at a station, shape (m,).
 
-        They keep clear, when it is left, too, with what is carried from there; and
-        constraints hold.
+        An admissible configuration is clear of collisions, also with the payload that
+        leaves the station, and keeps the constraints.
         """
         loaded = self.leaving.get(g)
-        asked = [self.problem] if loaded is None else [self.problem, loaded]
-        return np.array([all(_keeps(p, row) for p in asked) for row in q], dtype=bool)
+        both = [self.problem] if loaded is None else [self.problem, loaded]
+        return np.array([all(_keeps(p, row) for p in both) for row in q], dtype=bool)
 
     def search(self, count: int, rng: np.random.Generator) -> list[Array]:
         """Find some configurations for each station.
 
         Args:
-            count: How many are kept of a station.
+            count: Largest number of configurations kept of a station.
             rng: Random numbers.
 
         Returns:
-            By station, shape (k, n) each; k is zero where nothing was found.
+            Configurations by station, shape (k, n) each; k is zero if none was found.
         """
         found: list[Array] = [np.zeros((0, self.problem.robot.n)) for _ in self.goals]
-        open_ones = []
+        searched = []
         for g, goal in enumerate(self.goals):
-            given = [one.configuration for one in goal.alternatives]
-            rows = [q for q in given if q is not None]
+            fixed = [item.configuration for item in goal.alternatives]
+            rows = [q for q in fixed if q is not None]
             if rows:
                 found[g] = np.stack(rows)
-                # Of several those that are blocked are left out.
+                # A single configuration was checked with the goals of all stations.
                 if len(rows) > 1 or g in self.leaving:
                     found[g] = found[g][self.free(found[g], g)]
-            if len(rows) < len(given):
-                open_ones.append(g)
-        self._from_starts(found, open_ones, STARTS, rng)
-        self._from_neighbours(found, open_ones)
-        empty = [g for g in open_ones if not len(found[g])]
+            if len(rows) < len(fixed):
+                searched.append(g)
+        self._from_starts(found, searched, STARTS, rng)
+        self._from_neighbours(found, searched)
+        empty = [g for g in searched if not len(found[g])]
         self._from_starts(found, empty, MORE_STARTS, rng)
         return [self.spread(rows, count) for rows in found]
 
     def _from_starts(
         self, found: list[Array], which: list[int], count: int, rng: np.random.Generator
     ) -> None:
-        """Add what random starts lead to, and the start of the tour."""
+        """Add solutions from random starts, and from the start of the tour."""
         home, starts, aims = self.problem.q_start, [], []
         for g in which:
             # Alternatives are aimed at in turn.
             aim = self._first[g] + np.arange(count) % self._counts[g]
             q = self._random(rng, g, count)
             q[0] = home
-            # What does not carry the frame stays where it is.
+            # Joints that do not carry the frame keep their positions.
             starts.append(np.where(self._idle[aim], home, q))
             aims.append(aim)
         if starts:
             self._add(found, np.concatenate(starts), np.concatenate(aims))
 
     def _random(self, rng: np.random.Generator, g: int, count: int) -> Array:
-        """Configurations for a station within half a turn of the start, (count, n)."""
+        """Random configurations within half a turn of the start, shape (count, n)."""
         limits, home = self.problem.robot.limits, self.problem.q_start
         around = AROUND * self._scales[self._first[g]]
         low = np.maximum(limits.position_lower, home - around)
@@ -270,16 +274,16 @@ class Configurations:
         return rng.uniform(low, high, (count, home.size))
 
     def _from_neighbours(self, found: list[Array], which: list[int]) -> None:
-        """Add what the configurations of stations nearby lead to."""
+        """Add solutions from starts at the configurations of nearby stations."""
         near = self._nearest()
         pairs = [(g, self.spread(found[o], 12)) for g in which for o in near[g]]
         if pairs:
-            starts = np.concatenate([some for _, some in pairs])
-            owner = np.repeat([g for g, _ in pairs], [len(some) for _, some in pairs])
+            starts = np.concatenate([rows for _, rows in pairs])
+            owner = np.repeat([g for g, _ in pairs], [len(rows) for _, rows in pairs])
             self._add(found, starts, self._nearest_alternatives(starts, owner))
 
     def _nearest(self) -> list[list[int]]:
-        """By station those nearby: of near goals, as far as their places are known."""
+        """By station, the nearest stations whose goals have a known place in space."""
         middle = np.full((len(self.goals), 3), np.nan)
         for g, goal in enumerate(self.goals):
             if goal.ball is not None:
@@ -293,7 +297,7 @@ class Configurations:
         return out
 
     def _add(self, found: list[Array], starts: Array, aim: IntArray) -> None:
-        """Add configurations that starts lead to, if they are new and clear."""
+        """Project starts onto alternatives, and add results that are new and free."""
         (q, good), problem = self._solved(starts, aim), self.problem
         owner = np.searchsorted(self._first, aim, side="right") - 1
         for g in np.unique(owner[good]).tolist():
@@ -303,21 +307,21 @@ class Configurations:
             found[g] = np.concatenate([found[g], new[self.free(new, g)]])
 
     def spread(self, rows: Array, count: int) -> Array:
-        """Some configurations of many, far from each other."""
+        """Choose configurations far from each other, by farthest-point sampling."""
         if len(rows) <= count:
             return rows
         scaled = rows * self.weights
         nearest = np.max(np.abs(scaled - self.problem.q_start * self.weights), axis=1)
-        kept = [int(np.argmin(nearest))]
+        chosen = [int(np.argmin(nearest))]
         apart = np.full(len(rows), np.inf)
-        while len(kept) < count:
-            gone = np.max(np.abs(scaled - scaled[kept[-1]]), axis=1)
-            apart = np.minimum(apart, gone)
-            kept.append(int(np.argmax(apart)))
-        return np.asarray(rows[sorted(kept)])
+        while len(chosen) < count:
+            away = np.max(np.abs(scaled - scaled[chosen[-1]]), axis=1)
+            apart = np.minimum(apart, away)
+            chosen.append(int(np.argmax(apart)))
+        return np.asarray(rows[sorted(chosen)])
 
     def unreached(self, g: int) -> str:
-        """Why no configuration was found for a station, in a clause."""
+        """The reason why no configuration was found for a station, in a clause."""
         starts = self._random(np.random.default_rng(0), g, 60)
         q, good = self.projected(starts, np.full(60, g, dtype=np.int64))
         if not np.any(good):
@@ -345,7 +349,7 @@ class Configurations:
 
 
 def _keeps(problem: Problem, q: Array) -> bool:
-    """Whether a configuration is clear of collisions, and keeps the constraints."""
+    """Whether a configuration at rest is collision-free and keeps the constraints."""
     checker, rest = problem.checker, np.zeros_like(q)
     if not checker.hulls_clear(q) and not checker.is_free(q, problem.margins):
         return False
@@ -353,7 +357,7 @@ def _keeps(problem: Problem, q: Array) -> bool:
 
 
 def distinct(rows: Array) -> Array:
-    """Configurations without those that are near to one before them."""
+    """Remove configurations that are near to an earlier one."""
     kept: list[int] = []
     for i in range(len(rows)):
         if kept and np.min(np.max(np.abs(rows[kept] - rows[i]), axis=1)) < DISTINCT:
@@ -362,13 +366,15 @@ def distinct(rows: Array) -> Array:
     return rows[kept]
 
 
-# Rounds of looking for better configurations; random trials of a station in each, and
-# the radius of the first ones [rad].
+# Rounds of the refinement, random trials of a station in each round, and the radius of
+# the trials in the first round [rad].
 ROUNDS = 24
 TRIALS = 4
 RADIUS = 0.4
-# Shrinking of the radius where a round brings less than this share of the time.
+# Factor by which the radius shrinks, and the gain of a round, as a share of the time,
+# below which it does.
 SHRINK, LITTLE = 0.6, 2e-3
+# Radius at which the refinement ends [rad].
 SMALLEST = 2e-3
 
 
@@ -381,26 +387,27 @@ def refined(
     """Improve the configurations of a tour in a given order.
 
     Args:
-        configurations: What is allowed at stations.
+        configurations: The search for configurations of the stations.
         table: Estimates of the times of legs.
-        places: The nodes of the tour in their order, with a configuration of each.
+        places: The nodes of the tour in their order, with the index of a configuration
+            of each.
         rng: Random numbers.
 
     Returns:
-        Configurations of all places.
+        A configuration of each place, shape (n,) each [rad or m].
     """
     goals, nodes = configurations.goals, [node for node, _ in places]
-    # Stations whose configurations are not given, by their places.
-    open_ones = {
+    # Stations whose goals leave the configuration free, by their places.
+    searched = {
         k: g
         for k, g in enumerate(map(table.station, nodes))
         if g is not None and goals[g].configuration is None
     }
     way, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
-    for _ in range(ROUNDS if open_ones else 0):
-        starts = [_around(way, k, radius, rng) for k in open_ones]
-        place = np.repeat([*open_ones], [len(rows) for rows in starts])
-        which: IntArray = np.array([open_ones[k] for k in place.tolist()])
+    for _ in range(ROUNDS if searched else 0):
+        starts = [_around(way, k, radius, rng) for k in searched]
+        place = np.repeat([*searched], [len(rows) for rows in starts])
+        which: IntArray = np.array([searched[k] for k in place.tolist()])
         q, good = configurations.projected(np.concatenate(starts), which)
         q, place = q[good], place[good]
         choices = [
@@ -408,12 +415,12 @@ def refined(
         ]
         now, bad = 0.0, [(0, 0)]
         while bad:
-            tried = table.along(nodes, choices)
-            now, chosen = tried.best_configurations(range(len(nodes)))
-            # Whether they are clear is asked of those that would be taken.
+            trial = table.along(nodes, choices)
+            now, chosen = trial.best_configurations(range(len(nodes)))
+            # Collision checks are dear: only chosen configurations are checked.
             bad = [
                 (k, chosen[k])
-                for k, g in open_ones.items()
+                for k, g in searched.items()
                 if chosen[k] and not configurations.free(choices[k][[chosen[k]]], g)[0]
             ]
             for k, c in bad:
@@ -430,12 +437,12 @@ def refined(
 def _around(
     way: Sequence[Array], k: int, radius: float, rng: np.random.Generator
 ) -> Array:
-    """Where to look for another configuration of a place, shape (m, n)."""
+    """Starts for other configurations of a place of a tour, shape (m, n)."""
     here, before = way[k], way[k - 1]
     aims = [before, before]
     if k + 1 < len(way):
         aims = [before, way[k + 1], 0.5 * (before + way[k + 1])]
-    # No farther than the radius, so that the arm does not fold elsewhere.
+    # Steps are at most twice the radius, so that the arm keeps its branch.
     steps = np.stack(aims) - here
     longest = np.max(np.abs(steps), axis=1, keepdims=True, initial=0.0)
     steps *= np.minimum(1.0, 2.0 * radius / np.maximum(longest, 1e-300))

@@ -1,13 +1,13 @@
 """Legs of a tour: their times, estimated or known, and their motions, each verified.
 
-Without torque limits and obstacles the joints do not know of each other: the least time
-between two configurations at rest is that of the slowest joint, which speeds up, runs
-at its speed limit and slows down. It is what no motion beats, and near what is planned
-where limits of speed and acceleration rule.
+Without torque limits and obstacles the joints are independent: the least time between
+two configurations at rest is the least time of the slowest joint, which accelerates,
+cruises at its speed limit and decelerates. It is a lower bound for every motion, and
+close to the planned time where limits of speed and acceleration are active.
 
-A direct motion is one that the joints make on their own: all arrive together, in that
-time. Where torques and obstacles do not forbid it, which a replay tells, it is the
-fastest there is, and no planning is needed.
+In a direct motion each joint moves independently, and all arrive together in that
+time. If the replay finds no violated torque limit and no collision, the direct motion
+is optimal, and no planning is needed.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, check, seconds_left
 
-# Differences of configurations that are taken at once, for the sake of memory.
+# Differences of configurations that are computed at once, to bound the memory.
 CHUNK = 2_000_000
-# Displacements that count as zero [rad or m], and differences of instants as shares of
-# the duration that count as zero.
-NO_WAY = 1e-9
+# Displacement below which a leg has zero length [rad or m], and difference below which
+# instants are equal, as a share of the duration.
+ZERO_LENGTH = 1e-9
 SAME = 1e-9
 
 
@@ -65,14 +65,15 @@ class JointTimes:
         """Take the limits of a problem."""
         names, limits = problem.robot.joint_names, problem.motion_limits
         limits = MotionLimits() if limits is None else limits
-        found = (limits.by_joint(name, names) for name in ("acceleration", "jerk"))
-        return cls(problem.robot.limits.velocity, *found)
+        rates = (limits.by_joint(name, names) for name in ("acceleration", "jerk"))
+        return cls(problem.robot.limits.velocity, *rates)
 
     @property
     def weights(self) -> Array:
-        """Weights by which displacements of joints take about equal time, shape (n,).
+        """Weights with which displacements of joints take about equal time, shape (n,).
 
-        Those of short ways where accelerations are limited: their square roots count.
+        For short displacements the limits of acceleration count, and their square
+        roots, as the time is the root of displacement over acceleration.
         """
         slow = 1.0 / self.velocity
         slow = np.maximum(slow, 1e-3 * max(float(slow.max()), 1e-3))
@@ -85,8 +86,8 @@ class JointTimes:
 
         Args:
             a: Configurations, shape (..., n) [rad or m].
-            b: Others, of a shape that fits.
-            resting: At how many of both ends the arm is at rest.
+            b: Other configurations, of a shape that broadcasts against ``a``.
+            resting: Number of ends, of the two, at which the arm is at rest.
 
         Returns:
             Times [s], shape (...).
@@ -95,12 +96,12 @@ class JointTimes:
         return np.asarray(np.max(times, axis=-1, initial=0.0))
 
     def matrix(self, a: Array, b: Array, resting: int = 2) -> Array:
-        """Least times from each of some configurations to each of others.
+        """Least times from each configuration of a set to each of another set.
 
         Args:
-            a: Shape (k, n) [rad or m].
-            b: Shape (m, n).
-            resting: At how many of both ends the arm is at rest.
+            a: Configurations, shape (k, n) [rad or m].
+            b: Configurations, shape (m, n) [rad or m].
+            resting: Number of ends, of the two, at which the arm is at rest.
 
         Returns:
             Times [s], shape (k, m).
@@ -108,47 +109,48 @@ class JointTimes:
         out = np.empty((len(a), len(b)))
         rows = max(1, CHUNK // max(1, b.size))
         for begin in range(0, len(a), rows):
-            part = slice(begin, begin + rows)
-            out[part] = self.between(a[part, None], b[None], resting)
+            chunk = slice(begin, begin + rows)
+            out[chunk] = self.between(a[chunk, None], b[None], resting)
         return out
 
-    def of_joints(self, way: Array, resting: int = 2) -> Array:
-        """Least times by joint for distances to go, shape (..., n) both."""
+    def of_joints(self, distance: Array, resting: int = 2) -> Array:
+        """Least times [s] of joints for distances [rad or m], shape (..., n) both."""
         v, a, jerky = self.velocity, self.acceleration, np.isfinite(self.jerk)
-        # Without limits a joint takes no time, whatever the way.
+        # Without limits a joint takes no time, whatever the distance.
         with np.errstate(divide="ignore", invalid="ignore"):
-            cruise = way / v
+            cruise = distance / v
             if resting == 0:
                 return np.asarray(cruise)
-            ramps = float(resting)
-            short = way * a < 0.5 * ramps * v * v
-            peak = np.sqrt(2.0 * ramps * way / a)
-            speeding = np.where(np.isfinite(a), 0.5 * ramps * v / a, 0.0)
+            resting_ends = float(resting)
+            short = distance * a < 0.5 * resting_ends * v * v
+            peak = np.sqrt(2.0 * resting_ends * distance / a)
+            speeding = np.where(np.isfinite(a), 0.5 * resting_ends * v / a, 0.0)
             times = np.where(short, peak, cruise + speeding)
             if resting == 2 and np.any(jerky):
                 limits = (limit[jerky] for limit in (v, a, self.jerk))
-                times[..., jerky] = _with_jerk(way[..., jerky], *limits)
+                times[..., jerky] = _with_jerk(distance[..., jerky], *limits)
             return times
 
 
-def _with_jerk(way: Array, v: Array, a: Array, jerk: Array) -> Array:
+def _with_jerk(distance: Array, v: Array, a: Array, jerk: Array) -> Array:
     """Least times from rest to rest, where accelerations begin and end with zero."""
     ramp = np.where(v * jerk >= a * a, v / a + a / jerk, 2.0 * np.sqrt(v / jerk))
-    # From this speed on the full acceleration is reached; without a limit of it never.
+    # Least peak speed at which the acceleration limit is reached; infinite without one.
     knee = a * a / jerk
-    # Peak speed of a motion that reaches it, but not the speed limit.
-    full = 0.5 * (np.sqrt(knee * knee + 4.0 * a * way) - knee)
-    part = (0.5 * way * np.sqrt(jerk)) ** (2.0 / 3.0)
+    # Peak speed of a motion below the speed limit that reaches the acceleration limit,
+    # and of a motion that does not.
+    full = 0.5 * (np.sqrt(knee * knee + 4.0 * a * distance) - knee)
+    low = (0.5 * distance * np.sqrt(jerk)) ** (2.0 / 3.0)
     peaked = np.where(
-        full >= knee, 2.0 * (full / a + a / jerk), 4.0 * np.sqrt(part / jerk)
+        full >= knee, 2.0 * (full / a + a / jerk), 4.0 * np.sqrt(low / jerk)
     )
-    long = np.isfinite(v) & (v * ramp <= way)
-    return np.where(way > 0.0, np.where(long, way / v + ramp, peaked), 0.0)
+    cruises = np.isfinite(v) & (v * ramp <= distance)
+    return np.where(distance > 0.0, np.where(cruises, distance / v + ramp, peaked), 0.0)
 
 
-# A leg: node and configuration it begins at, node and configuration it ends at.
+# A leg: node and configuration of its begin, node and configuration of its end.
 Leg = tuple[int, int, int, int]
-# Nodes of a leg, or configurations there.
+# Nodes of a leg, or indices of the configurations there.
 Pair = tuple[int, int]
 
 
@@ -157,16 +159,17 @@ class LegTable:
     """Times of legs between the nodes of a tour.
 
     Nodes are the start (0), the stations (1 to n) and, if it is given, the end (n + 1);
-    each has some configurations. Times that are not known are estimates.
+    each has one or more configurations. Times that are not known are estimated.
 
     Attributes:
         nodes: Configurations of each node, shape (k, n) each.
         rests: Whether the arm is at rest at each node.
-        times: Estimates.
-        ends: Whether the last node is the end of the tour, else it ends anywhere.
-        factor: What estimates are multiplied by.
-        known: Times that were found, by the nodes of a leg and by the configurations
-            there; infinite where there is no motion [s].
+        times: Least times of the joints, from which times are estimated.
+        ends: Whether the last node is the end of the tour; otherwise the tour ends at
+            any station.
+        factor: Factor of the estimates.
+        known: Times of planned legs [s], by the nodes of a leg and by the indices of
+            the configurations there; infinite where no motion was found.
     """
 
     nodes: list[Array]
@@ -196,7 +199,7 @@ class LegTable:
         return self.nodes[i][a], self.nodes[j][b]
 
     def resting(self, i: int, j: int) -> int:
-        """At how many of two nodes the arm is at rest."""
+        """Number of nodes, of the two, at which the arm is at rest."""
         return int(self.rests[i]) + int(self.rests[j])
 
     def block(self, i: int, j: int) -> Array:
@@ -208,24 +211,24 @@ class LegTable:
         return times
 
     def learn(self, leg: Leg, seconds: float) -> None:
-        """Take down the time of a leg."""
+        """Note the time of a leg that was planned [s]."""
         i, a, j, b = leg
         self.known.setdefault((i, j), {})[a, b] = seconds
 
-    def found(self, leg: Leg) -> float | None:
-        """Time of a leg that was found [s]; None where it is not known."""
+    def known_time(self, leg: Leg) -> float | None:
+        """Time of a leg that was planned [s]; None if it was not planned yet."""
         i, a, j, b = leg
         return self.known.get((i, j), {}).get((a, b))
 
     def time(self, leg: Leg) -> float:
         """Time of a leg, known or estimated [s]."""
-        known, resting = self.found(leg), self.resting(leg[0], leg[2])
+        known, resting = self.known_time(leg), self.resting(leg[0], leg[2])
         if known is not None:
             return known
         return self.factor * float(self.times.between(*self.rows(leg), resting))
 
     def calibrate(self) -> None:
-        """Take the factor of the estimates from the times that are known."""
+        """Set the factor of the estimates to the median of known over least times."""
         ratios = []
         for (i, j), known in self.known.items():
             for (a, b), seconds in known.items():
@@ -235,7 +238,7 @@ class LegTable:
         self.factor = max(1.0, float(np.median(ratios))) if ratios else 1.0
 
     def along(self, order: Sequence[int], rows: list[Array]) -> LegTable:
-        """A table of other configurations for the nodes of a tour, in their order."""
+        """A table of the nodes of a tour in their order, with other configurations."""
         rests = [self.rests[node] for node in order]
         return replace(self, nodes=rows, rests=rests, ends=True, known={})
 
@@ -258,20 +261,20 @@ class LegTable:
         """Best configurations for nodes in a given order, by dynamic programming.
 
         Args:
-            order: Nodes, the start and the end among them.
+            order: Nodes, the start and the end included.
 
         Returns:
-            Time of all legs [s], and the configuration of each.
+            Time of all legs [s], and the index of the configuration of each node.
         """
         cost = np.zeros(len(self.nodes[order[0]]))
-        came: list[Array] = []
+        predecessors: list[Array] = []
         for i, j in pairwise(order):
             through = cost[:, None] + self.block(i, j)
-            came.append(np.argmin(through, axis=0))
+            predecessors.append(np.argmin(through, axis=0))
             cost = np.min(through, axis=0)
         chosen = [int(np.argmin(cost))]
-        for back in reversed(came):
-            chosen.append(int(back[chosen[-1]]))
+        for best in reversed(predecessors):
+            chosen.append(int(best[chosen[-1]]))
         return float(np.min(cost)), chosen[::-1]
 
 
@@ -282,24 +285,24 @@ def direct_motion(problem: Problem) -> Trajectory | None:
         problem: A problem from rest to a configuration at rest.
 
     Returns:
-        The motion, with a constant acceleration on each interval; None where it would
-        jump in velocity, or accelerations may not jump, or there is no way to go.
+        The motion, with a constant acceleration on each interval; None if its velocity
+        would jump, if accelerations may not jump, or if start and goal are equal.
     """
     limits, goal = problem.motion_limits, problem.goal.configuration
     if goal is None or problem.segments or (limits is not None and limits.continuous):
         return None
     times, way = JointTimes.of(problem), goal - problem.q_start
     far = np.abs(way)
-    moves = far > NO_WAY
+    moves = far > ZERO_LENGTH
     T = float(times.between(problem.q_start, goal))
     sudden = moves & ~np.isfinite(times.acceleration)
     if not np.any(moves) or np.any(sudden) or not 0.0 < T < np.inf:
         return None
-    # The longer joints speed up, at most half of the time, the slower they need to.
+    # Longest ramp of each joint, at most half of T, for the least acceleration.
     ramp = np.minimum(T - far / times.velocity, 0.5 * T)
     alike = float(np.min(ramp))
     if np.all(far <= alike * (T - alike) * times.acceleration * (1.0 + 1e-9)):
-        # Then the way is a straight line.
+        # With equal ramps the path is a straight line.
         ramp = np.full_like(far, alike)
     t = np.unique(np.concatenate([[0.0, T], ramp, T - ramp]))
     t = t[np.append(True, np.diff(t) > SAME * T)]
@@ -326,12 +329,12 @@ DIRECT = (
 def carrying(
     problem: Problem, payload: Payload | None, touch: Sequence[tuple[str, str]]
 ) -> Problem:
-    """A problem with something carried, and more pairs that may touch."""
+    """A problem with a payload, and more pairs that may touch."""
     robot = problem.robot
     if payload is not None:
         robot = robot.with_payload(payload)
     known = known_names(robot, problem.scene)
-    # Loads of other legs are not there to touch anything.
+    # Pairs with payloads of other legs do not apply to this leg.
     pairs = [pair for pair in touch if set(pair) <= known]
     return replace(problem, robot=robot, may_touch=(*problem.may_touch, *pairs))
 
@@ -343,11 +346,11 @@ class Legs:
     Attributes:
         problem: Robot, obstacles and limits.
         stations: The stations.
-        options: How legs are planned that are not direct.
+        options: Options of the planner for legs without a direct motion.
         table: The nodes of the tour.
-        planned: How many legs were planned.
-        errors: Sentences on legs that cannot be.
-        motions: Motions of the legs that were looked at; None where there is none.
+        planned: Number of legs that were planned.
+        errors: Messages on legs without a motion.
+        motions: Motions of the legs looked at so far; None for a leg without a motion.
     """
 
     problem: Problem
@@ -364,15 +367,15 @@ class Legs:
     # -- problems of legs --------------------------------------------------------------
 
     def _load(self, station: int | None) -> Payload | None:
-        """What is carried from a station, by its index; None for the start."""
+        """The payload from a station on, by its index; None for the start."""
         return None if station is None else self.stations[station].payload
 
     def _setting(self, begin: int | None, end: int | None) -> Problem:
-        """The problem with the load between two stations, and what may touch there.
+        """The problem with the payload and the allowed contacts between two stations.
 
         Args:
             begin: Index of the station where the leg begins; None for the start.
-            end: Where it ends; None for the end of the tour.
+            end: Index of the station where it ends; None for the end of the tour.
         """
         ends = [self.stations[index] for index in (begin, end) if index is not None]
         touch = [pair for station in ends for pair in station.may_touch]
@@ -387,7 +390,7 @@ class Legs:
         """The problem of a leg.
 
         Raises:
-            ProblemError: If there cannot be such a leg.
+            ProblemError: If an end of the leg is not admissible.
         """
         begin, end = self.table.station(leg[0]), self.table.station(leg[2])
         q_start, q_end = self.table.rows(leg)
@@ -395,56 +398,56 @@ class Legs:
         return self._setting(begin, end).with_ends(q_start, goal)
 
     def stays(self, leg: Leg) -> bool:
-        """Whether a leg leads nowhere."""
+        """Whether a leg begins and ends at the same configuration."""
         begin, end = self.table.rows(leg)
-        return float(np.max(np.abs(begin - end), initial=0.0)) < NO_WAY
+        return float(np.max(np.abs(begin - end), initial=0.0)) < ZERO_LENGTH
 
     # -- motions -----------------------------------------------------------------------
 
     def seconds(self, leg: Leg) -> float:
-        """Time of a leg, infinite where there is no motion."""
+        """Time of a leg [s]; infinite if it has no motion."""
         if self.stays(leg):
             return 0.0
-        found = self.motion(leg)
-        return np.inf if found is None else found.T
+        solution = self.motion(leg)
+        return np.inf if solution is None else solution.T
 
     def motion(self, leg: Leg) -> Solution | None:
-        """The motion of a leg from rest to rest; None where none is found."""
+        """The motion of a leg from rest to rest; None if no motion is found."""
         if leg not in self.motions:
             check()
-            self.motions[leg] = self._found(partial(self._problem, leg))
+            self.motions[leg] = self._solved(partial(self._problem, leg))
         return self.motions[leg]
 
-    def _found(self, made: Callable[[], Problem]) -> Solution | None:
-        """The direct motion, or one that is planned in the time that is left.
+    def _solved(self, make_problem: Callable[[], Problem]) -> Solution | None:
+        """The direct motion, or a motion planned in the remaining time.
 
         Args:
-            made: Makes the problem.
+            make_problem: Makes the problem; its errors are noted.
         """
         try:
-            problem = made()
-            found = self._direct(problem)
-            if found is not None:
-                return found
+            problem = make_problem()
+            solution = self._direct(problem)
+            if solution is not None:
+                return solution
             left = seconds_left()
             if np.isfinite(left):
                 self.options = replace(self.options, max_planning_time=left)
             self.planned += 1
-            found = plan(problem, self.options)
+            solution = plan(problem, self.options)
         except ProblemError as error:
             self.errors.append(str(error))
             return None
-        if found.status is Status.INTERRUPTED:
+        if solution.status is Status.INTERRUPTED:
             raise Stop(True)
-        if not found.success:
-            self.errors.append(found.message)
+        if not solution.success:
+            self.errors.append(solution.message)
             return None
-        return found
+        return solution
 
     def _direct(self, problem: Problem) -> Solution | None:
-        """The direct motion; None where there is none, or its replay refuses it."""
+        """The direct motion; None if there is none, or if its replay fails."""
         started = time.perf_counter()
-        # The knots of a direct motion are on no clock.
+        # The knots of a direct motion are not multiples of a control period.
         clocked = self.options.control_period is not None
         motion = None if clocked else direct_motion(problem)
         if motion is None:
@@ -453,12 +456,12 @@ class Legs:
         return without_search(problem, self.options, motion, DIRECT, reason, started)
 
     def passing(self, nodes: Sequence[int], q: Sequence[Array]) -> Solution | None:
-        """Plan legs without stops between them; None where no motion is found.
+        """Plan legs without stops between them; None if no motion is found.
 
         Args:
             nodes: Nodes, the arm being at rest at the first and the last of them only.
-            q: Configurations there, shape (n,) each; between them others will do that
-                meet the goals.
+            q: Configurations there, shape (n,) each; at the nodes in between the motion
+                may meet the goals at other configurations.
         """
         way = [self.table.station(node) for node in nodes]
         goals: list[Goal] = [JointGoal(there, wrap=False) for there in q[1:]]
@@ -466,7 +469,7 @@ class Legs:
             if k is not None:
                 goals[place] = self.stations[k].goal
 
-        def made() -> Problem:
+        def make_problem() -> Problem:
             segments = [
                 Segment(
                     goal,
@@ -478,4 +481,4 @@ class Legs:
             begin, end = q[0], goals[-1]
             return replace(self.problem, q_start=begin, goal=end, segments=segments)
 
-        return self._found(made)
+        return self._solved(make_problem)

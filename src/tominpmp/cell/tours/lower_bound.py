@@ -1,11 +1,11 @@
-"""A time that no tour beats, whatever its order, configurations and motions.
+"""A lower bound of the time of tours, over all orders, configurations and motions.
 
-Between two stations no leg is faster than the slowest joint from the one range of its
-positions to the other; from a configuration it is no faster than any motion by itself
-(:func:`~tominpmp.bounds.lower_bound`). In any order each station is entered and left
-once, so that a shortest spanning tree with one more edge (a 1-tree, Held and Karp 1970)
-of these times bounds the tour; for few stations the best order itself is found. Stays
-are added.
+Between two stations no leg is faster than the slowest joint between the ranges of its
+positions at the two goals; a leg from a configuration is no faster than the lower bound
+of a single motion (:func:`~tominpmp.bounds.lower_bound`). In any order each station is
+entered and left once, so that a minimum spanning tree with one more edge (a 1-tree,
+Held and Karp 1970) of these times bounds the tour; for few stations the best order
+itself is found. Dwell times are added.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from tominpmp.problem.problem import Problem
 
 # Steps of the ascent on the multipliers of the 1-tree.
 ASCENT = 300
-# Stations for which the best order of the bounds is found.
+# Largest number of stations for which the best order of the bounds is found.
 FEW = 11
-# Legs between configurations, and from there to frames, whose bounds are those of any
-# motion; of frames each takes a third of a second.
+# Largest numbers of legs between configurations, and from configurations to frames, for
+# which the lower bound of a single motion is computed; for a frame it takes 0.3 s.
 MOST_LEGS, MOST_FRAMES = 400, 8
 # Share by which the bound is lowered for rounding.
 ROUNDING = 1e-9
@@ -46,21 +46,21 @@ def tour_bound(
     rules: Rules,
     q_end: Array | None,
 ) -> LowerBound:
-    """Bound the duration of every tour.
+    """Lower bound for the duration of every tour.
 
     Args:
         problem: Robot, start and limits.
         stations: The stations.
         rules: Orders that are allowed.
-        q_end: Configuration at the end, shape (n,) [rad or m]; None for any.
+        q_end: Configuration at the end, shape (n,) [rad or m]; None for an open end.
     """
     least = _least_times(problem, stations, q_end)
     stays = least_stays(problem.robot, [(s.goal, s.dwell) for s in stations])
     ends = q_end is not None
     if len(stations) <= FEW:
-        reason, ones = "the best order", [1] * len(stations)
+        reason, sizes = "the best order", [1] * len(stations)
         total = exact_order(
-            ones, lambda i, j: least[i : i + 1, j : j + 1], rules, ends
+            sizes, lambda i, j: least[i : i + 1, j : j + 1], rules, ends
         )[0]
         total = total if np.isfinite(total) else 0.0
     else:
@@ -74,7 +74,11 @@ def tour_bound(
 def _least_times(
     problem: Problem, stations: Sequence[Station], q_end: Array | None
 ) -> Array:
-    """Times that no leg between two places beats: start, stations, end."""
+    """Lower bounds of the times of legs between start, stations and end.
+
+    Returns:
+        Times [s], shape (m, m): from the place of the row to the place of the column.
+    """
     end = [] if q_end is None else [JointGoal(q_end)]
     goals: list[Goal] = [JointGoal(problem.q_start), *(s.goal for s in stations), *end]
     rests = [True, *(station.stop for station in stations), *(True for _ in end)]
@@ -87,7 +91,7 @@ def _least_times(
     low, high = ([np.stack([r[k] for r in some]) for some in ranges] for k in (0, 1))
     ranged = [bool(np.any(np.isfinite(rows))) for rows in low]
     known = sum(q is not None for q in given)
-    # Of two configurations limits of acceleration say nearly all.
+    # Between configurations, limits of acceleration alone give nearly the whole bound.
     limited = bool(np.all(np.isfinite(times.acceleration)))
     few_joints = not limited and known**2 <= MOST_LEGS
     few_frames = known * (len(goals) - known) <= MOST_FRAMES * (1 + len(end))
@@ -114,11 +118,11 @@ def _least_times(
 
 
 def _one_tree(least: Array, ends: bool) -> float:
-    """Bound by trees, with multipliers that make them look like circles."""
+    """Bound by 1-trees, with multipliers that bring all degrees towards two."""
     if not ends:
-        # A way that ends anywhere is a tree that spans all places.
+        # A path with an open end is a spanning tree.
         return _spanning_tree(least)[0]
-    # Start and end are one place, left by one of its legs and entered by the other.
+    # Start and end are merged into one place, with one leg out and one leg in.
     cost = least[:-1, :-1].copy()
     cost[0, 1:] = cost[1:, 0] = np.minimum(least[0, 1:-1], least[1:-1, -1])
     weights, best = np.zeros(len(cost)), 0.0
@@ -139,8 +143,8 @@ def _one_tree(least: Array, ends: bool) -> float:
 
 
 def _spanning_tree(cost: Array) -> tuple[float, IntArray]:
-    """Length of the shortest spanning tree, and the degrees of the places."""
-    # For SciPy a time of zero is no edge.
+    """Length of the minimum spanning tree, and the degrees of the places."""
+    # SciPy takes a time of zero as a missing edge.
     shift = 1.0 - float(np.min(cost))
     tree = minimum_spanning_tree(cost + shift).tocoo()
     ends = np.concatenate([tree.row, tree.col])

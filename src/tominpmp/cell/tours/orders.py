@@ -1,12 +1,13 @@
 """Orders of stations, with a configuration for each.
 
-For few stations the best order is found as Held and Karp (1962) solve the travelling
-salesman problem: the best way through a set of stations that ends at a configuration
-of one of them is found from the sets with one station less. For more, stretches of an
-order are taken out and their stations put back one by one where each costs least
-(ruin and recreate; Christiaens and Vanden Berghe 2020), worse orders being kept at
-first as in simulated annealing. That is done for given configurations; the best
-configurations along an order are found by dynamic programming, and the two take turns.
+For few stations the best order is found by dynamic programming over sets, as in the
+travelling salesman problem (Held and Karp 1962): the best path through a set of
+stations that ends at a configuration of one of them follows from the sets with one
+station less. For many stations, stretches of an order are removed and their stations
+reinserted one by one where each costs least (ruin and recreate; Christiaens and Vanden
+Berghe 2020); simulated annealing accepts worse orders at first. The configurations are
+fixed in this search; the best configurations for an order are found by dynamic
+programming, and the two steps alternate.
 """
 
 from __future__ import annotations
@@ -21,26 +22,28 @@ from tominpmp.cell.tours.legs import LegTable
 from tominpmp.cell.tours.station import Rules
 from tominpmp.stopping import check
 
-# Numbers that the exact search may compare: 2^n times the square of all configurations.
+# Limits of the exact search: comparisons, which are 2^n times the square of the number
+# of configurations, and stations.
 MOST_WORK, MOST_STATIONS = 4e8, 14
-# What a leg costs that is not allowed [s], so that differences stay numbers.
+# Cost of a forbidden leg [s]; finite, so that differences of costs are numbers.
 FORBIDDEN = 1e7
-# Gain below which an order is not shorter [s].
+# Gain below which an order does not count as shorter [s].
 LEAST_GAIN = 1e-9
-# Stations taken out at once, at the most; share of the places that are passed over when
-# one is put back. Orders of 24 to 245 places in the plane came out as short as those of
+# Largest number of stations removed at once, and share of the insertion places that are
+# skipped at random. Orders of 24 to 245 places in the plane came out as short as with
 # 2-opt and Or-opt moves with kicks, or shorter, in less time.
-TAKEN_OUT, PASSED_OVER = 8, 0.03
-# Temperatures at the beginning and at the end, as shares of the mean leg, and steps for
-# each station: of a search from scratch, and of one that begins with an order.
+MOST_REMOVED, SKIPPED = 8, 0.03
+# Initial and final temperature, as shares of the mean leg, and steps for each station,
+# of a search from scratch; initial temperature and steps of a warm start.
 HOT, COLD = 3.0, 0.01
 STEPS, WARM, FEW_STEPS = 60, 0.1, 10
-# Turns of order and configurations.
+# Alternations of order and configurations.
 ROUNDS = 12
 
-# Time of all legs [s], infinite where no order is allowed; stations, from 0, in their
-# order; and the configuration of each node in that order, the start and the end too.
-Found = tuple[float, tuple[int, ...], tuple[int, ...]]
+# Time of all legs [s], infinite if no order is allowed; stations, from 0, in their
+# order; and the index of the configuration of each node in that order, with start and
+# end.
+Order = tuple[float, tuple[int, ...], tuple[int, ...]]
 
 
 def best_order(
@@ -48,7 +51,7 @@ def best_order(
     rules: Rules,
     rng: np.random.Generator,
     begin: Sequence[int] = (),
-) -> Found:
+) -> Order:
     """The best order of few stations, a good one of many; see :func:`search_order`."""
     n = table.stations
     sizes = [len(rows) for rows in table.nodes[1 : n + 1]]
@@ -62,7 +65,7 @@ def exact_order(
     block: Callable[[int, int], Array],
     rules: Rules,
     ends: bool,
-) -> Found:
+) -> Order:
     """Find the best order of stations, with their configurations.
 
     Args:
@@ -70,53 +73,53 @@ def exact_order(
         block: Times from each configuration of a node to each of another, shape (k, m)
             [s]; nodes are the start (0), the stations from 1, and the end.
         rules: Orders that are allowed.
-        ends: Whether there is an end, else the tour ends at any station.
+        ends: Whether the end is a node; otherwise the tour ends at any station.
     """
     n = len(sizes)
-    # Without an end there is one that is reached from anywhere in no time.
+    # An open end is a node that every station reaches in zero time.
     last, full = block(1, n + 1).shape[1] if ends else 1, (1 << n + 2) - 1
     # Configurations of all nodes stand one after the other.
     edges = np.cumsum([0, len(block(0, 1)), *sizes, last]).tolist()
-    part = [slice(a, b) for a, b in pairwise(edges)]
-    node = np.repeat(np.arange(len(part)), np.diff(edges))
-    # Sets of nodes are bits: of those that come before each.
+    block_of = [slice(a, b) for a, b in pairwise(edges)]
+    node = np.repeat(np.arange(len(block_of)), np.diff(edges))
+    # Sets of nodes are bit masks: here the nodes that have to precede each node.
     before_end = full >> 1
     need = [0, *(1 | sum(2 << i for i in needed) for needed in rules.needs), before_end]
     between = np.full((edges[-1], edges[-1]), np.inf)
-    for i, j in permutations(range(len(part)), 2):
+    for i, j in permutations(range(len(block_of)), 2):
         inner = max(i, j) <= n
         allowed = rules.follows(i - 1, j - 1) if inner else rules.may_end(i - 1)
         if j and i <= n and (i == 0 or allowed):
-            between[part[i], part[j]] = block(i, j) if inner or ends else 0.0
-    # By set: best time by last configuration, and the one before that.
+            between[block_of[i], block_of[j]] = block(i, j) if inner or ends else 0.0
+    # By set: best time for each last configuration, and the configuration before it.
     never = np.full(edges[-1], np.inf)
-    cost, came = {1: never.copy()}, dict[tuple[int, int], Array]()
-    cost[1][part[0]] = 0.0
-    for done in range(1, before_end + 1, 2):
+    cost, predecessor = {1: never.copy()}, dict[tuple[int, int], Array]()
+    cost[1][block_of[0]] = 0.0
+    for visited in range(1, before_end + 1, 2):
         check()
-        row = cost.pop(done, never)
+        row = cost.pop(visited, never)
         alive = np.flatnonzero(np.isfinite(row))
         if not alive.size:
             continue
-        for j in range(1, len(part)):
-            if done >> j & 1 or need[j] & ~done:
+        for j in range(1, len(block_of)):
+            if visited >> j & 1 or need[j] & ~visited:
                 continue
-            through = row[alive, None] + between[alive, part[j]]
-            came[done | 1 << j, j] = alive[np.argmin(through, axis=0)]
-            after = cost.setdefault(done | 1 << j, never.copy())
-            after[part[j]] = np.min(through, axis=0)
+            through = row[alive, None] + between[alive, block_of[j]]
+            predecessor[visited | 1 << j, j] = alive[np.argmin(through, axis=0)]
+            after = cost.setdefault(visited | 1 << j, never.copy())
+            after[block_of[j]] = np.min(through, axis=0)
     total = cost.get(full, never)
-    way, done = [int(np.argmin(total))], full
-    if not np.isfinite(total[way[0]]):
+    path, visited = [int(np.argmin(total))], full
+    if not np.isfinite(total[path[0]]):
         return np.inf, (), ()
-    while done > 1:
-        j = int(node[way[-1]])
-        way.append(int(came[done, j][way[-1] - edges[j]]))
-        done ^= 1 << j
-    nodes = node[way[::-1]]
-    chosen = (np.array(way[::-1]) - np.array(edges)[nodes])[: n + 1 + ends]
+    while visited > 1:
+        j = int(node[path[-1]])
+        path.append(int(predecessor[visited, j][path[-1] - edges[j]]))
+        visited ^= 1 << j
+    nodes = node[path[::-1]]
+    chosen = (np.array(path[::-1]) - np.array(edges)[nodes])[: n + 1 + ends]
     order = nodes[1 : n + 1] - 1
-    return float(total[way[0]]), tuple(order.tolist()), tuple(chosen.tolist())
+    return float(total[path[0]]), tuple(order.tolist()), tuple(chosen.tolist())
 
 
 def search_order(
@@ -124,18 +127,18 @@ def search_order(
     rules: Rules,
     rng: np.random.Generator,
     begin: Sequence[int] = (),
-) -> Found:
+) -> Order:
     """Find a good order of stations, with their configurations.
 
     Args:
         table: Times of the legs.
         rules: Orders that are allowed.
         rng: Random numbers.
-        begin: An order to begin with; empty for a search from scratch.
+        begin: Order of a warm start; empty for a search from scratch.
     """
     order, length = list(begin), np.inf
     if not order:
-        first = _OneEach(_least_times(table), rules, table.ends)
+        first = _OrderSearch(_least_times(table), rules, table.ends)
         order = first.improved([], HOT, STEPS, rng)
     for left in range(ROUNDS, -1, -1):
         before = length
@@ -144,26 +147,26 @@ def search_order(
             break
         by_node = np.zeros(len(table.nodes), dtype=int)
         by_node[table.way(order)] = chosen
-        each = _OneEach(table.fixed(by_node.tolist()), rules, table.ends)
-        order = each.improved(order, WARM, FEW_STEPS, rng)
+        search = _OrderSearch(table.fixed(by_node.tolist()), rules, table.ends)
+        order = search.improved(order, WARM, FEW_STEPS, rng)
     if not rules.allow(order):
         return np.inf, (), ()
     return length, tuple(order), tuple(chosen)
 
 
 def _least_times(table: LegTable) -> Array:
-    """Least times between nodes, over a few configurations of each."""
+    """Least times between nodes, over the first configurations of each."""
     n = len(table.nodes)
     least = np.zeros((n, n))
     few = [rows[:8] for rows in table.nodes]
     for i, j in combinations(range(n), 2):
-        found = table.factor * np.min(table.times.matrix(few[i], few[j]))
-        least[i, j] = least[j, i] = found
+        seconds = table.factor * np.min(table.times.matrix(few[i], few[j]))
+        least[i, j] = least[j, i] = seconds
     return least
 
 
-class _OneEach:
-    """Orders of nodes with one configuration each.
+class _OrderSearch:
+    """Ruin and recreate for the order of nodes with one configuration each.
 
     Args:
         cost: Times between the nodes, shape (m, m); the start is node 0.
@@ -175,7 +178,7 @@ class _OneEach:
         n = rules.count
         cost = np.where(np.isfinite(cost), cost, FORBIDDEN)
         if not ends:
-            # An end that is reached from anywhere in no time.
+            # An open end is a node that every station reaches in zero time.
             cost = np.pad(cost, ((0, 1), (0, 1)))
         for i, allowed in rules.then.items():
             others = [j + 1 for j in range(n) if j not in allowed]
@@ -183,74 +186,80 @@ class _OneEach:
         self.cost, self.n = cost, n
         inner = cost[1 : n + 1, 1 : n + 1]
         self.near = np.argsort(inner + inner.T, axis=1, kind="stable") + 1
-        # By node those that have to come before it.
+        # By node, the nodes that have to precede it.
         needs = [{i + 1 for i in needed} for needed in rules.all_needs]
         self.earlier: list[set[int]] = [set(), *needs, set()]
 
-    def length(self, way: Sequence[int]) -> float:
-        """Time of a way over nodes, from the start to the end."""
-        return float(np.sum(self.cost[way[:-1], way[1:]]))
+    def length(self, path: Sequence[int]) -> float:
+        """Time of a path over nodes, from the start to the end."""
+        return float(np.sum(self.cost[path[:-1], path[1:]]))
 
     def improved(
         self, order: Sequence[int], hot: float, steps: int, rng: np.random.Generator
     ) -> list[int]:
-        """A shorter order of the stations, or the same.
+        """A shorter order of the stations, or the same order.
 
         Args:
-            order: The stations in their order; those that lack are put in first.
-            hot: Temperature at the beginning, as a share of the mean leg.
-            steps: Number of stretches taken out, for each station.
+            order: The stations in their order; missing stations are inserted first.
+            hot: Initial temperature, as a share of the mean leg.
+            steps: Number of removals, for each station.
             rng: Random numbers.
         """
-        way = [0, *(k + 1 for k in order), self.n + 1]
-        lacking = sorted({*range(1, self.n + 1)} - {*way})
-        self._put_in(way, rng.permutation(lacking).tolist())
-        best, length = way, self.length(way)
+        path = [0, *(k + 1 for k in order), self.n + 1]
+        missing = sorted({*range(1, self.n + 1)} - {*path})
+        self._insert(path, rng.permutation(missing).tolist())
+        best, length = path, self.length(path)
         least, mean = length, min(length, FORBIDDEN) / (self.n + 1)
         for step in range(steps * self.n if self.n > 1 else 0):
             check()
-            out = self._stretches(way, rng)
-            other = [node for node in way if node not in out]
-            over = rng.random((len(out), len(way))) < PASSED_OVER
-            self._put_in(other, rng.permutation(sorted(out)).tolist(), over)
-            now = self.length(other)
+            removed = self._stretches(path, rng)
+            trial = [node for node in path if node not in removed]
+            skipped = rng.random((len(removed), len(path))) < SKIPPED
+            self._insert(trial, rng.permutation(sorted(removed)).tolist(), skipped)
+            trial_length = self.length(trial)
             share = step / (steps * self.n)
             temperature = mean * hot * (COLD / hot) ** share
-            if now < length - temperature * np.log(1.0 - rng.random()):
-                way, length = other, now
+            if trial_length < length - temperature * np.log(1.0 - rng.random()):
+                path, length = trial, trial_length
                 if length < least - LEAST_GAIN:
-                    best, least = way, length
+                    best, least = path, length
         return [node - 1 for node in best[1:-1]]
 
-    def _stretches(self, way: Sequence[int], rng: np.random.Generator) -> set[int]:
-        """Nodes of a way to be taken out: stretches of it near to one of them."""
-        most = int(rng.integers(1, min(self.n, TAKEN_OUT) + 1))
+    def _stretches(self, path: Sequence[int], rng: np.random.Generator) -> set[int]:
+        """Nodes to be removed: stretches of the path about neighbours of one node."""
+        most = int(rng.integers(1, min(self.n, MOST_REMOVED) + 1))
         size = int(rng.integers(1, most + 1))
-        place = {node: k for k, node in enumerate(way)}
-        out: set[int] = set()
+        place = {node: k for k, node in enumerate(path)}
+        removed: set[int] = set()
         for node in self.near[rng.integers(self.n)].tolist():
-            if len(out) >= most:
+            if len(removed) >= most:
                 break
-            if node not in out:
+            if node not in removed:
                 first = max(1, place[node] - int(rng.integers(size)))
-                out.update(way[first : min(first + size, len(way) - 1)])
-        return out
+                removed.update(path[first : min(first + size, len(path) - 1)])
+        return removed
 
-    def _put_in(
-        self, way: list[int], nodes: Sequence[int], over: BoolArray | None = None
+    def _insert(
+        self, path: list[int], nodes: Sequence[int], skipped: BoolArray | None = None
     ) -> None:
-        """Put nodes into a way, each where it costs least of the places allowed."""
+        """Insert nodes into a path, each at the allowed place where it costs least.
+
+        Args:
+            path: Nodes in their order; changed in place.
+            nodes: The nodes to be inserted, one after the other.
+            skipped: Whether a node skips a place, shape (nodes, places at least).
+        """
         for number, node in enumerate(nodes):
-            here = np.array(way)
+            here = np.array(path)
             before, after = here[:-1], here[1:]
             D = self.cost
             more = D[before, node] + D[node, after] - D[before, after]
-            if over is not None:
-                more = more + FORBIDDEN * over[number, : more.size]
+            if skipped is not None:
+                more = more + FORBIDDEN * skipped[number, : more.size]
             first, last = 0, more.size
-            for k, other in enumerate(way):
+            for k, other in enumerate(path):
                 if other in self.earlier[node]:
                     first = k
                 elif node in self.earlier[other]:
                     last = min(last, k)
-            way.insert(first + int(np.argmin(more[first:last])) + 1, node)
+            path.insert(first + int(np.argmin(more[first:last])) + 1, node)

@@ -1,9 +1,8 @@
 """Planning of tours: order, configurations and motions together.
 
 Estimates of the times of legs give an order with configurations. Its legs are planned,
-what they take is written down in the place of the estimates, and the order is looked
-for again, until one comes out of which all legs are planned: what other orders would
-take was then estimated only, but never found.
+their times replace the estimates, and the order is searched again, until all legs of
+the best order are planned. The times of other orders then rest on estimates.
 """
 
 from __future__ import annotations
@@ -57,21 +56,21 @@ from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
 from tominpmp.transcription.grid import whole_periods
 
-# Configurations of a station that differ by less in all joints are the same [rad or m]:
-# what they differ by is how exactly the goal is met, and their legs would be planned
-# again.
+# Configurations of a station count as equal if they differ by less in all joints
+# [rad or m]: they differ by the residual of the goal only, and planning their legs
+# again gains nothing.
 APART = 1e-5
 logger = logging.getLogger(__name__)
 
-# Turns of order and configurations before legs are planned.
+# Alternations of order and configurations before legs are planned.
 TURNS = 3
-# Rounds of planning legs by effort; more are made while there is no tour at all.
+# Rounds of planning legs, by effort; largest number of rounds while there is no tour.
 ROUNDS = {"quick": 3, "standard": 8, "thorough": 20}
 MOST_ROUNDS = 60
-# Times that are as estimated [s].
+# Difference below which a planned time equals its estimate [s].
 AS_ESTIMATED = 1e-9
 
-# A way through a tour: its nodes in their order, each with one of its configurations.
+# Nodes of a tour in their order, each with the index of one of its configurations.
 Way = list[tuple[int, int]]
 
 
@@ -79,12 +78,12 @@ class TourSearch:
     """The search for a tour: its legs, orders and configurations.
 
     Attributes:
-        legs: What is known of the legs.
+        legs: Problems and motions of the legs.
         table: Times of the legs.
         rules: Orders that are allowed.
-        configurations: What is allowed at stations.
+        configurations: The search for configurations of the stations.
         rng: Random numbers.
-        exact: Whether only times that no motion beats stand for legs not planned.
+        exact: Whether the estimates of unplanned legs are lower bounds.
     """
 
     def __init__(
@@ -97,15 +96,25 @@ class TourSearch:
         options: Options,
         exact: bool,
     ) -> None:
-        """Look for configurations at all stations.
+        """Find configurations at all stations.
+
+        Args:
+            problem: Robot, start, obstacles and limits.
+            stations: The stations.
+            rules: Orders that are allowed.
+            q_end: Configuration at the end, shape (n,) [rad or m]; None for an open
+                end.
+            count: Largest number of configurations kept of a station.
+            options: Options of the planner for the legs.
+            exact: Whether the estimates of unplanned legs are lower bounds.
 
         Raises:
-            ProblemError: If a station has no configuration: names the station.
+            ProblemError: If a station has no configuration, with its name.
         """
         self.rules, self.exact = rules, exact
         self.rng = np.random.default_rng(options.seed)
         times = JointTimes.of(problem)
-        # What may touch on the way to any other station may touch on leaving.
+        # The next station is unknown, so the allowed contacts of all stations count.
         touch = [pair for station in stations for pair in station.may_touch]
         leaving = {
             k: carrying(problem, station.payload, touch)
@@ -132,7 +141,7 @@ class TourSearch:
         self.legs = Legs(problem, stations, options, self.table)
 
     def run(self) -> Tour:
-        """Look for the tour."""
+        """Search for the tour."""
         way = self._order()
         for _ in range(TURNS):
             if way is None or not self._refine(way):
@@ -144,7 +153,7 @@ class TourSearch:
         try:
             while way is not None:
                 complete = self._plan_legs(way)
-                # Between places that are passed the times are as estimated.
+                # Legs without a stop at both ends keep their estimates.
                 length = sum(self.table.time(leg) for leg in _legs(way))
                 if length < least:
                     least, best = length, way
@@ -163,7 +172,7 @@ class TourSearch:
     # -- order and configurations ------------------------------------------------------
 
     def _order(self, before: Way | None = None) -> Way | None:
-        """Best order that is found for the times that are known or estimated."""
+        """Best order found with known and estimated times; None if none is allowed."""
         table = self.table
         begin = [node - 1 for node, _ in (before or [])[1 : table.stations + 1]]
         length, order, chosen = best_order(table, self.rules, self.rng, begin)
@@ -172,25 +181,25 @@ class TourSearch:
         return list(zip(table.way(order), chosen, strict=True))
 
     def _refine(self, way: Way) -> bool:
-        """Add better configurations for an order; whether there are any."""
-        nodes, found = self.table.nodes, False
+        """Add better configurations for an order; return whether there are any."""
+        nodes, improved = self.table.nodes, False
         better = refined(self.configurations, self.table, way, self.rng)
         for (node, _), new in zip(way, better, strict=True):
             if np.min(np.max(np.abs(nodes[node] - new), axis=1)) > APART:
                 nodes[node] = np.concatenate([nodes[node], new[None]])
-                found = True
-        return found
+                improved = True
+        return improved
 
     # -- legs --------------------------------------------------------------------------
 
     def _plan_legs(self, way: Way) -> bool:
-        """Plan the legs of a tour; whether all of them take what they were said to.
+        """Plan the legs of a tour; return whether all times equal their estimates.
 
-        Then no other order can be better by these estimates.
+        If so, no other order is better by these estimates.
         """
         table, off = self.table, 0.0
         for leg in _legs(way):
-            if table.found(leg) is None and table.resting(leg[0], leg[2]) == 2:
+            if table.known_time(leg) is None and table.resting(leg[0], leg[2]) == 2:
                 before, seconds = table.time(leg), self.legs.seconds(leg)
                 table.learn(leg, seconds)
                 off = max(off, abs(seconds - before))
@@ -201,17 +210,17 @@ class TourSearch:
     # -- the tour ----------------------------------------------------------------------
 
     def _assembled(self, way: Way, status: Status) -> Tour:
-        """Put the motions of a way together."""
+        """Assemble the tour from the motions of its legs."""
         legs, table, nodes = self.legs, self.table, [node for node, _ in way]
         q = [table.nodes[node][c] for node, c in way]
         motions, visits = list[Solution](), list[Visit]()
         kinematics = RobotKinematics(legs.problem.robot)
-        # When the robot comes to rest [s], and which arm stays there how long [s], None
-        # for all of them: several arms may work at once.
+        # Halts: the time at which the robot comes to rest [s], and the dwells of its
+        # arms (None for all arms) [s]: several arms may dwell at once.
         halts: list[tuple[float, list[tuple[str | None, float]]]] = [(0.0, [])]
 
         def visit(place: int, there: Array) -> None:
-            """Visit the station of a place, as soon as its arm is free."""
+            """Note the visit of the station of a place, as soon as its arm is free."""
             number = table.station(nodes[place])
             if number is None:
                 return
@@ -230,7 +239,7 @@ class TourSearch:
                 return self._failed()
             for motion, reached in found:
                 if motion is None:
-                    visit(reached[0], q[reached[0]])  # it is there already
+                    visit(reached[0], q[reached[0]])  # the arm is there already
                     continue
                 begin = halts[-1][0] + together(halts[-1][1])
                 motions.append(motion)
@@ -257,7 +266,7 @@ class TourSearch:
     def _failed(self) -> Tour:
         """The result where no tour was found."""
         legs, status = self.legs, Status.INFEASIBLE
-        reason = "no order of the stations keeps what was said of it"
+        reason = "no order of the stations keeps the rules"
         reason += " (after, then, precedence)"
         if legs.errors:
             reason = f"of the legs, {legs.errors[-1].rstrip('.')}"
@@ -271,17 +280,17 @@ def _legs(way: Way) -> list[Leg]:
 
 
 def _status(stop: BaseException) -> Status:
-    """How planning ends that was stopped by somebody, or by the clock."""
+    """The status of planning that was interrupted, or ended by the time limit."""
     requested = not isinstance(stop, Stop) or stop.requested
     return Status.INTERRUPTED if requested else Status.TIME_LIMIT
 
 
-# Legs without a stop between them that are planned as one motion.
+# Largest number of legs without a stop between them that are planned as one motion.
 MOST_TOGETHER = 8
 
 
 def _stops(table: LegTable, nodes: Sequence[int]) -> list[int]:
-    """The start, and where motions end: stops, and some between if these are rare."""
+    """Places where motions end: the start, stops, and others if stops are rare."""
     stops = [0]
     for place in range(1, len(nodes)):
         final = place == len(nodes) - 1
@@ -297,10 +306,11 @@ def _run(
     first: int,
     last: int,
 ) -> list[tuple[Solution | None, list[int]]] | None:
-    """Motions from one stop to the next, and the places that each one reaches.
+    """Motions from one stop to the next, and the places that each motion reaches.
 
-    The motion to a place where the arm is already is None; all of it where there is no
-    way to one of the places.
+    Returns:
+        Pairs of a motion, None for a place where the arm is already, and the places
+        that it reaches; None if one of the places is not reached.
     """
     places = list(range(first + 1, last + 1))
     if len(places) > 1:
@@ -308,28 +318,30 @@ def _run(
         passing = legs.passing([node for node, _ in way[stretch]], q[stretch])
         if passing is not None:
             return [(passing, places)]
-    found: list[tuple[Solution | None, list[int]]] = []
+    motions: list[tuple[Solution | None, list[int]]] = []
     for place in places:
         leg = (*way[place - 1], *way[place])
         if legs.stays(leg):
-            found.append((None, [place]))
+            motions.append((None, [place]))
             continue
-        motion = legs.motion(leg)
-        if motion is None:
+        solution = legs.motion(leg)
+        if solution is None:
             return None
-        found.append((motion, [place]))
-    return found
+        motions.append((solution, [place]))
+    return motions
 
 
-def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:
-    """Accelerations that the torques of the joints allow, roughly, shape (n,).
+def _torque_limited(problem: Problem, configurations: Sequence[Array]) -> Array:
+    """Estimate of the accelerations that the torques of the joints allow, shape (n,).
 
-    The room that gravity leaves, over the inertia at the joint: what others do at the
-    same time, and how the arm stretches on the way, is left out.
+    It is the torque that gravity leaves, over the inertia at the joint; coupling with
+    other joints, and changes of the inertia along the motion, are neglected.
     """
     dynamics = RobotDynamics(problem.robot)
     _, half = effort_range(problem.robot, problem.motion_limits)
-    rows = np.concatenate([problem.q_start[None], *(rows[:2] for rows in found)])
+    rows = np.concatenate(
+        [problem.q_start[None], *(rows[:2] for rows in configurations)]
+    )
     rows = rows[:: max(1, len(rows) // 40)]
     rest = np.zeros_like(rows)
     weight = np.abs(dynamics.inverse(rows, rest, rest))
@@ -339,7 +351,7 @@ def _torque_limited(problem: Problem, found: Sequence[Array]) -> Array:
     return np.where(most > 0.0, most, np.inf)
 
 
-# Configurations kept of a station, at the most.
+# Largest number of configurations kept of a station.
 MOST_CONFIGURATIONS = 200
 
 
@@ -366,35 +378,35 @@ def plan_tour(
 
     Args:
         robot: The robot; of several arms, if it was combined of them.
-        q_start: Where it starts, at rest, shape (n,) or by joint name [rad or m].
-        stations: What is visited, in any order unless they say otherwise: stations, or
-            goals (called "station 1", ...), or either by name.
-        q_end: Where it ends, at rest, shape (n,) [rad or m]: "start" for where it
-            starts, None for the last station.
-        scene: The obstacles; none of them moves.
+        q_start: Start configuration, at rest, shape (n,) or by joint name [rad or m].
+        stations: The stations to visit, in any order that their rules allow: stations,
+            or goals (called "station 1", ...), or either by name.
+        q_end: End configuration, at rest, shape (n,) [rad or m]: "start" for the start
+            configuration, None for the last station.
+        scene: The obstacles, all at rest.
         margin: Distance that the links keep from them [m].
-        motion_limits: Limits beyond those of the robot's description.
-        constraints: What else holds at all times.
+        motion_limits: Limits in addition to the limits of the robot's description.
+        constraints: Constraints that hold at all times.
         self_collision: As for :class:`~tominpmp.Problem`.
         may_touch: Pairs of names of links and obstacles that may touch.
-        precedence: Pairs of names of stations (earlier, later), beside what the
-            stations say themselves.
-        configurations: Configurations of a station that are looked at together; more
-            of them are found near those that are chosen.
-        options: How legs are planned; None for ``Options(effort="quick")``. The time
-            limit is one of the whole tour.
-        exact: Whether to rely on no estimate: legs are planned until no other order of
-            the configurations that were found can be faster. For few stations.
+        precedence: Pairs of names of stations (earlier, later), in addition to the
+            rules of the stations.
+        configurations: Number of configurations of a station that are considered
+            together; others are found near the chosen ones.
+        options: Options of the plans of legs; None for ``Options(effort="quick")``. The
+            time limit applies to the whole tour.
+        exact: Whether to plan legs until no other order of the configurations found can
+            be faster, with lower bounds as estimates. For few stations.
         **changes: Options by name.
 
     Returns:
-        The tour. When none is found, its status and message say why.
+        The tour. If no tour is found, its status and message give the reason.
 
     Raises:
-        ProblemError: If something is wrong in itself: a station that cannot be reached
-            (named), two in one place, a precedence that runs in a circle.
+        ProblemError: If the task is contradictory: a station that cannot be reached
+            (with its name), two stations in one place, a cyclic precedence.
         OptionsError: If an option is wrong.
-        FrameNotFound: If a station is about a frame that the robot has not.
+        FrameNotFound: If the goal of a station names a frame that the robot lacks.
     """
     begun = time.perf_counter()
     chosen = Options(effort="quick") if options is None else Options.of(options)
@@ -426,7 +438,7 @@ def plan_tour(
             text = f"{status.value} No tour was found by then."
             tour = Tour(problem, items, status, text)
         else:
-            # A tour that was found as the time ended is kept without a bound.
+            # If the time ends before the bound is known, the tour has no bound.
             with suppress(Stop, KeyboardInterrupt):
                 bound = tour_bound(problem, items, rules, end)
     message = tour.message
@@ -444,7 +456,7 @@ def plan_tour(
 def _problem(
     robot: Robot, q_start: JointsLike, q_end: object, **fields: Any
 ) -> tuple[Problem, Array | None]:
-    """The problem from start to end, and the end if it is given."""
+    """The problem from start to end, and the end configuration if it is given."""
     if isinstance(q_end, str) and q_end != "start":
         raise wrong(q_end, "q_end", 'a configuration, "start" or None')
     instance(robot, Robot, "robot", "a Robot (see load_robot)")
@@ -475,7 +487,7 @@ def _problem(
 def _checked_goals(
     problem: Problem, stations: Sequence[Station], rules: Rules
 ) -> tuple[Station, ...]:
-    """Check that each station can be, and that no two are in one place.
+    """Check that the goal of each station is valid, and that no two are in one place.
 
     Returns:
         The stations, with goals in the order of the joints of the robot.
@@ -483,27 +495,27 @@ def _checked_goals(
     robot, found, places = problem.robot, list[Station](), dict[object, int]()
     known, needed = known_names(robot, problem.scene), rules.all_needs
     for k, station in enumerate(stations):
-        own = called(k + 1, station.name)
-        with naming(own, f"stations[{k}]"):
+        label = called(k + 1, station.name)
+        with naming(label, f"stations[{k}]"):
             goal = station.goal.resolved(robot)
             goal.validate(robot)
             if station.payload is not None:
                 loaded = robot.with_payload(station.payload)
                 known |= known_names(loaded, problem.scene)
-            goal = problem.with_ends(problem.q_start, goal, f"{own}: ").goal
+            goal = problem.with_ends(problem.q_start, goal, f"{label}: ").goal
         found.append(replace(station, goal=goal))
         other = places.setdefault(place_of(goal), k)
         if other != k and k not in needed[other] and other not in needed[k]:
             raise ProblemError(
-                f"{called(other + 1, found[other].name)} and {own} are in one place; "
+                f"{called(other + 1, found[other].name)} and {label} are in one place; "
                 "expected one station, or a precedence of the one before the other",
                 "stations",
             )
     for k, station in enumerate(found):
-        for one in itertools.chain.from_iterable(station.may_touch):
-            if one not in known:
+        for name in itertools.chain.from_iterable(station.may_touch):
+            if name not in known:
                 raise ProblemError(
-                    f"{called(k + 1, station.name)}: may_touch names {brief(one)}, "
+                    f"{called(k + 1, station.name)}: may_touch names {brief(name)}, "
                     "expected a link with a shape, an obstacle or a load of a "
                     f"station: one of {brief(', '.join(sorted(known)))}",
                     f"stations[{k}].may_touch",

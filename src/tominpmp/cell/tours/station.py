@@ -1,4 +1,4 @@
-"""Stations of a tour: goals to be visited, and the rules of their order."""
+"""Stations of a tour: goals to be visited, and precedence rules."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tominpmp.goals.base import Goal
 from tominpmp.problem.segments import Dwell, Flag, Pairs, PayloadOrNone, checked_pairs
 from tominpmp.robot.robot import Robot
 
-# More stations than this are taken for a mistake.
+# Larger numbers of stations are rejected as a mistake.
 MOST_STATIONS = 5_000
 
 
 def _names(given: object, field: str) -> tuple[str, ...]:
-    """Check a caller's names of stations; one name may stand for itself."""
+    """Check a caller's names of stations; a single name is taken as a list of one."""
     names = (given,) if isinstance(given, str) else given
     if not isinstance(names, Sequence) or not all(isinstance(n, str) for n in names):
         raise wrong(given, field, "names of stations")
@@ -39,13 +39,13 @@ class Station(Record):
     """A place that a tour visits once.
 
     Attributes:
-        name: What it is called; no two stations of a tour have one name.
-        goal: What must hold there: any goal at rest.
-        dwell: How long the arm stays there [s].
-        after: Names of stations that are visited before, at any time.
+        name: Name of the station, unique in its tour.
+        goal: The goal that the arm meets at the station: any goal at rest.
+        dwell: Dwell time at the station [s].
+        after: Names of stations that are visited earlier, not necessarily directly.
         then: Names of stations of which one comes directly after this one; empty for
-            any. What is picked here is brought there.
-        payload: What the robot carries from here to the next station.
+            any station. A part picked here is brought there.
+        payload: Payload that the robot carries from here to the next station.
         stop: Whether the arm is at rest here. False lets it pass at any velocity.
         may_touch: Pairs of names of links, payloads and obstacles that may touch on
             the way here and on the way from here.
@@ -69,7 +69,7 @@ class Station(Record):
             raise wrong(self.name, "station.name", "a text")
         with naming(f"station {brief(self.name)}", "station"):
             super().__post_init__()
-            # A stay is a stop.
+            # The arm is at rest while it dwells.
             self._keep(stop=self.stop or self.dwell > 0.0)
             if self.goal.ends_moving or not self.goal.fixes_velocity:
                 raise ProblemError(
@@ -86,8 +86,8 @@ class Visit:
     Attributes:
         station: Name of the station.
         q: Configuration there, shape (n,) [rad or m].
-        arrival: When the arm arrives [s].
-        departure: When it goes on [s].
+        arrival: Time at which the arm arrives [s].
+        departure: Time at which it leaves [s].
     """
 
     station: str
@@ -103,8 +103,8 @@ def checked_stations(given: object) -> tuple[Station, ...]:
         given: Stations, or goals (which are called "station 1", ...), or goals by name.
 
     Raises:
-        ProblemError: If an item is no station, two have one name, or a name in their
-            rules is unknown.
+        ProblemError: If an item is no station, two stations have the same name, or a
+            name in their rules is unknown.
     """
     expected = "a list of Station or of goals, or goals by name"
     if isinstance(given, Mapping):
@@ -132,16 +132,16 @@ def checked_stations(given: object) -> tuple[Station, ...]:
 
 
 def called(number: int, name: str) -> str:
-    """What a station is called in messages: its number, from 1, and its name."""
+    """The label of a station in messages: its number, from 1, and its name."""
     own = f"station {number}"
     return own if name == own else f"{own} ({brief(name)})"
 
 
 def _named(number: int, name: Any, item: Any) -> Station:
-    """A station of a goal, or another name for a station.
+    """Make a station of a goal, or give a station another name.
 
     Raises:
-        ProblemError: If it cannot be one: says which.
+        ProblemError: If the goal or the name is wrong, with the number of the station.
     """
     try:
         if isinstance(item, Station):
@@ -160,7 +160,7 @@ def _check_names(stations: Sequence[Station]) -> None:
         if first != k:
             raise ProblemError(
                 f"stations: numbers {first} and {k} are both called "
-                f"{brief(station.name)}, expected names of their own",
+                f"{brief(station.name)}, expected distinct names",
                 "stations",
             )
     for k, station in enumerate(stations, 1):
@@ -179,12 +179,13 @@ def _check_names(stations: Sequence[Station]) -> None:
 
 @dataclass(frozen=True)
 class Rules:
-    """What orders of stations, counted from 0, are allowed.
+    """Rules for the order of stations, which are counted from 0.
 
     Attributes:
         count: Number of stations.
         before: Pairs (earlier, later).
-        then: By station those of which one comes directly after it; others any.
+        then: By station, the stations of which one comes directly after it; a station
+            that is no key may be followed by any other.
     """
 
     count: int
@@ -233,7 +234,7 @@ class Rules:
 
     @cached_property
     def needs(self) -> tuple[frozenset[int], ...]:
-        """By station what has to be visited before it."""
+        """By station, the stations that precede it by a rule of their own."""
         return tuple(
             frozenset(i for i, j in self.before if j == station)
             for station in range(self.count)
@@ -241,11 +242,11 @@ class Rules:
 
     @cached_property
     def all_needs(self) -> tuple[frozenset[int], ...]:
-        """By station what comes before it, at any remove."""
-        found = dict[int, frozenset[int]]()
+        """By station, the stations that precede it directly or through others."""
+        closure = dict[int, frozenset[int]]()
         for k in TopologicalSorter(dict(enumerate(self.needs))).static_order():
-            found[k] = self.needs[k].union(*(found[i] for i in self.needs[k]))
-        return tuple(found[k] for k in range(self.count))
+            closure[k] = self.needs[k].union(*(closure[i] for i in self.needs[k]))
+        return tuple(closure[k] for k in range(self.count))
 
     def follows(self, last: int, station: int) -> bool:
         """Whether a station may come directly after another."""
@@ -266,43 +267,43 @@ class Rules:
 
 
 def arm_of(robot: Robot, goal: Goal) -> str | None:
-    """Name of the arm that a goal is for; None where it is for all, or any."""
-    names = {(one.frame_name or "").partition("/")[0] for one in goal.alternatives}
+    """Name of the arm that a goal is for; None if it is for all arms or any arm."""
+    names = {(item.frame_name or "").partition("/")[0] for item in goal.alternatives}
     return next(iter(names)) if len(names) == 1 and names <= set(robot.parts) else None
 
 
 def together(stays: Iterable[tuple[str | None, float]]) -> float:
-    """Time of stays that begin together: those of one arm come one after the other.
+    """Total time of dwells at one halt: arms dwell in parallel, each in sequence.
 
     Args:
-        stays: Arms, None for all of them, and how long each stays [s].
+        stays: Arms, None for all of them, and their dwell times [s].
     """
-    every, alone = 0.0, dict[str, float]()
+    all_arms, by_arm = 0.0, dict[str, float]()
     for arm, stay in stays:
         if arm is None:
-            every += stay
+            all_arms += stay
         else:
-            alone[arm] = alone.get(arm, 0.0) + stay
-    return every + max(alone.values(), default=0.0)
+            by_arm[arm] = by_arm.get(arm, 0.0) + stay
+    return all_arms + max(by_arm.values(), default=0.0)
 
 
 def least_stays(robot: Robot, stays: Sequence[tuple[Goal, float]]) -> float:
-    """Time that no stays at stations beat, however arms share them.
+    """Lower bound for the total dwell time [s], however the arms share the stations.
 
     Args:
         robot: The robot.
-        stays: Goals of the stations, and how long an arm stays at each [s].
+        stays: Goals of the stations, and the dwell time at each [s].
     """
     if not robot.parts:
         return sum(stay for _, stay in stays)
-    own, shared, every = dict[str, float](), 0.0, 0.0
+    by_arm, any_arm, all_arms = dict[str, float](), 0.0, 0.0
     for goal, stay in stays:
         arm = arm_of(robot, goal)
         if arm is not None:
-            own[arm] = own.get(arm, 0.0) + stay
-        elif any(one.frame_name is not None for one in goal.alternatives):
-            shared += stay
+            by_arm[arm] = by_arm.get(arm, 0.0) + stay
+        elif any(item.frame_name is not None for item in goal.alternatives):
+            any_arm += stay
         else:
-            every += stay
-    even = (sum(own.values()) + shared) / len(robot.parts)
-    return every + max(even, *own.values(), 0.0)
+            all_arms += stay
+    even = (sum(by_arm.values()) + any_arm) / len(robot.parts)
+    return all_arms + max(even, *by_arm.values(), 0.0)

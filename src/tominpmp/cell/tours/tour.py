@@ -1,10 +1,10 @@
-"""What planning a tour returns: the order, the motions and what bounds the cycle.
+"""The result of planning a tour: order, motions, lower bound and sensitivities.
 
-The whole cycle is its motions and stays joined to one motion. What a motor or an
-obstacle costs is the sum over the motions. The legs of a tour end at configurations,
-which tell nothing of the place of a station: for that the two motions that meet there
-are looked at as one, with the goal of the station between them, so that the arm may
-reach a place that is moved in another way.
+The whole cycle is its motions and dwells joined to one motion. The sensitivity of the
+cycle to a motor or an obstacle is the sum over the motions. The legs of a tour end at
+fixed configurations, so their multipliers do not cover the place of a station: for this
+the two motions that meet there are analysed as one, with the goal of the station
+between them, so that the arm may reach a displaced station at another configuration.
 """
 
 from __future__ import annotations
@@ -44,17 +44,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Nodes that a motion of degree 5 is given where others are of lower degree [s].
+# Spacing of the nodes of a motion of degree 5 that is joined to others of lower degree
+# [s].
 FINE = 0.01
-# Times that are the same [s].
+# Difference below which times are equal [s].
 SAME = 1e-9
-# Where small changes of two motions promise more than this share of their time, what
-# the place between them is worth is not known.
+# Predicted gain of two joined motions, as a share of their time, above which they are
+# too far from an optimum for the sensitivity of the place between them.
 MOST_PROMISE = 0.02
-# Stations of a picture whose names are written; of more only some are.
+# Largest number of stations whose names a chart shows; of more every k-th is named.
 MOST_NAMES = 40
 MOTION_COLOR = "#8fa3b8"
-# A stay that takes no time is drawn as long as this share of the cycle.
+# Least length of the bar of a dwell, as a share of the cycle.
 LEAST_BAR = 0.002
 
 
@@ -63,21 +64,23 @@ class Tour:
     """The outcome of planning a tour; true if it is a success.
 
     Attributes:
-        problem: Robot, obstacles and limits; its goal is where the tour ends.
-        stations: The stations, as they were given.
-        status: How it ended.
+        problem: Robot, obstacles and limits; its goal is the end of the tour.
+        stations: The stations, in the order of the caller.
+        status: Why planning ended.
         message: The status with its reason, in a sentence or two.
         order: Names of the stations in the order of the visits; empty without a tour.
         visits: The stays at the stations, in that order.
-        motions: The motions: one for each leg, or for several without a stop between
-            them.
-        lower_bound: Time that no tour beats, in any order [s]; 0 if nothing is known.
-        bound_reason: What that comes from, in a clause.
+        motions: The motions: one for each leg, or one for several legs without a stop
+            between them.
+        lower_bound: Lower bound of the cycle time over all orders [s]; 0 if none is
+            known.
+        bound_reason: Derivation of the lower bound, in a clause.
         planning_time: Time taken [s].
-        direct: How many motions are the fastest that limits of speed and acceleration
-            allow, without planning.
-        legs_planned: Legs that were planned, also those that are not part of the tour.
-        stays: How long the arm stays at the start, and after each motion [s].
+        direct: Number of motions that were not planned, as limits of speed and
+            acceleration allow no faster ones.
+        legs_planned: Number of legs that were planned, including legs that are not part
+            of the tour.
+        stays: Dwell times at the start, and after each motion [s].
     """
 
     problem: Problem
@@ -114,7 +117,7 @@ class Tour:
 
     @property
     def cycle_time(self) -> float:
-        """Time of all motions and stays [s]; infinite if planning failed."""
+        """Time of all motions and dwells [s]; infinite if planning failed."""
         if not self.success:
             return math.inf
         return sum(item.T for item in self.motions) + sum(self.stays)
@@ -128,7 +131,7 @@ class Tour:
 
     @property
     def verified(self) -> bool:
-        """Whether the replay of every motion is all right."""
+        """Whether the replay of every motion passed."""
         return self.success and all(
             item.verification is not None and item.verification.ok
             for item in self.motions
@@ -136,9 +139,9 @@ class Tour:
 
     @cached_property
     def trajectory(self) -> Trajectory | None:
-        """The whole cycle as one motion, with the stays.
+        """The whole cycle as one motion, with the dwells.
 
-        None without a tour, or where the arm only stays where it is.
+        None without a tour, or if the arm does not move in it.
         """
         motions = [item.trajectory for item in self.motions]
         if not self.success or not motions:
@@ -147,22 +150,22 @@ class Tour:
 
     @cached_property
     def sensitivities(self) -> Sensitivities:
-        """What holds the cycle back: how its time changes with each limit and station.
+        """Sensitivities of the cycle time to each limit, obstacle and station.
 
-        The sum over the motions; the places of stations whose goals are about a frame
-        are records of kind "goal" by their names. See ``docs/sensitivities.md``.
+        They are sums over the motions; the places of stations whose goals are on a
+        frame are records of kind "goal" by their names. See ``docs/sensitivities.md``.
 
         Raises:
             ProblemError: If there is no tour, or a motion has no multipliers.
         """
-        self._motion()  # there has to be one
+        self._motion()  # raises without a tour
         parts = [motion.sensitivities for motion in self.motions]
         whole = Sensitivities.of_cycle(parts, T=self.cycle_time)
-        kept = [item for item in whole if item.kind != "goal"]
-        return replace(whole, records=(*kept, *self._places()))
+        others = [item for item in whole if item.kind != "goal"]
+        return replace(whole, records=(*others, *self._places()))
 
     def _places(self) -> list[Sensitivity]:
-        """What the places of stations at which the arm stops are worth."""
+        """Sensitivities to the places of the stations at which the arm stops."""
         named = {station.name: station for station in self.stations}
         last: Station | None = None
         places, end = list[Sensitivity](), self.stays[0]
@@ -213,7 +216,7 @@ class Tour:
         return play(self.problem, motion, path=path, **{"title": title} | options)
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw a Gantt picture: motions and stays over time, with the joints' speeds.
+        """Draw a Gantt chart: motions and dwells over time, with the joints' speeds.
 
         Args:
             path: File to write (PNG, PDF or SVG by its ending), if any.
@@ -280,27 +283,27 @@ class Tour:
 
 
 def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
-    """Join motions that begin where the one before ends, at rest.
+    """Join motions, each of which begins at rest where the previous one ends.
 
     Args:
         motions: The motions.
-        stays: How long the arm stays at the start, and at the end of each [s].
+        stays: Dwell times at the start, and at the end of each motion [s].
 
     Returns:
-        One motion; its segments are the motions, each with the stay at its end.
+        One motion; its segments are the motions, each with the dwell at its end.
     """
     pieces = [[p.trajectory for p in segments_of(motion, ())] for motion in motions]
-    parts = [part for some in pieces for part in some]
+    parts = [part for row in pieces for part in row]
     mixed = len({part.degree for part in parts}) > 1
-    made = [[_cubic(part) if mixed else part for part in some] for some in pieces]
-    runs, last = _stay(made[0][0], 0, stays[0]), list[int]()
-    for some, stay in zip(made, stays[1:], strict=True):
-        last += range(len(runs), len(runs) + len(some))
-        runs += [*some, *_stay(some[-1], -1, stay)]
+    alike = [[_cubic(part) if mixed else part for part in row] for row in pieces]
+    runs, last = _stay(alike[0][0], 0, stays[0]), list[int]()
+    for row, stay in zip(alike, stays[1:], strict=True):
+        last += range(len(runs), len(runs) + len(row))
+        runs += [*row, *_stay(row[-1], -1, stay)]
         last[-1] = len(runs) - 1
 
     def whole(rows: Sequence[Array]) -> Array:
-        """Rows of all runs: where one ends, the nodes of the next one begin."""
+        """Concatenate the rows of all runs; shared nodes come from the later run."""
         inner = zip(rows[:-1], runs[:-1], strict=True)
         return np.concatenate([*(r[: run.t.size - 1] for r, run in inner), rows[-1]])
 
@@ -324,13 +327,13 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
 
 
 def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
-    """The stay at the first or last node of a motion; empty for zero seconds."""
+    """The dwell at the first or last node of a motion; empty for zero seconds."""
     if seconds <= 0.0:
         return []
     q, dynamics = part.q[[row, row]], part.inverse_dynamics or part.holding
     rest = np.zeros_like(q)
     u = part.u[[row, row]] if dynamics is None else dynamics(q, rest, rest)
-    # Accelerations are of the nodes, or of the intervals.
+    # Accelerations have a row for each node, or for each interval.
     of_nodes = part.a is not None and len(part.a) == part.t.size
     a = None if part.a is None else rest[: 2 if of_nodes else 1]
     t = np.array([0.0, seconds])
@@ -338,7 +341,7 @@ def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
 
 
 def _cubic(part: Trajectory) -> Trajectory:
-    """A motion by positions and velocities alone: exact up to degree 3."""
+    """A motion as a cubic spline of positions and velocities: exact up to degree 3."""
     if part.degree < 5:
         return replace(part, a=None)
     fine = [
@@ -357,14 +360,14 @@ def _place(
     before: Solution,
     after: Solution,
 ) -> Sensitivity | None:
-    """What the place of a station is worth to the motions that meet there.
+    """Sensitivity of the two motions that meet at a station to its place.
 
-    None where the goal is a configuration, or nothing is known.
+    None if the goal is a configuration, or the multipliers are unknown.
     """
     if station.goal.configuration is not None:
         return None
-    one, other = before.trajectory, after.trajectory
-    assert one is not None and other is not None  # noqa: S101 (of a tour)
+    first, second = before.trajectory, after.trajectory
+    assert first is not None and second is not None  # noqa: S101 (a tour has motions)
     begin = Segment(
         station.goal,
         payload=None if last is None else last.payload,
@@ -383,18 +386,18 @@ def _place(
         segments=[begin, then],
     )
     try:
-        found = analyse(both, joined([one, other], (0.0, 0.0, 0.0)))
+        sensitivities = analyse(both, joined([first, second], (0.0, 0.0, 0.0)))
     except ProblemError:
-        return None  # no multipliers, or a goal that is none of a segment
-    if found.promise > MOST_PROMISE:
+        return None  # no multipliers, or a goal that a segment cannot have
+    if sensitivities.promise > MOST_PROMISE:
         return None
-    places = [r for r in found if r.kind == "goal" and r.joint is None]
+    places = [r for r in sensitivities if r.kind == "goal" and r.joint is None]
     own = [r for r in places if r.subject.endswith("of segment 1")]
     return replace(own[0], subject=station.name) if own else None
 
 
 def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
-    """A row for each station: the way there, then the stay."""
+    """Draw a row for each station: the motion to it, then the dwell."""
     least, before = LEAST_BAR * duration, 0.0
     for row, bar in enumerate(bars):
         axes.barh(row, bar.arrival - before, left=before, color=MOTION_COLOR)
@@ -414,7 +417,7 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
 
 
 def _draw_speeds(axes: Axes, problem: Problem, trajectory: Trajectory) -> None:
-    """Speeds as shares of their limits."""
+    """Draw speeds as shares of their limits."""
     shares = shares_of_limits(problem, trajectory)
     for joint, (name, row) in enumerate(
         zip(shares.joint_names, shares.speed.T, strict=True)

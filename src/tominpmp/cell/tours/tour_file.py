@@ -8,9 +8,9 @@
     [start]
     q = [0.0, -1.8, 2.2, -2.0, -1.6, 0.0]
 
-    [tour]                              # may be left out
+    [tour]                              # optional
     end = "start"                       # the default; "last", or q by joint
-    precedence = [["drill", "tap"]]     # what comes first
+    precedence = [["drill", "tap"]]     # pairs (earlier, later)
     configurations = 40
 
     [[stations]]
@@ -29,8 +29,8 @@
     after = ["drill"]
     goal = {type = "joint", q = {elbow_joint = 1.2}}
 
-Scene, limits, constraints and options are those of any other scenario; joints that a
-station does not name are where the tour starts.
+Scene, limits, constraints and options have the same keys as in other scenarios; joints
+that a station does not name keep their positions of the start.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         The arguments of :func:`~tominpmp.cell.tours.plan_tour` by name.
 
     Raises:
-        ScenarioError: If the file, or what it describes, is wrong, with the key.
+        ScenarioError: If the file or its content is wrong, with the key.
     """
     path = checked_path(path, "path", ScenarioError)
     document = Field(scenario.read_toml(path), path)
@@ -97,7 +97,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
 
 
 def _read_end(end: Field, robot: Robot) -> Any:
-    """Where a tour ends, as ``q_end`` of :func:`~tominpmp.cell.tours.plan_tour`."""
+    """The end of a tour, as ``q_end`` of :func:`~tominpmp.cell.tours.plan_tour`."""
     if not isinstance(end.value, str):
         return scenario.vector(end, robot)
     if end.value not in ("start", "last"):
