@@ -11,7 +11,7 @@ import pytest
 from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run
 from command_line import invoke
 
-from tominpmp.cli.option_fields import attribute_texts, fields_of, given
+from tominpmp.cli.option_fields import attribute_texts, fields_of, typed_values
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import new_app
 from tominpmp.motion_limits import MotionLimits
@@ -120,7 +120,7 @@ def test_a_new_field_is_an_option_with_its_text(
     nothing = made()
 
     def show(*, later: Any = nothing) -> int:
-        told.append(given(later))
+        told.append(typed_values(later))
         return 3
 
     show.__annotations__["later"] = made

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from cli_samples import Run
 
-from tominpmp.cli.terminal import in_own_words
+from tominpmp.cli.terminal import as_command_line_flags
 
 URDF = """<robot name="a"><link name="base"/><link name="arm"><inertial>
 <mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
@@ -42,4 +42,4 @@ def test_what_is_told_can_be_typed(run: Run, tmp_path: Path) -> None:
     ],
 )
 def test_words(message: str, said: str) -> None:
-    assert in_own_words(message) == said
+    assert as_command_line_flags(message) == said

@@ -58,7 +58,7 @@ def test_where_no_place_is_left_the_command_says_so(
     (tmp_path / "a").mkdir()
     result = run(*PLAN, "-o", tmp_path / "a" / "motion.csv")
     assert result.exit_code == 2
-    assert "nowhere else" in result.output
+    assert "not saved elsewhere" in result.output
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 

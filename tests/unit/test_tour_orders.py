@@ -10,7 +10,7 @@ import pytest
 from tominpmp.bounds.least_time import OneWay, Ramp
 from tominpmp.cell.tours.legs import JointTimes, LegTable
 from tominpmp.cell.tours.lower_bound import _one_tree
-from tominpmp.cell.tours.orders import Found, exact_order, search_order
+from tominpmp.cell.tours.orders import Order, exact_order, search_order
 from tominpmp.cell.tours.station import Rules, Station, checked_stations
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals import JointGoal
@@ -32,7 +32,7 @@ def table(sizes: list[int], seed: int, ends: bool = True, **known: bool) -> LegT
     return out
 
 
-def exact(legs: LegTable, rules: Rules) -> Found:
+def exact(legs: LegTable, rules: Rules) -> Order:
     """The best order of the stations of a table."""
     sizes = [len(rows) for rows in legs.nodes[1 : legs.stations + 1]]
     return exact_order(sizes, legs.block, rules, legs.ends)

@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tominpmp.cell.options import BatchOptions, TourOptions
-from tominpmp.cli.option_fields import given
+from tominpmp.cli.option_fields import typed_values
 from tominpmp.cli.options import PlannerOptions
 
 BatchSource = Annotated[
@@ -47,7 +47,7 @@ def batch(
     """
     from tominpmp.cell.running import run_batch
 
-    return run_batch(source, given(planning), args)
+    return run_batch(source, typed_values(planning), args)
 
 
 def tour(scenario: TourScenario, /, *, args: TourOptions = TourOptions()) -> int:

@@ -1,10 +1,10 @@
 """The command line: ``tominpmp``, or ``python -m tominpmp``.
 
 :mod:`~tominpmp.cli.front` has the list of the commands and :mod:`~tominpmp.cli.options`
-what can be said to them. To show help or refuse an option, nothing is imported that
-takes long: the robotics libraries are when a command runs, and NumPy is not even for
-the list of the commands. Nothing at all is before signals are heeded: who ends the
-program while it starts shall get its exit code, and no traceback.
+their options. Imports are lazy, so that help and errors about options appear at once:
+the robotics libraries are imported when a command runs, and the list of the commands
+does not even import NumPy. The signal handlers are installed before any other import:
+a user who interrupts the program while it starts gets an exit code and no traceback.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How a command line is run, and with which exit code it ends."""
+"""Runs a command line and determines its exit code."""
 
 from __future__ import annotations
 
@@ -34,6 +34,6 @@ def _run(words: list[str]) -> int:
 
         say(f"tominpmp {version('tominpmp')}")
         return 0
-    from tominpmp.cli.parser import called
+    from tominpmp.cli.parser import dispatch
 
-    return called(words)
+    return dispatch(words)

@@ -1,7 +1,7 @@
-"""The commands of the core: what can be said to them.
+"""The commands of the core: arguments, options and help texts.
 
-A function returns the exit code, or None for 0. To show help or refuse an option,
-nothing is imported here that takes long: that is done when a command runs.
+A function returns the exit code, or None for 0. Modules that take long to import are
+imported inside the functions, so that help and errors about options appear at once.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from tominpmp.cli.option_fields import GeneralOptions, given, supported
+from tominpmp.cli.option_fields import GeneralOptions, supported, typed_values
 from tominpmp.cli.option_fields import robots as robot_names
 from tominpmp.cli.options import (
     LimitOptions,
@@ -31,7 +31,7 @@ ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
 
 
 def _completed(text: str) -> Parameter:
-    """An argument that is completed by names of robots and files that hold one."""
+    """An argument with completion of names of robots and of files that hold a robot."""
     return Parameter(help=text, **supported(completer=robot_names))
 
 
@@ -77,18 +77,17 @@ def plan(
     and obstacles from files of MoveIt (--scene, --request).
 
     Exit codes:
-        0    a motion was planned, and its file holds it
-        1    no motion was found, or the file, as it is read, does not
-             solve the problem
+        0    a motion was planned, and the file as read back solves the problem
+        1    no motion was found, or the file as read back does not solve
+             the problem
         2    bad input
         130  interrupted (Ctrl-C); a motion that was found by then is written
         143  terminated (SIGTERM); likewise
     """
     from tominpmp.cli.plan import run_plan
 
-    return run_plan(
-        ProblemArguments(robot, problem, given(limits)), given(options), args
-    )
+    arguments = ProblemArguments(robot, problem, typed_values(limits))
+    return run_plan(arguments, typed_values(options), args)
 
 
 def verify(
@@ -103,27 +102,27 @@ def verify(
 ) -> int:
     """Judge a motion: does it reach the goal, keep all limits and stay clear?
 
-    The motion may come from any planner; the problem is that of a scenario file,
-    or of a robot and files of MoveIt, or of the options. Whatever the motion
-    breaks is listed with joint or pair, time and amount.
+    The motion may come from any planner; the problem comes from a scenario file,
+    from a robot and files of MoveIt, or from the options. Each violation is listed
+    with its joint or pair, time and amount.
 
     Exit codes:
         0    the motion solves the problem
-        1    it does not
+        1    the motion does not solve the problem
         2    bad input
     """
     from tominpmp.cli.problem import load_problem
     from tominpmp.cli.report import check_data, check_text, json_text
     from tominpmp.files.export_check import check_file
 
-    arguments = ProblemArguments(scenario, changes, given(limits))
-    problem, options = load_problem(arguments, given(tolerances))
-    joined: Any = args.interpolation
-    found = check_file(
-        problem, motion, tolerances=options.tolerances, interpolation=joined
+    arguments = ProblemArguments(scenario, changes, typed_values(limits))
+    problem, options = load_problem(arguments, typed_values(tolerances))
+    interpolation: Any = args.interpolation
+    judgement = check_file(
+        problem, motion, tolerances=options.tolerances, interpolation=interpolation
     )
-    say(json_text(check_data(found)) if args.json else check_text(found))
-    return PLANNED if found.ok else NO_PLAN
+    say(json_text(check_data(judgement)) if args.json else check_text(judgement))
+    return PLANNED if judgement.ok else NO_PLAN
 
 
 def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
@@ -139,10 +138,10 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     check_target(args.output, "--output", PAGE_ENDINGS)
     samples = load_motion(motion)
     arm, scene = load_scene(args)
-    found = join(samples, arm, motion).trajectory
-    goal = JointGoal(found.q[-1], found.v[-1], wrap=False)
-    problem = Problem(arm, found.q[0], goal, scene=scene, v_start=found.v[0])
-    say(f"page  {Path(play(problem, found, path=args.output))}")
+    trajectory = join(samples, arm, motion).trajectory
+    goal = JointGoal(trajectory.q[-1], trajectory.v[-1], wrap=False)
+    problem = Problem(arm, trajectory.q[0], goal, scene=scene, v_start=trajectory.v[0])
+    say(f"page  {Path(play(problem, trajectory, path=args.output))}")
 
 
 def info(
@@ -163,7 +162,7 @@ def info(
 def robots(*, args: GeneralOptions = GeneralOptions()) -> None:
     """List the robots known by name: bundled ones, and those of example-robot-data.
 
-    Arms come first, then what walks, flies or has many limbs.
+    Arms come first, then robots that walk or fly, and robots with many limbs.
     """
     from tominpmp.description.files import manipulators_first, robot_names
 

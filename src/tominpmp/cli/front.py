@@ -31,15 +31,15 @@ Examples:
   tominpmp plan panda --scene scene.yaml --request request.yaml
 """
 
-# The text above is the help that ``tominpmp`` shows by itself: to import the parser of
-# the commands would take most of its time. A command is imported when it is run or its
-# own help is shown.
+# The text above is the help of ``tominpmp`` without a command, and is written by hand:
+# importing the parser of the commands would take most of the time. A command is
+# imported when it is run or its help is shown.
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
-# The function of each command; that of an add-on is there with the add-on alone.
+# The function of each command; commands of an add-on need its package.
 COMMANDS = {
     "plan": "tominpmp.cli.commands:plan",
     "batch": "tominpmp.cell.commands:batch",
@@ -56,7 +56,7 @@ EXAMPLES = "Examples:" + (__doc__ or "").partition("Examples:")[2].rstrip()
 
 
 def commands() -> dict[str, str]:
-    """Functions of the commands whose package is there, by their names."""
+    """Functions of the commands whose package is installed, by their names."""
     return {
         name: path
         for name, path in COMMANDS.items()
@@ -65,7 +65,7 @@ def commands() -> dict[str, str]:
 
 
 def front_page() -> str:
-    """Help on the commands that are there."""
+    """The help text, with the installed commands only."""
     missing = COMMANDS.keys() - commands().keys()
     lines = [
         line

@@ -1,8 +1,9 @@
-"""Options from dataclasses: each field is one, and the docstring has its text.
+"""Options from dataclasses: each field is an option, and the docstring has its help.
 
-A command is a function. A parameter of it whose type is a dataclass that is marked with
-:func:`options` stands for an option for each of its fields; :func:`fields_of` makes
-such a dataclass of a class of the library. So an option is declared in one place.
+A command is a function. If the type of one of its parameters is a dataclass marked with
+:func:`options`, each field of the dataclass is an option of the command;
+:func:`fields_of` derives a dataclass of this kind from a class of the library. Thus an
+option is declared in one place.
 """
 
 from __future__ import annotations
@@ -40,71 +41,71 @@ Completer: TypeAlias = "Callable[[CompletionContext], list[str]]"
 
 # Endings of files that a robot or a problem is read from.
 ENDINGS = (".urdf", ".toml")
-# Joints that can be given a position.
+# Kinds of joints that have a position.
 MOVING = ("revolute", "continuous", "prismatic")
-# Larger files are not looked through while one types [bytes].
+# Larger files are not searched for completions [bytes].
 MOST_BYTES = 4_000_000
 
 
 def supported(**marks: Any) -> dict[str, Any]:
-    """Those arguments of a ``Parameter`` that the installed Cyclopts knows.
+    """Keep the arguments of a ``Parameter`` that the installed Cyclopts supports.
 
-    Version 4, which Python 3.10 has, completes only the names of options, and does not
-    name their values in the line of the usage.
+    Version 4, the last for Python 3.10, completes only the names of options, and does
+    not show the names of their values in the usage line.
     """
     known = signature(Parameter).parameters
     return {name: value for name, value in marks.items() if name in known}
 
 
 def robots(typed: CompletionContext) -> list[str]:
-    """Names of robots, and files and folders, that begin so."""
+    """Names of robots, and files and folders that begin with the typed text."""
     from tominpmp.description.files import robot_names
 
     return [*robot_names(), *_files(typed.incomplete)]
 
 
 def _files(incomplete: str) -> list[str]:
-    """Files that a robot or a problem is read from, and folders, that begin so."""
+    """Robot files, scenario files and folders that begin with the typed text."""
     found = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
     names = (f"{name}/" if Path(name).is_dir() else name for name in found)
     return [name for name in names if name.endswith(("/", *ENDINGS))]
 
 
 def named(kind: str, *tags: str) -> Completer:
-    """Names of elements of the URDF or SRDF file of the robot that was named."""
+    """Completer for names of elements in the URDF or SRDF file of the typed robot."""
     return lambda typed: [e.get("name", "") for e in _elements(typed, kind, *tags)]
 
 
 def joints(typed: CompletionContext) -> list[str]:
-    """Moving joints of the robot that was named, as ``JOINT=``."""
-    found = _elements(typed, "urdf", "joint")
-    return [f"{e.get('name', '')}=" for e in found if e.get("type") in MOVING]
+    """Moving joints of the typed robot, as ``JOINT=``."""
+    elements = _elements(typed, "urdf", "joint")
+    return [f"{e.get('name', '')}=" for e in elements if e.get("type") in MOVING]
 
 
 def positions(typed: CompletionContext) -> list[str]:
-    """Group states of the robot that was named, and its joints."""
+    """Group states of the typed robot, and its moving joints."""
     states = named("srdf", "group_state")(typed)
     return [*dict.fromkeys(states), *joints(typed)]
 
 
 def words(*choices: str) -> Completer:
-    """What completes one of a few words."""
+    """Completer for a fixed choice of words."""
     return lambda typed: list(choices)
 
 
 def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Element]:
-    """Elements of a file of the robot that was named, those at the top of it."""
+    """Top-level elements in the URDF or SRDF file of the typed robot."""
     from tominpmp.description.files import find_robot
     from tominpmp.description.xml_reader import read_xml
     from tominpmp.exceptions import TominpmpError
 
-    found = ((k, typed.get(k)) for k in ("robot", "scenario", kind))
-    given = {k: item.raw for k, item in found if item is not None}
-    # With an option that lacks its values, no argument is told apart.
+    items = ((k, typed.get(k)) for k in ("robot", "scenario", kind))
+    values = {k: item.raw for k, item in items if item is not None}
+    # While an option lacks its values, Cyclopts cannot assign the arguments.
     bare = (word for word in sys.argv[3:] if not word.startswith("-"))
-    robot = given.get("robot") or given.get("scenario") or next(bare, "")
+    robot = values.get("robot") or values.get("scenario") or next(bare, "")
     try:
-        path = Path(given.get(kind) or getattr(find_robot(robot), kind) or "")
+        path = Path(values.get(kind) or getattr(find_robot(robot), kind) or "")
         if not path.name or path.stat().st_size > MOST_BYTES:
             return
         root = read_xml(path)
@@ -114,7 +115,7 @@ def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Eleme
         yield from root.findall(tag)
 
 
-#: What completes the values of options, by the name of the option.
+#: Completers of the values of options, by the name of the option.
 COMPLETIONS: dict[str, Completer] = {
     "group": named("srdf", "group"),
     "limits": words("datasheet", "urdf"),
@@ -129,49 +130,50 @@ COMPLETIONS: dict[str, Completer] = {
 }
 
 
-# What the options are listed under in the help, in this order.
+# Headings of the options in the help, in this order.
 PANELS = ("Arguments", "Motion", "Scene", "Robot", "Planning", "Output", "Page")
 GROUPS = {
     name: Group(name, sort_key=place)
     for place, name in enumerate((*PANELS, "General"), start=1)
 }
 PER_JOINT = "VALUES"
-# Options whose values are called so take one word, or several.
+# Metavariables of options that take one word or several.
 SEVERAL = ("POSITIONS", PER_JOINT, "X Y Z")
-# How the values of fields of the library are called.
+# Metavariables of the fields of classes of the library, by type.
 METAVARS: dict[Any, str] = {bool: "", int: "N", float: "NUMBER", str: "NAME"}
-# What scenario files have for None.
+# The word for None, as in scenario files.
 NONE = "none"
 
-# An attribute in a docstring, in brackets what its value is called.
+# An attribute in a docstring, with its metavariable in brackets.
 ENTRY = re.compile(r"^    (\w+)(?: \((.*)\))?: (.*(?:\n(?:     .*|$))*)", re.MULTILINE)
 # References to other parts of the documentation are of no use in a terminal.
 REFERENCE = re.compile(r",? see :\w+:`[^`]*`|:\w+:`~?(?:\w+\.)*(\w+)`|``(.*?)``")
 
 Record = TypeVar("Record")
 
-# Stands between what a value is called and the text of its option.
-BETWEEN = "\x1f"
+# Separates the metavariable of an option from its help text.
+SEPARATOR = "\x1f"
 
 
-def labelled(value: str, text: str) -> str:
-    """A help text with what the value of an option is called, empty for a flag.
+def labelled(metavar: str, text: str) -> str:
+    """A help text preceded by the metavariable of the option, empty for a flag.
 
-    Cyclopts has a place of its own for that from version 5 on only.
+    Only from version 5 on does Cyclopts have a field for the metavariable.
     """
-    return f"{value}{BETWEEN}{text}" if value else text
+    return f"{metavar}{SEPARATOR}{text}" if metavar else text
 
 
-def value_name(text: str) -> str:
-    """What the value is called in a text of :func:`labelled`."""
-    return text.partition(BETWEEN)[0] if BETWEEN in text else ""
+def metavar_of(text: str) -> str:
+    """The metavariable in a text of :func:`labelled`; empty if there is none."""
+    return text.partition(SEPARATOR)[0] if SEPARATOR in text else ""
 
 
 def attribute_texts(kind: type[Any]) -> dict[str, tuple[str, str]]:
-    """What the docstring of a class says of its attributes.
+    """Metavariables and descriptions of attributes in the docstring of a class.
 
     Returns:
-        How the value is called, empty if that is not said, and the text.
+        By the name of the attribute, the metavariable, which may be empty, and the
+        description.
     """
     text = inspect.cleandoc(kind.__doc__ or "").partition("\nAttributes:\n")[2]
     return {
@@ -184,10 +186,10 @@ def options(panel: str) -> Callable[[type[Record]], type[Record]]:
     """Mark a dataclass: each field that it declares is an option.
 
     The metadata of a field may have ``alias``, another name of its option, and
-    ``panel``, what it is listed under instead.
+    ``panel``, a heading that replaces the heading of the class.
 
     Args:
-        panel: What the options are listed under.
+        panel: Heading of the options in the help.
     """
 
     def mark(kind: type[Record]) -> type[Record]:
@@ -220,19 +222,19 @@ def fields_of(
     further: Mapping[str, tuple[dict[str, Any], str]] | None = None,
     ending: str = "",
 ) -> Any:
-    """Make a dataclass of the fields of a class of the library that can be typed.
+    """Make a dataclass of the fields of a class that can be typed as options.
 
     These are fields for a number, a word or a truth value, and for values per joint,
-    which remain a text. :func:`given` has those that were typed.
+    which remain a text. :func:`typed_values` extracts the values that were typed.
 
     Args:
-        kind: The class.
-        panel: What the options are listed under.
+        kind: The class of the library.
+        panel: Heading of the options in the help.
         further: By the names of fields, another ``name`` or an ``alias`` of the option,
-            and a sentence about it that only commands need.
-        ending: How the names of the fields end; others are left out.
+            and a sentence about it that only the command line needs.
+        ending: Suffix of the names of the fields; other fields are left out.
     """
-    texts, found = attribute_texts(kind), []
+    texts, declared = attribute_texts(kind), []
     for item in fields(kind):
         hint = _hint(kind, item)
         typed, metavar, choices = _typed(hint)
@@ -253,25 +255,25 @@ def fields_of(
                 completer=words(*choices) if choices else None,
             ),
         )
-        found.append((item.name, Annotated[typed | None, marks], None))
-    made = make_dataclass(
+        declared.append((item.name, Annotated[typed | None, marks], None))
+    record = make_dataclass(
         f"{kind.__name__}Fields",
-        found,
-        namespace={"__module__": __name__},  # else it counts as one of Python's own
+        declared,
+        namespace={"__module__": __name__},  # otherwise Cyclopts takes it for a builtin
         frozen=True,
         kw_only=True,
     )
-    return Parameter(name="*")(made)
+    return Parameter(name="*")(record)
 
 
-def given(record: Any) -> dict[str, Any]:
+def typed_values(record: Any) -> dict[str, Any]:
     """Values that were typed, by the names of the fields of the library's class."""
     typed = ((name, value) for name, value in vars(record).items() if value is not None)
     return {name: None if value == NONE else value for name, value in typed}
 
 
 def _hint(kind: type[Any], item: Field[Any]) -> Any:
-    """Type of a field; any object where only type checkers know it."""
+    """Type of a field; ``object`` if only type checkers can resolve the annotation."""
     alone = SimpleNamespace(__annotations__={item.name: item.type})
     try:
         return get_type_hints(alone, vars(sys.modules[kind.__module__]))[item.name]
@@ -280,12 +282,17 @@ def _hint(kind: type[Any], item: Field[Any]) -> Any:
 
 
 def _kinds(hint: Any) -> list[Any]:
-    """What a value may be, beside None."""
+    """Types that a value may have, except None."""
     return [kind for kind in get_args(hint) or (hint,) if kind is not NoneType]
 
 
 def _typed(hint: Any) -> tuple[Any, str, tuple[str, ...]]:
-    """What is typed for a field, None if nothing can be; its name; and the choices."""
+    """How a field is typed on the command line.
+
+    Returns:
+        The type of the typed value, None if the field cannot be typed; its
+        metavariable; and the allowed words, if they are few.
+    """
     kinds = _kinds(hint)
     literal = next((k for k in (hint, *kinds) if get_origin(k) is Literal), None)
     if literal is not None:
@@ -297,7 +304,7 @@ def _typed(hint: Any) -> tuple[Any, str, tuple[str, ...]]:
 
 
 def _reader(hint: Any, also_none: bool = False) -> Callable[..., Any] | None:
-    """Reader of an option for a number that is whole, or may also be none."""
+    """Converter for whole numbers and values that may be "none"; None for others."""
     kind = next((kind for kind in (int, float, str) if kind in _kinds(hint)), str)
     if not also_none and kind is not int:
         return None
@@ -319,7 +326,7 @@ def _reader(hint: Any, also_none: bool = False) -> Callable[..., Any] | None:
 @options("General")
 @dataclass(frozen=True, kw_only=True)
 class GeneralOptions:
-    """What all commands know.
+    """Options of all commands.
 
     Attributes:
         debug: Show the traceback of an error too.

@@ -1,12 +1,10 @@
 """The options of the commands: each is declared once, here or by the library.
 
-An option is a field of one of these records, and its text in the help what the
-docstring says of the field; what stands in brackets before it is how its value is
-called. The options of the planner and the limits beyond a robot's description are the
-fields of :class:`~tominpmp.options.Options` and of
-:class:`~tominpmp.motion_limits.MotionLimits` themselves, see
-:mod:`~tominpmp.cli.option_fields`. Only what is light is imported here, as the help is
-made of it.
+An option is a field of one of these records; its help text is the entry of the field in
+the docstring, with the metavariable in brackets. The options of the planner and the
+additional limits of motions are the fields of :class:`~tominpmp.options.Options` and
+:class:`~tominpmp.motion_limits.MotionLimits`, see :mod:`~tominpmp.cli.option_fields`.
+Only light modules are imported here, as each call of the help imports this module.
 """
 
 from __future__ import annotations
@@ -34,16 +32,16 @@ else:
                 {"alias": "--max-time"},
                 "Loading the robot counts too.",
             ),
-            # That of the name of the field gives torque limits.
+            # The flag --effort gives torque limits.
             "effort": ({"name": "--planning-effort"}, "Torque limits are --effort."),
         },
     )
-    # What a motion that is judged may be off by.
+    # Tolerances of the replay that judges a motion.
     ToleranceOptions = fields_of(Options, "Planning", ending="_tolerance")
     LimitOptions = fields_of(MotionLimits, "Robot")
 
 
-# What the help lists an option under, if not under the panel of its class.
+# Headings of options in the help that differ from the heading of their class.
 ROBOT, SCENE, MOTION, PLANNING, OUTPUT = (
     {"panel": panel} for panel in ("Robot", "Scene", "Motion", "Planning", "Output")
 )
@@ -53,19 +51,19 @@ OUTPUT_FILE, QUIET, VERBOSE = ({"alias": alias} for alias in ("-o", "-q", "-v"))
 @options("Robot")
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
-    """What is different from the description of a robot.
+    """Options that select a robot or change its description.
 
     Attributes:
         package_dir (FOLDER): Folder in which to look for package://, repeatable.
         xacro_arg (NAME:=VALUE): Argument of a xacro file, repeatable.
-        srdf (FILE): Semantic description, with the group states. Default: the one
-            beside the URDF file.
+        srdf (FILE): Semantic description, with the group states. Default: the SRDF
+            file next to the URDF file.
         group (NAME): Group of the SRDF file whose joints move; the others are held.
-        limits (NAME): datasheet: the limits that the maker publishes, accelerations
-            among them, as by default for a robot given by its name; urdf: those of its
-            file.
+        limits (NAME): datasheet: the limits that the maker publishes, including
+            accelerations, the default for a robot given by its name; urdf: the limits
+            of its file.
         lock (JOINT=VALUE): Hold a joint at a position (rad or m), repeatable.
-        gravity (X Y Z): Gravity (m/s^2) instead of the robot's own.
+        gravity (X Y Z): Gravity (m/s^2) instead of the robot's.
         effort (VALUES): Torque limits (N m or N) instead of the URDF's: one number for
             all joints; or one for each; or JOINT=VALUE,...
         velocity (VALUES): Velocity limits (rad/s or m/s), likewise.
@@ -76,9 +74,9 @@ class RobotOptions:
         friction (VALUES): Dry friction (N m or N), likewise.
         joint_limits (FILE): MoveIt's joint_limits.yaml: limits of velocity, effort and
             position instead of the URDF's, and of acceleration and jerk.
-        kinematic: Leave out torques, of which the URDF need say nothing then: motions
-            keep limits of positions, speeds, accelerations (--joint-limits or
-            --acceleration) and jerks.
+        kinematic: Leave out torques, so that the URDF needs no inertias and no torque
+            limits: motions keep limits of positions, speeds, accelerations
+            (--joint-limits or --acceleration) and jerks.
     """
 
     package_dir: list[Path] | None = None
@@ -102,11 +100,12 @@ class RobotOptions:
 @options("Scene")
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions(RobotOptions):
-    """A robot and what is around it.
+    """A robot and its obstacles.
 
     Attributes:
-        scene (FILE): Obstacles of a MoveIt planning scene (.yaml, .scene), too.
-        obstacle (KIND:NAME:...): Something to stay clear of (m), repeatable:
+        scene (FILE): Obstacles of a MoveIt planning scene (.yaml, .scene), in addition
+            to --obstacle.
+        obstacle (KIND:NAME:...): Obstacle (m), repeatable:
             sphere:NAME:r=R:at=X,Y,Z or box:NAME:size=X,Y,Z:at=X,Y,Z or
             cylinder:NAME:r=R:length=L:at=X,Y,Z or capsule, as a cylinder, or
             mesh:NAME:path=FILE:at=X,Y,Z; each may end in :quat=X,Y,Z,W.
@@ -119,36 +118,35 @@ class SceneOptions(RobotOptions):
 @options("Motion")
 @dataclass(frozen=True, kw_only=True)
 class ProblemOptions(SceneOptions):
-    """A robot, what is around it, a start and a goal.
+    """A robot, its obstacles, a start and a goal.
 
     Attributes:
         start (POSITIONS): Joint positions at the start: numbers in joint order; or the
-            name of a group state; or JOINT=VALUE,... for all joints or after such a
-            name.
+            name of a group state; or JOINT=VALUE,... for all joints or after the name
+            of a group state.
         goal (POSITIONS): Joint positions at the end, likewise; joints that
-            JOINT=VALUE,... leaves out end where they started.
-        wrap (JOINT,...): Joints of the goal, beside continuous ones, that are angles:
-            any number of whole turns within their limits will do, and the nearest is
-            taken; none for no joint, the numbers being taken as they are.
+            JOINT=VALUE,... leaves out end at their start positions.
+        wrap (JOINT,...): Joints of the goal, in addition to continuous joints, whose
+            positions are angles modulo a whole turn: the nearest equivalent within the
+            limits is the goal; none: no joint wraps, not even a continuous one.
         goal_position (FRAME X Y Z): Bring a frame to a point (m), in any orientation.
         goal_pose (FRAME X Y Z QX QY QZ QW): Bring a frame to a point (m) and an
             orientation (quaternion).
         start_velocity (VALUES): Joint velocities at the start instead of rest.
         goal_velocity (VALUES): Joint velocities at the end instead of rest; for a goal
             on a frame, the three components of its velocity (m/s).
-        degrees: Take start and goal of joints that turn in degrees. All else is in SI
-            units.
+        degrees: Take start and goal of revolute joints in degrees. All other values are
+            in SI units.
         request (FILE): Start and goal from a MoveIt motion plan request (.yaml), which
             belongs to a --scene. Joints that its goal leaves out are held at the start.
         margin (LENGTH): Distance to keep from obstacles (m).
-        self_collision: Whether the links keep clear of each other too. Default: they
-            do.
-        constraint (KIND:KEY=VALUE:...): Something that holds all along the motion,
-            repeatable: tool_speed:frame=F:limit=V (m/s) or
+        self_collision: Whether the links keep clear of each other too. Default: yes.
+        constraint (KIND:KEY=VALUE:...): Constraint along the whole motion, repeatable:
+            tool_speed:frame=F:limit=V (m/s) or
             keep_upright:frame=F:axis=X,Y,Z:direction=X,Y,Z:tolerance=A (rad).
         motion_limits (FILE): Limits of accelerations, jerks, torque rates and torques
-            over speed: .yaml, see examples/panda_motion_limits.yaml. Those below go
-            before it.
+            over speed: .yaml, see examples/panda_motion_limits.yaml. Options of single
+            limits take precedence.
     """
 
     start: str | None = None
@@ -167,12 +165,12 @@ class ProblemOptions(SceneOptions):
 
 
 class ProblemArguments(NamedTuple):
-    """Arguments of a command that make a problem.
+    """Arguments of a command that define a problem.
 
     Attributes:
         robot: Name or path of the robot; or a scenario file.
-        options: What is different from it, start, goal and obstacles.
-        limits: Limits beyond those of the robot, as text by the names of the fields of
+        options: Changes of the robot, start, goal and obstacles.
+        limits: Limits in addition to the robot's, as text by the names of the fields of
             :class:`~tominpmp.motion_limits.MotionLimits`.
     """
 
@@ -189,7 +187,7 @@ def is_scenario(robot: str) -> bool:
 @options("Output")
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions(GeneralOptions):
-    """How to report.
+    """Format of the report.
 
     Attributes:
         json: Report as JSON.
@@ -201,19 +199,19 @@ class ReportOptions(GeneralOptions):
 @options("Output")
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions(ReportOptions):
-    """What a plan begins with, what of it to write and what to show.
+    """Warm start of a plan, files to write, and its report.
 
     Attributes:
-        start_from (FILE): Motion of a former plan to begin with, for a problem that is
-            much like its own: .csv, .npz, .yaml or .json.
+        start_from (FILE): Warm start: the motion of a former plan for a similar
+            problem: .csv, .npz, .yaml or .json.
         output (FILE): Write the motion there: .csv, .npz, or a ROS 2 message (.yaml,
             .json, or .mcap for a bag); replaced if it exists; or - for standard output.
             Default: motion.csv, or motion-2.csv, ... if that exists.
         no_output: Write no motion.
-        dt (SECONDS): Time between the rows of the motion. Default: that of
+        dt (SECONDS): Time between the rows of the motion. Default: the time of
             --control-period, or the nodes of the grid.
         with_effort: Put the torques into a ROS message too: for controllers that
-            command efforts; others refuse it.
+            command efforts; other controllers refuse it.
         ros_message (NAME): JointTrajectory, FollowJointTrajectory (the goal of that
             action) or RobotTrajectory. Default: JointTrajectory.
         plot (FILE): Plot positions, velocities and torques: .png, .pdf or .svg.
@@ -246,12 +244,12 @@ class PlanOptions(ReportOptions):
 @options("Output")
 @dataclass(frozen=True, kw_only=True)
 class VerifyOptions(ReportOptions):
-    """How a motion is judged.
+    """Options of the judgement of a motion.
 
     Attributes:
-        interpolation (NAME): How the points are joined: controller (as ROS's joint
-            trajectory controller), linear, cubic, quintic, or auto (the motion that
-            they were taken from). Default: controller for ROS messages, else auto.
+        interpolation (NAME): Interpolation between the points: controller (as in ROS's
+            joint trajectory controller), linear, cubic, quintic, or auto (the motion
+            that was sampled). Default: controller for ROS messages, auto otherwise.
     """
 
     interpolation: str | None = field(default=None, metadata=MOTION)
@@ -260,7 +258,7 @@ class VerifyOptions(ReportOptions):
 @options("Robot")
 @dataclass(frozen=True, kw_only=True)
 class PlayOptions(SceneOptions, GeneralOptions):
-    """Whose motion is shown, with what around it, and where.
+    """Robot and obstacles of a motion to show, and the page to write.
 
     Attributes:
         robot (ROBOT): Name of a robot, path of a URDF file, or a scenario file (.toml).

@@ -1,4 +1,4 @@
-"""Where the command line writes to, checked before anything takes long."""
+"""Output files of the command line, checked before the long computations."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STDOUT = "-"
 MOTION_ENDINGS = tuple(WRITERS)
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
-# Options that name a file beside the motion: what it holds, how it must end, and the
+# Options that name a further file: its label in reports, its allowed endings, and the
 # method of a solution that writes it.
 FILES = {
     "plot": ("plot", PLOT_ENDINGS, "plot"),
@@ -42,8 +42,8 @@ class OutputFiles:
     """Files to write.
 
     Attributes:
-        options: What was asked for.
-        motion: File for the motion; None for none or standard output.
+        options: The options of the command.
+        motion: File for the motion; None for no file or standard output.
     """
 
     options: PlanOptions
@@ -55,9 +55,9 @@ class OutputFiles:
 
         Raises:
             OptionsError: If options contradict each other.
-            ProblemError: If there is no such message of ROS, or it is not for the file.
+            ProblemError: If the ROS message is unknown or does not suit the file.
             ScenarioError: If a file cannot be written.
-            MissingDependency: If a package for the plot or the page is missing.
+            MissingDependency: If a package for a plot or a bag is missing.
         """
         name = options.output
         if name == STDOUT and options.json:
@@ -90,46 +90,46 @@ class OutputFiles:
         return self.options.output == STDOUT
 
     def write(self, solution: Solution) -> tuple[dict[str, str], ExportCheck | None]:
-        """Write the files, and judge the motion as written.
+        """Write the files, and judge the motion as it was written.
 
         Returns:
-            What was written, by what it holds; and what the file of the motion was
-            found to do, None if there is none.
+            Paths of the files by their labels; and the judgement of the file of the
+            motion, None without a file.
         """
-        written, found = dict[str, str](), None
+        written, judgement = dict[str, str](), None
         if self.motion is not None:
             written["motion"] = str(self.motion)
             with self._rescued(solution, self.motion):
-                found = self._export(solution, self.motion)
+                judgement = self._export(solution, self.motion)
         elif self.to_stdout:
             with self._rescued(solution, Path(DEFAULT_MOTION)):
-                found = self._stream(solution)
+                judgement = self._stream(solution)
         for field, (kind, _, method) in FILES.items():
             path = getattr(self.options, field)
             if path is not None:
                 attrgetter(method)(solution)(path)
                 written[kind] = str(path)
-        return written, found
+        return written, judgement
 
     @contextmanager
     def _rescued(self, solution: Solution, path: Path) -> Iterator[None]:
-        """Where a motion cannot be written, keep it elsewhere, and say where.
+        """Save a motion elsewhere if its file cannot be written.
 
         Raises:
-            ScenarioError: If it cannot be written to its place.
+            ScenarioError: If the file cannot be written, with the place of the motion.
         """
         try:
             yield
         except BrokenPipeError:
-            raise  # whoever was to read it has gone
+            raise  # the reader of the pipe has ended, so the motion is not wanted
         except (ScenarioError, OSError) as error:
             reason = error.strerror if isinstance(error, OSError) else str(error)
-            kept = self._kept(solution, path)
-            where = "nowhere else either" if kept is None else f"kept in {kept}"
+            saved = self._saved(solution, path)
+            where = "not saved elsewhere" if saved is None else f"kept in {saved}"
             raise ScenarioError(f"{reason}; the motion is {where}", path) from error
 
-    def _kept(self, solution: Solution, path: Path) -> Path | None:
-        """Write a motion to a folder that takes it; None if there is none."""
+    def _saved(self, solution: Solution, path: Path) -> Path | None:
+        """Write a motion to another folder; None if no folder is writable."""
         tried = path.absolute().parent
         for folder in (Path.cwd(), Path(tempfile.gettempdir())):
             if folder == tried and self.motion is not None:
@@ -167,25 +167,25 @@ class OutputFiles:
         """Write the motion to standard output, as CSV."""
         with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
             path = Path(folder) / DEFAULT_MOTION
-            found = self._export(solution, path)
+            judgement = self._export(solution, path)
             with path.open(encoding="utf-8", newline="") as file:
                 sys.stdout.write(file.read())
-        return replace(found, path=Path("standard output"))
+        return replace(judgement, path=Path("standard output"))
 
 
 def _free_name() -> Path:
-    """Name for the motion in the current folder that no file has."""
+    """Unused file name for the motion in the current folder."""
     first = Path(DEFAULT_MOTION)
     further = (first.with_stem(f"{first.stem}-{i}") for i in count(2))
     return next(name for name in chain([first], further) if not os.path.lexists(name))
 
 
 def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None:
-    """Check ending and folder of a file to write, if any, and what writes it.
+    """Check ending, folder and required package of a file to write; None passes.
 
     Raises:
-        ScenarioError: If it cannot be written.
-        MissingDependency: If a package is not installed that it takes.
+        ScenarioError: If the file cannot be written.
+        MissingDependency: If a package that writes the file is not installed.
     """
     if path is None:
         return
@@ -209,7 +209,7 @@ def check_period(dt: float | None) -> None:
     """Check the period of the rows of a file.
 
     Raises:
-        OptionsError: If it is no positive time.
+        OptionsError: If the period is no positive time.
     """
     if dt is not None and not 0.0 < dt < float("inf"):
         raise OptionsError(f"--dt is {dt}, expected a positive time [s]", "dt")

@@ -1,4 +1,4 @@
-"""How the words of a command line become a call of a command, and its help."""
+"""Parses the words of a command line, calls the command and formats help."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 from cyclopts.help import PlainFormatter
 
 from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
-from tominpmp.cli.option_fields import SEVERAL, labelled, value_name
+from tominpmp.cli.option_fields import SEVERAL, labelled, metavar_of
 from tominpmp.cli.terminal import BAD_INPUT, complain, error_console, say
 from tominpmp.exceptions import OptionsError, brief
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from cyclopts.help import HelpEntry, HelpPanel
     from rich.console import Console, ConsoleOptions
 
-# Longer lines of a help are hard to read, and longer names have a line of their own.
+# Width of a help text, and length from which names stand on a separate line.
 WIDEST, LONGEST = 100, 28
 
 
-def called(words: Sequence[str]) -> int:
-    """Call the command that is named, or show its help.
+def dispatch(words: Sequence[str]) -> int:
+    """Call the command that the words name, or show its help.
 
     Returns:
         The exit code.
@@ -40,7 +40,7 @@ def called(words: Sequence[str]) -> int:
         several = {
             flag
             for argument in arguments
-            if value_name(argument.parameter.help or "") in SEVERAL
+            if metavar_of(argument.parameter.help or "") in SEVERAL
             for flag in argument.names
         }
         words = join_lists(words, several)
@@ -58,7 +58,7 @@ def called(words: Sequence[str]) -> int:
 
 
 def new_app() -> App:
-    """The application with the commands that are there."""
+    """The application with the installed commands."""
     app = App(
         name="tominpmp",
         help_format="plaintext",
@@ -88,7 +88,7 @@ def join_lists(args: Sequence[str], options: Collection[str]) -> list[str]:
 
 
 def _is_value(word: str) -> bool:
-    """Tell whether a word is ``JOINT=VALUE`` or begins with a number."""
+    """Whether a word is ``JOINT=VALUE`` or begins with a number."""
     if "=" in word and not word.startswith("-"):
         return True
     try:
@@ -98,11 +98,11 @@ def _is_value(word: str) -> bool:
     return True
 
 
-def _labels(entry: HelpEntry, value: str) -> str:
-    """Names of an argument, option or command, with what its value is called."""
+def _labels(entry: HelpEntry, metavar: str) -> str:
+    """Names of an argument, option or command, with its metavariable."""
     names = [*entry.positive_names, *entry.positive_shorts]
-    if value and names:
-        names[-1] += f" {value}"
+    if metavar and names:
+        names[-1] += f" {metavar}"
     label = getattr(entry, "positional_label", None)  # a name in cyclopts 4
     first = [label] if label else []
     return ", ".join([*first, *names, *entry.negative_names])
@@ -120,8 +120,8 @@ class HelpFormatter(PlainFormatter):
         for entry in panel.entries:
             shown = console.render(entry.description, wide)
             text = "".join(part.text for part in shown)
-            value = value_name(text)
-            rows.append((_labels(entry, value), text[len(labelled(value, "")) :]))
+            metavar = metavar_of(text)
+            rows.append((_labels(entry, metavar), text[len(labelled(metavar, "")) :]))
         if not rows:
             return
         short = [len(names) for names, _ in rows if len(names) <= LONGEST]

@@ -29,11 +29,11 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord, Status
 
-# Time that planning has at least, if loading has used up all of it [s].
+# Least time limit of planning, where loading has used up the limit [s].
 LEAST_TIME = 1e-3
-# Lines in a log come this seldom [s].
+# Least time between lines of progress outside a terminal [s].
 PERIOD = 3.0
-# What takes seconds where the planning cannot tell how it goes: cutting meshes.
+# Logger of the decomposition of meshes, which takes seconds and has no callback.
 LOGGER = "tominpmp.collision.decomposition_cache"
 
 
@@ -45,7 +45,7 @@ def run_plan(
     """Plan and report.
 
     Raises:
-        TominpmpError: If anything given is wrong.
+        TominpmpError: If an argument or a file is wrong.
     """
     begin = time.perf_counter()
     files = OutputFiles.of(args)
@@ -65,8 +65,8 @@ def _solve(
     args: PlanOptions,
     begin: float,
 ) -> Solution:
-    """Load and plan; the time for both counts since the beginning."""
-    # Loading the libraries takes long, and may be interrupted.
+    """Load and plan; the time limit covers both, from ``begin`` on."""
+    # Importing the libraries takes long, and may be interrupted.
     from tominpmp.cli.problem import load_problem
     from tominpmp.files.export import load_motion
     from tominpmp.files.scenario import save_scenario
@@ -94,17 +94,17 @@ def _solve(
 
 
 def _write(solution: Solution, files: OutputFiles) -> bool:
-    """Write and report; returns whether what was written is as it should be."""
+    """Write and report; return whether the written motion solves the problem."""
     written: dict[str, str] = {}
-    found = None
+    judgement = None
     try:
         if solution.success:
-            written, found = files.write(solution)
+            written, judgement = files.write(solution)
     finally:
-        # The figures are worth having even if the disk is full.
-        _report(solution, files, report_data(solution, written, found))
-    if found is not None and not found.ok:
-        complain("error", found.message)
+        # The report is useful even if the disk is full.
+        _report(solution, files, report_data(solution, written, judgement))
+    if judgement is not None and not judgement.ok:
+        complain("error", judgement.message)
         return False
     return True
 
@@ -120,14 +120,14 @@ def _report(solution: Solution, files: OutputFiles, data: Mapping[str, Any]) -> 
 
 
 class Progress:
-    """Shows the phase and the last iteration while something takes long.
+    """Shows the phase and the last iteration during long computations.
 
-    On a terminal it is a line that changes and disappears at the end. Elsewhere there
-    is nothing, or a line every few seconds if wished for.
+    On a terminal it is a status line that disappears at the end. Elsewhere nothing is
+    shown, or, with ``verbose``, a line every few seconds.
 
     Args:
-        console: Where to show it.
-        quiet: Whether to show nothing at all.
+        console: Console that shows the progress.
+        quiet: Whether to show no progress at all.
         verbose: Whether to write lines where the console is no terminal.
     """
 
@@ -139,7 +139,7 @@ class Progress:
         self._last = time.monotonic()
 
     def __enter__(self) -> Progress:
-        """Begin to show."""
+        """Show the status line and the log of the decomposition of meshes."""
         if self._status is not None:
             self._shown.enter_context(self._status)
             log = log_shown(LOGGER, lambda record: self.phase(record.getMessage()))
@@ -147,11 +147,11 @@ class Progress:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        """Clear the line."""
+        """Clear the status line."""
         self._shown.close()
 
     def phase(self, text: str) -> None:
-        """Say what is being done."""
+        """Show the name of a phase."""
         if self._status is not None:
             self._status.update(Text(text))
 
@@ -165,7 +165,7 @@ class Progress:
 
 
 def _progress_text(record: IterationRecord) -> str:
-    """Say in one line how far an iteration got."""
+    """The state of an iteration, in one line."""
     start = f"start {record.start + 1}, " if record.start else ""
     return (
         f"planning: {start}iteration {record.iteration}, T {record.duration:.4f} s, "

@@ -1,6 +1,6 @@
 """The problem of a command: from its options, a scenario, or files of MoveIt.
 
-What is typed becomes the tables that a scenario file has, and is read as these are.
+Typed values become the tables of a scenario file, and are read by the same functions.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ from tominpmp.scene.scene import Scene
 
 CONSTRAINT_FORM = "KIND:KEY=VALUE:..., for example tool_speed:frame=tip:limit=0.5"
 OBSTACLE_FORM = "KIND:NAME:KEY=VALUE:..., for example sphere:ball:r=0.1:at=0.5,0,0.3"
-# Short words for fields of obstacles.
+# Abbreviations of fields of obstacles.
 FULL = {"r": "radius", "at": "position", "quat": "rotation", "l": "length"}
 
 
 @dataclass(frozen=True)
 class Typed(Field):
-    """A value that was typed; the key is its option, and paths are those typed."""
+    """A value that was typed; its key is the option, and paths are as typed."""
 
     path: Path = Path("command line")
 
     def fail(self, message: str) -> NoReturn:
-        """Raise the error about the option.
+        """Raise an error about the option.
 
         Raises:
             OptionsError: Always.
@@ -63,13 +63,13 @@ class Typed(Field):
         raise OptionsError(f"{self.key}: {message}" if self.key else message, self.key)
 
     def blame(self, error: TominpmpError) -> NoReturn:
-        """Raise an error of the library as it is: it names what was typed."""
+        """Raise an error of the library unchanged: it names the typed value."""
         raise error
 
     def get(self, name: str) -> Field:
-        """Value of a key of a table; positions have no key but that of the option."""
-        found = super().get(name)
-        return replace(found, key=self.key) if name in ("q", "state") else found
+        """Value of a key of a table; positions keep the key of the option."""
+        field = super().get(name)
+        return replace(field, key=self.key) if name in ("q", "state") else field
 
 
 def words(text: str) -> list[str]:
@@ -78,7 +78,7 @@ def words(text: str) -> list[str]:
 
 
 def number(word: str) -> float | None:
-    """Read a number; None if it is none."""
+    """Read a number; None if the word is no number."""
     try:
         return float(word)
     except ValueError:
@@ -91,20 +91,20 @@ def vector(items: Sequence[str], name: str) -> list[float]:
     Raises:
         OptionsError: If a word is no number.
     """
-    found = list[float]()
+    numbers = list[float]()
     for word in items:
         value = number(word)
         if value is None:
             raise OptionsError(f"{name}: {word!r} is not a number", name)
-        found.append(value)
-    return found
+        numbers.append(value)
+    return numbers
 
 
 def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
     """Read ``JOINT=VALUE`` of several joints.
 
     Raises:
-        OptionsError: If one is not of that form, or a joint is named twice.
+        OptionsError: If an item is not of that form, or a joint is named twice.
     """
     result: dict[str, float] = {}
     for item in items:
@@ -121,7 +121,7 @@ def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
 
 
 def joint_numbers(items: Sequence[str], name: str) -> list[float] | dict[str, float]:
-    """Read numbers, one for each joint, or ``JOINT=VALUE`` of some.
+    """Read numbers, one for each joint, or ``JOINT=VALUE`` of some joints.
 
     Raises:
         OptionsError: If a word is no number or a joint is named twice.
@@ -131,7 +131,7 @@ def joint_numbers(items: Sequence[str], name: str) -> list[float] | dict[str, fl
 
 
 def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]:
-    """Read one number for all joints, one for each, or some by joint name.
+    """Read one number for all joints, one for each joint, or some by joint name.
 
     Raises:
         OptionsError: If a word is no number or a joint is named twice.
@@ -143,11 +143,11 @@ def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]
 def _in_si(
     values: list[float] | dict[str, float], robot: Robot, degrees: bool
 ) -> list[float] | dict[str, float]:
-    """Values of joints in SI units, where those of joints that turn are in degrees."""
-    turning = {j.name for j in robot.description.joints if j.kind != "prismatic"}
+    """Convert values of joints to SI units, from degrees for revolute joints."""
+    revolute = {j.name for j in robot.description.joints if j.kind != "prismatic"}
 
     def converted(name: str, value: float) -> float:
-        return np.pi / 180 * value if degrees and name in turning else value
+        return np.pi / 180 * value if degrees and name in revolute else value
 
     if isinstance(values, dict):
         return {name: converted(name, value) for name, value in values.items()}
@@ -166,21 +166,21 @@ def positions(
 ) -> Array:
     """Read joint positions.
 
-    Numbers in joint order; or the name of a group state; or ``JOINT=VALUE`` pairs,
-    which may follow the name of a group state.
+    The text has numbers in joint order; or the name of a group state; or
+    ``JOINT=VALUE`` pairs, which may follow the name of a group state.
 
     Args:
         text: The text.
         name: The option.
         robot: The robot.
-        base: Positions of joints of which nothing is said, shape (n,).
-        degrees: Whether numbers for joints that turn are in degrees.
+        base: Positions of joints that the text does not name, shape (n,) [rad or m].
+        degrees: Whether numbers for revolute joints are in degrees.
 
     Returns:
-        Shape (n,) [rad or m].
+        Positions, shape (n,) [rad or m].
 
     Raises:
-        OptionsError: If they are wrong, or there is no such group state.
+        OptionsError: If positions are wrong, or the group state is unknown.
     """
     states = {} if robot.srdf is None else robot.srdf.group_states
     items, table = words(text), dict[str, Any]()
@@ -197,10 +197,10 @@ def obstacle(text: str) -> Obstacle:
     """Read an obstacle: ``KIND:NAME:KEY=VALUE:...``, with its fields as keys.
 
     Raises:
-        SceneError: If anything in it is wrong.
+        SceneError: If the kind, the name or a field is wrong.
     """
-    found = classes(Obstacle).items()
-    kinds = {k: v for k, v in found if not issubclass(v, HeightField | OcTree)}
+    known = classes(Obstacle).items()
+    kinds = {k: v for k, v in known if not issubclass(v, HeightField | OcTree)}
     kind, _, rest = text.partition(":")
     name, *items = rest.split(":")
     try:
@@ -219,7 +219,7 @@ def constraint(text: str) -> PathConstraint:
     """Read a constraint: ``KIND:KEY=VALUE:...``, with its fields as keys.
 
     Raises:
-        ProblemError: If anything in it is wrong.
+        ProblemError: If the kind or a field is wrong.
     """
     kind, *items = text.split(":")
     kinds = classes(PathConstraint)
@@ -234,7 +234,7 @@ def constraint(text: str) -> PathConstraint:
 def _typed_record(
     option: str, kind: str, items: Sequence[str], kinds: Mapping[str, type[Any]]
 ) -> Typed:
-    """What ``KEY=VALUE`` say of a record, as the table that a scenario has for it."""
+    """Convert ``KEY=VALUE`` items of a record to its table in a scenario file."""
     table = Typed({"type": kind}, key=option)
     for item in items:
         word, _, value = item.partition("=")
@@ -251,67 +251,68 @@ def _typed_record(
     return table
 
 
-# What the command line may say beside a file that holds the whole problem.
-KEPT = ("margin", "self_collision", "motion_limits", "constraint")
+# Options that are allowed together with a file that holds the whole problem.
+ALLOWED = ("margin", "self_collision", "motion_limits", "constraint")
 GOALS = ("goal", "goal_position", "goal_pose")
 
 
 def load_problem(
     problem_args: ProblemArguments, options: Mapping[str, Any] | None = None
 ) -> tuple[Problem, Options]:
-    """Load or make the problem that was asked for, and the options to plan it with.
+    """Load or make the problem of a command, and the options of the planner.
 
     Args:
         problem_args: The problem.
-        options: Options of the planner that were given; they go before those of a
-            scenario.
+        options: Options of the planner that were typed; they take precedence over the
+            options of a scenario.
 
     Raises:
-        TominpmpError: If anything given is wrong or contradicts something else.
+        TominpmpError: If an argument is wrong or contradicts another one.
     """
-    given, args = dict(options or {}), problem_args.options
-    if given.get("effort", EFFORTS[0]) not in EFFORTS:
+    typed, args = dict(options or {}), problem_args.options
+    if typed.get("effort", EFFORTS[0]) not in EFFORTS:
         raise OptionsError(
-            f"--planning-effort is {given['effort']!r}, expected "
+            f"--planning-effort is {typed['effort']!r}, expected "
             f"{', '.join(EFFORTS)}; torque limits are --effort",
             "--planning-effort",
         )
-    chosen = Options(**given)  # a wrong one is refused before a robot is loaded
-    beside = {
+    chosen = Options(**typed)  # wrong options are refused before a robot is loaded
+    overrides = {
         name: getattr(args, name)
         for name in ("margin", "self_collision")
         if getattr(args, name) is not None
     }
-    asked_for = tuple(constraint(text) for text in args.constraint or ())
+    constraints = tuple(constraint(text) for text in args.constraint or ())
     if is_scenario(problem_args.robot):
-        _refuse("a scenario file", args, KEPT)
-        found = scenario.load_scenario(problem_args.robot)
-        problem, chosen = found.problem, replace(found.options, **given)
+        _refuse("a scenario file", args, ALLOWED)
+        loaded = scenario.load_scenario(problem_args.robot)
+        problem, chosen = loaded.problem, replace(loaded.options, **typed)
     elif args.request is not None:
         if args.scene is None:
             raise ProblemError("--request needs a --scene that it belongs to", "scene")
-        own = (f.name for f in fields(RobotOptions) if f.name != "group")
-        _refuse("--request", args, ("scene", "request", *KEPT, *own))
+        of_robot = (f.name for f in fields(RobotOptions) if f.name != "group")
+        _refuse("--request", args, ("scene", "request", *ALLOWED, *of_robot))
         files = args.package_dir or (), args.srdf, None, _xacro_args(args)
         source = read_source(problem_args.robot, *files)
         arm = load_changed_robot(
             problem_args.robot, args, request_locks(source, args.request)
         )
-        problem, beside = load_moveit(arm, args.scene, args.request, **beside), {}
+        problem = load_moveit(arm, args.scene, args.request, **overrides)
+        overrides = {}
     else:
-        beside["constraints"] = asked_for
-        return _typed_problem(problem_args, beside), chosen
+        overrides["constraints"] = constraints
+        return _typed_problem(problem_args, overrides), chosen
     limits = _limits(problem_args, problem.robot)
     if limits is not None:
-        own_limits = problem.motion_limits
-        beside["motion_limits"] = limits.over(own_limits, problem.robot.joint_names)
-    if asked_for:
-        beside["constraints"] = (*problem.constraints, *asked_for)
-    return replace(problem, **beside) if beside else problem, chosen
+        base, names = problem.motion_limits, problem.robot.joint_names
+        overrides["motion_limits"] = limits.over(base, names)
+    if constraints:
+        overrides["constraints"] = (*problem.constraints, *constraints)
+    return replace(problem, **overrides) if overrides else problem, chosen
 
 
 def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None:
-    """The motion limits of the command line over those of its file."""
+    """The motion limits of the options, which override the file of --motion-limits."""
     path = problem_args.options.motion_limits
     table: dict[str, Any] = {} if path is None else {"file": str(path)}
     for name, text in problem_args.limits.items():
@@ -322,10 +323,15 @@ def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None
 def load_changed_robot(
     robot: str, args: RobotOptions, resting: Mapping[str, float] | None = None
 ) -> Robot:
-    """Load a robot with what is said to be different, and with resting joints locked.
+    """Load a robot with the changes of the options, and with resting joints locked.
+
+    Args:
+        robot: Name or path of the robot.
+        args: The options.
+        resting: Positions of joints to be locked in addition to --lock [rad or m].
 
     Raises:
-        TominpmpError: If anything in it is wrong.
+        TominpmpError: If the robot, its files or an option are wrong.
     """
     if args.effort in EFFORTS:
         raise OptionsError(
@@ -343,11 +349,11 @@ def load_changed_robot(
         "xacro_args": _xacro_args(args),
     }
     for name in ("srdf", "joint_limits", "gravity", *OVERRIDES):
-        given = getattr(args, name)
-        if isinstance(given, Path):
-            table[name] = str(given)
-        elif given is not None:
-            table[name] = joint_values(given, _flag(name))
+        value = getattr(args, name)
+        if isinstance(value, Path):
+            table[name] = str(value)
+        elif value is not None:
+            table[name] = joint_values(value, _flag(name))
     return scenario.read_robot(Typed(table))
 
 
@@ -355,7 +361,7 @@ def _xacro_args(args: RobotOptions) -> dict[str, str]:
     """Arguments of a xacro file, written as for ROS.
 
     Raises:
-        OptionsError: If one is not NAME:=VALUE.
+        OptionsError: If an argument is not NAME:=VALUE.
     """
     words = [text.partition(":=") for text in args.xacro_arg or ()]
     for name, sign, _ in words:
@@ -366,10 +372,10 @@ def _xacro_args(args: RobotOptions) -> dict[str, str]:
 
 
 def load_scene(args: PlayOptions) -> tuple[Robot, Scene]:
-    """Load a robot and the obstacles around it, from a scenario or the command line.
+    """Load a robot and its obstacles, from a scenario or the command line.
 
     Raises:
-        TominpmpError: If anything given is wrong or contradicts something else.
+        TominpmpError: If an argument is wrong or contradicts another one.
     """
     if is_scenario(args.robot):
         _refuse("a scenario file", args, ("robot", "output"))
@@ -380,17 +386,20 @@ def load_scene(args: PlayOptions) -> tuple[Robot, Scene]:
 
 
 def _obstacles(args: SceneOptions, robot: Robot) -> Scene:
-    found = [obstacle(text) for text in args.obstacle or ()]
+    typed = [obstacle(text) for text in args.obstacle or ()]
     if args.scene is None:
-        return Scene(found)
-    read = load_moveit_scene(args.scene, robot)
-    return Scene([*found, *read]) if found else read
+        return Scene(typed)
+    loaded = load_moveit_scene(args.scene, robot)
+    return Scene([*typed, *loaded]) if typed else loaded
 
 
-def _typed_problem(
-    problem_args: ProblemArguments, beside: Mapping[str, Any]
-) -> Problem:
-    """The problem of a command line that names no file with one."""
+def _typed_problem(problem_args: ProblemArguments, extra: Mapping[str, Any]) -> Problem:
+    """The problem of a command line without a scenario and a motion plan request.
+
+    Args:
+        problem_args: The arguments of the command.
+        extra: Further fields of the problem, by name.
+    """
     args = problem_args.options
     if args.start is None:
         raise ProblemError(
@@ -399,9 +408,9 @@ def _typed_problem(
             "start",
         )
     robot = load_changed_robot(problem_args.robot, args)
-    given = [_flag(name) for name in GOALS if getattr(args, name) is not None]
-    if len(given) != 1:
-        said = f"{' and '.join(given)} are given" if given else "there is no goal"
+    goals = [_flag(name) for name in GOALS if getattr(args, name) is not None]
+    if len(goals) != 1:
+        said = f"{' and '.join(goals)} are given" if goals else "there is no goal"
         flags = " or ".join(map(_flag, GOALS))
         raise ProblemError(f"{said}: give {flags}", "goal")
     scene = _obstacles(args, robot)
@@ -410,10 +419,10 @@ def _typed_problem(
     goal, limits = _goal(args, robot, q_start), _limits(problem_args, robot)
     try:
         return Problem(
-            robot, q_start, goal, scene, v_start=v_start, motion_limits=limits, **beside
+            robot, q_start, goal, scene, v_start=v_start, motion_limits=limits, **extra
         )
     except ProblemError as error:
-        # Radians are spoken of in the words of the command line.
+        # The hint about radians is replaced by a hint about --degrees.
         said = str(error).removesuffix(IN_RADIANS)
         if "position limits" in said:
             said += _degrees_hint(args, robot, q_start, goal)
@@ -421,7 +430,7 @@ def _typed_problem(
 
 
 def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> str:
-    """What to say of angles that nobody gives in radians."""
+    """Hint at --degrees for angles that are too large to be meant in radians."""
     ends = [q] if goal.configuration is None else [q, goal.configuration]
     turning = ~prismatic_joints(robot)
     most = max(float(np.max(np.abs(end[turning]), initial=0.0)) for end in ends)
@@ -445,19 +454,19 @@ def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
 
 
 def _wrap(args: ProblemOptions) -> bool | list[str]:
-    """Which joints of a goal are angles."""
+    """The field ``wrap`` of a goal: joints whose positions are angles."""
     if args.wrap in (None, "none"):
         return args.wrap is None
     return [name.strip() for name in str(args.wrap).split(",")]
 
 
 def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
-    """The joint velocities of an option; None where it is not given.
+    """The joint velocities of an option, shape (n,) [rad/s or m/s]; None if not typed.
 
-    Numbers in joint order, or pairs; other joints rest.
+    The text has numbers in joint order, or ``JOINT=VALUE`` pairs; other joints rest.
 
     Raises:
-        OptionsError: If they are wrong.
+        OptionsError: If a word is no number, or a joint is unknown or named twice.
     """
     text, flag = getattr(args, name), _flag(name)
     if text is None:
@@ -467,7 +476,7 @@ def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
 
 
 def _refuse(what: str, args: RobotOptions, keep: Collection[str] = ()) -> None:
-    """Refuse options that say again, or otherwise, what a file says."""
+    """Refuse options that repeat or contradict a file."""
     for field in fields(args):
         if field.name not in keep and getattr(args, field.name) != field.default:
             raise OptionsError(

@@ -24,10 +24,10 @@ from tominpmp.viz.shares import shares_of_limits
 if TYPE_CHECKING:
     from tominpmp.files.export_check import ExportCheck
 
-# A torque or speed this close to its limit, as a share of it, is at the limit.
+# Distance from its limit, as a share of the limit, at which a torque or speed counts as
+# saturated.
 CLOSE = 0.01
-# So many of the limits that hold a motion are shown, and of the rules that a message
-# breaks.
+# Largest numbers of sensitivities, and of reasons to refuse a message, in a report.
 SHOWN, REFUSALS = 8, 5
 # Width of the labels of the rows below the table of joints.
 LABEL = 14
@@ -36,7 +36,7 @@ LABEL = 14
 def limit_shares(problem: Problem, trajectory: Trajectory) -> tuple[float, float]:
     """Share of the time with an actuator, and with an actuator or a speed, at a limit.
 
-    The motion is looked at in the middle of its intervals.
+    The motion is evaluated at the middle of each interval.
     """
     middles = 0.5 * (trajectory.t[1:] + trajectory.t[:-1])
     shares = shares_of_limits(problem, trajectory, middles)
@@ -51,12 +51,12 @@ def limit_shares(problem: Problem, trajectory: Trajectory) -> tuple[float, float
 def report_data(
     solution: Solution, files: Mapping[str, str], file: ExportCheck | None = None
 ) -> dict[str, Any]:
-    """What there is to report, in types that JSON knows; infinite numbers are None.
+    """Report of a solution, in types of JSON; infinite numbers are None.
 
     Args:
         solution: The solution.
-        files: Files written, by what they hold.
-        file: What the file of the motion was found to do, if there is one.
+        files: Files written, by their labels.
+        file: Judgement of the file of the motion, if there is one.
     """
     problem, options = solution.problem, solution.options
     data: dict[str, Any] = {
@@ -72,7 +72,7 @@ def report_data(
     }
     if problem.robot.kinematic:
         data["kinematic"] = True
-    trajectory, found = solution.trajectory, solution.verification
+    trajectory, replay = solution.trajectory, solution.verification
     if trajectory is not None:
         torque, either = limit_shares(problem, trajectory)
         data |= {"torque_limited_share": torque, "limited_share": either}
@@ -85,9 +85,9 @@ def report_data(
             data |= {"energy": solution.energy, "cost": solution.cost}
         if trajectory.segment_ends is not None:
             data["segments"] = _segments_data(solution)
-    if found is not None:
-        data |= {"verified": found.ok, "goal_error": found.goal_error}
-        data["min_clearance"] = found.min_clearance
+    if replay is not None:
+        data |= {"verified": replay.ok, "goal_error": replay.goal_error}
+        data["min_clearance"] = replay.min_clearance
     if solution.lower_bound is not None:
         data["lower_bound"] = solution.lower_bound.T
         data["lower_bound_reason"] = solution.lower_bound.reason
@@ -108,7 +108,7 @@ def _named(record: object, *names: str) -> dict[str, Any]:
 
 
 def _sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
-    """What there is to report of what holds a motion, the largest effect first."""
+    """Report of the sensitivities of a motion, the largest effect first."""
     names = ("kind", "joint", "subject", "value", "unit", "limit", "limit_unit")
     return [
         _named(item, *names, "vector")
@@ -121,26 +121,26 @@ def _sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
 
 
 def _segments_data(solution: Solution) -> list[dict[str, Any]]:
-    """What there is to report of the segments of a motion, one after the other.
+    """Report of the segments of a motion, one after the other.
 
-    Times are from the start of the motion [s]; "arrival" is when the goal is met, and
-    "end" when the arm has stayed there: for the time "stay", which on the clock of a
-    controller takes whole periods, and is the time "dwell" that was asked for at least.
+    Times are from the start of the motion [s]; the goal is met at "arrival", and the
+    segment ends at "end", after the time "stay" at the goal. That is at least the time
+    "dwell" of the problem, rounded up to whole control periods if there is one.
     """
-    asked = solution.problem.segments
+    segments = solution.problem.segments
     return [
         {
-            **_named(found, "begin", "arrival", "end", "duration"),
-            "stop": segment.stop or segment is asked[-1],
+            **_named(part, "begin", "arrival", "end", "duration"),
+            "stop": segment.stop or segment is segments[-1],
             "dwell": segment.dwell,
-            "stay": found.stay,
+            "stay": part.stay,
         }
-        for found, segment in zip(solution.segments, asked, strict=True)
+        for part, segment in zip(solution.segments, segments, strict=True)
     ]
 
 
 def _segment_rows(segments: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
-    """A line for each segment: how long it takes, and what happens at its end."""
+    """A row for each segment: its duration, and a stop or dwell at its end."""
     rows = []
     for number, item in enumerate(segments, start=1):
         how = "arrives" if item["stop"] else "passes"
@@ -154,7 +154,7 @@ def _segment_rows(segments: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]
 
 
 def report_text(data: Mapping[str, Any]) -> str:
-    """Write the report for people, a line an item."""
+    """Format the report as text, a line for each item."""
     rows: list[tuple[str, str]] = []
     for key, kind in (("T", "duration"), ("best_attempt", "best attempt")):
         if data.get(key) is not None:
@@ -202,45 +202,43 @@ def report_text(data: Mapping[str, Any]) -> str:
     return rows_text(data["message"], rows)
 
 
-def check_data(found: ExportCheck) -> dict[str, Any]:
-    """What there is to report of a motion that was judged."""
-    replay = found.verification
+def check_data(judgement: ExportCheck) -> dict[str, Any]:
+    """Report of the judgement of a motion file, in types of JSON."""
+    replay = judgement.verification
     assert replay is not None  # noqa: S101
     return {
-        "motion": found.path,
-        "T": found.duration,
+        "motion": judgement.path,
+        "T": judgement.duration,
         **plain(replay),
         "touches": replay.touches,
-        **_named(found, "ok", "joined", "notes"),
-        "refusals": [str(item) for item in found.refusals],
+        **_named(judgement, "ok", "joined", "notes"),
+        "refusals": [str(item) for item in judgement.refusals],
     }
 
 
-def check_text(found: ExportCheck) -> str:
-    """Write the judgement for people."""
-    replay = found.verification
+def check_text(judgement: ExportCheck) -> str:
+    """Format the judgement of a motion file as text."""
+    replay = judgement.verification
     assert replay is not None  # noqa: S101
     verdict = "solves the problem" if replay.ok else "does not solve the problem"
-    if replay.ok and not found.ok:
+    if replay.ok and not judgement.ok:
         verdict = "solves the problem, but a controller would refuse it"
-    rows = [("duration", f"{found.duration:.4f} s"), ("joined", f"by {found.joined}")]
-    rows += [("note", note) for note in found.notes]
-    rows += [("refused", str(item)) for item in found.refusals[:REFUSALS]]
+    rows = [("duration", f"{judgement.duration:.4f} s")]
+    rows.append(("joined", f"by {judgement.joined}"))
+    rows += [("note", note) for note in judgement.notes]
+    rows += [("refused", str(item)) for item in judgement.refusals[:REFUSALS]]
     errors = f"{replay.goal_error:.1e} in position, {replay.speed_error:.1e} in speed"
     rows.append(("goal error", errors))
     if np.isfinite(replay.min_clearance):
         rows.append(("clearance", f"{replay.min_clearance:.4f} m at least"))
     rows.append(("replay", f"{replay.integrator}, {replay.seconds:.2f} s"))
-    rows += [("violation", str(item)) for item in found.violations]
+    rows += [("violation", str(item)) for item in judgement.violations]
     rows += [("warning", str(item)) for item in replay.touches]
-    return rows_text(f"The motion in {found.path} {verdict}.", rows)
+    return rows_text(f"The motion in {judgement.path} {verdict}.", rows)
 
 
 def robot_data(robot: Robot) -> dict[str, Any]:
-    """What there is to tell about a robot, in types that JSON knows.
-
-    Infinite limits are None.
-    """
+    """Report of a robot, in types of JSON; infinite limits are None."""
     limits, beyond, semantics = robot.limits, robot.motion_limits, robot.srdf
     groups = {} if semantics is None else semantics.groups
     kinds = {joint.name: joint.kind for joint in robot.description.joints}
@@ -282,7 +280,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
 
 
 def robot_text(data: dict[str, Any]) -> str:
-    """Write the data for people; fitted to the screen if there is one."""
+    """Format the report of a robot as text, wrapped to the width of a terminal."""
     console = Console()
     width = console.width if console.is_terminal else None
     count, shapes = len(data["joints"]), data["collision_geometries"]
@@ -308,7 +306,7 @@ def robot_text(data: dict[str, Any]) -> str:
 
 
 def _row(label: str, items: list[str], width: int | None) -> str:
-    """Write a label and a list, wrapped if there is a width."""
+    """Format a label and a list, wrapped if there is a width."""
     row = f"{label:<{LABEL}}{', '.join(items)}"
     if width is None or len(items) == 1:
         return row
@@ -322,7 +320,7 @@ def _row(label: str, items: list[str], width: int | None) -> str:
 
 
 def _table(joints: list[dict[str, Any]]) -> list[str]:
-    """Write the table of joints; nothing is left out to fit a screen."""
+    """Format the table of joints; its lines are never shortened to fit a terminal."""
     heads = {key: key.replace("position_", "").replace("_", " ") for key in joints[0]}
     heads["name"] = "joint"
     if heads.pop("effort_lower", None):
@@ -346,23 +344,23 @@ def _table(joints: list[dict[str, Any]]) -> list[str]:
 
 
 def _cell(key: str, value: Any) -> str:
-    """Write a value; numbers that JSON does not know are infinite."""
+    """Format a value; None stands for an infinite limit."""
     if value is None:
         return "-inf" if key.endswith("lower") else "inf"
     return value if isinstance(value, str) else f"{value:.5g}"
 
 
 def rows_text(message: str, rows: Sequence[tuple[str, str]]) -> str:
-    """Write a message and, below it, texts with their labels."""
+    """Format a message and, below it, rows of a label and a text."""
     width = max(len(label) for label, _ in rows) + 2
     return "\n".join([message, "", *(f"  {k:<{width}}{text}" for k, text in rows)])
 
 
 def plain(value: Any) -> Any:
-    """Turn records, arrays and paths into types that JSON knows.
+    """Convert records, arrays and paths to types of JSON.
 
-    Infinite numbers, and those that are none, are None. Of a record, fields that are
-    not shown by ``repr`` are left out: they are too long for a report.
+    Infinite numbers and NaN become None. Fields of a record that ``repr`` does not show
+    are left out: they are too long for a report.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         items = (item.name for item in dataclasses.fields(value) if item.repr)
@@ -383,5 +381,5 @@ def plain(value: Any) -> Any:
 
 
 def json_text(data: Any) -> str:
-    """Write data as JSON for people and programs."""
+    """Format data as indented JSON."""
     return json.dumps(plain(data), indent=2, allow_nan=False)

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: planning ends with what it has found, which is still written."""
+"""Ctrl-C and SIGTERM: planning ends with its incumbent, which is still written."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ if TYPE_CHECKING:
     from types import FrameType
     from typing import Any
 
-# What a shell says of a process that a signal has ended: this and its number.
+# Exit code of a process that a signal has ended, less the number of the signal.
 SIGNALLED = 128
 # Clears the line of progress, and shows the cursor.
 CLEARED = b"\r\x1b[K\x1b[?25h"
 
 
 class Signals:
-    """Signals to end that have come.
+    """Handler of signals to end, which keeps the signals received.
 
-    The first one asks planning to stop, or waits until what is found is written. While
-    there is nothing to save, and for who insists, it is a KeyboardInterrupt.
+    The first signal asks planning to stop, or is deferred while results are written.
+    If there is nothing to save, and from the second signal on, it raises a
+    KeyboardInterrupt.
 
     Attributes:
-        number: The first that came; None if none has.
+        number: Number of the first signal; None before any.
     """
 
     def __init__(self) -> None:
@@ -37,20 +38,20 @@ class Signals:
         self._insisted = False
 
     def writing(self) -> None:
-        """Say that what was found is written from now on."""
+        """Declare that results are written from now on."""
         self._writing = True
 
     def check(self) -> None:
-        """End if a signal has come before: native code may swallow the exception.
+        """Raise if a signal was received, as native code may swallow the exception.
 
         Raises:
-            KeyboardInterrupt: If one has.
+            KeyboardInterrupt: If a signal was received.
         """
         if self.number is not None:
             raise KeyboardInterrupt
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Take a signal."""
+        """Handle a signal."""
         self.number = number if self.number is None else self.number
         if self._writing and not self._insisted:
             self._insisted = True
@@ -63,10 +64,10 @@ class Signals:
 
 
 def end_at_once(number: int, frame: FrameType | None) -> None:
-    """End the process by a signal, while there is nothing to save.
+    """End the process at once on a signal, while there is nothing to save.
 
-    An exception while modules are imported would be lost in native code, or be shown
-    by what imports them.
+    An exception raised during an import would be lost in native code, or be printed by
+    the importing module.
     """
     cleared = CLEARED if os.isatty(2) else b""
     try:
@@ -84,7 +85,9 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 def take(handler: Callable[[int, FrameType | None], None]) -> dict[int, Any]:
-    """Take Ctrl-C and SIGTERM, unless they are ignored, as a shell does for jobs.
+    """Install a handler for Ctrl-C and SIGTERM, unless the signals are ignored.
+
+    A shell lets background jobs ignore them.
 
     Returns:
         The former handlers by the numbers of the signals.
@@ -101,13 +104,13 @@ _present = Signals()
 
 
 def present() -> Signals:
-    """The signals that have come to the command."""
+    """The signals that the running command has received."""
     return _present
 
 
 @contextmanager
 def heeded_signals() -> Iterator[Signals]:
-    """Take signals for a command."""
+    """Context manager that handles signals during a command."""
     global _present
     before, _present = _present, Signals()
     former = take(_present)

@@ -1,4 +1,4 @@
-"""What all commands have in common: errors, warnings, exit codes, a closed pipe."""
+"""Terminal output of all commands: errors, warnings, exit codes, a closed pipe."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 PLANNED = 0
 NO_PLAN = 1
 BAD_INPUT = 2
-# As sysexits.h and shells have them: a defect, Ctrl-C, a reader that went away.
+# Exit codes of sysexits.h and shells: a defect, Ctrl-C, a closed pipe.
 DEFECT = 70
 INTERRUPTED = 130
 CLOSED_PIPE = 141
 
-# Arguments that take values by joint name, and are flags that do.
+# Python arguments with values by joint name, whose flags take the same values.
 _BY_JOINT = re.compile(
     r"\b(effort|velocity|position_lower|position_upper|damping|armature|friction"
     r"|acceleration)=\{([^{}]*)\}"
 )
-_WORDS = {
+_FLAGS = {
     "self_collision=False": "--no-self-collision",
     "limits='datasheet'": "--limits datasheet",
     "kinematic=True": "--kinematic",
@@ -49,28 +49,28 @@ def say(text: str, *, err: bool = False) -> None:
 def error_console() -> Console:
     """Console for progress, warnings and errors.
 
-    There is one only, as it has to write a warning above the line of progress.
+    All output shares one console, as it has to print warnings above the status line.
     """
     from rich.console import Console
 
     return Console(stderr=True, markup=False, highlight=False, emoji=False)
 
 
-def in_own_words(message: str) -> str:
-    """A message with flags in the place of arguments of Python.
+def as_command_line_flags(message: str) -> str:
+    """Replace Python arguments in a message by flags of the command line.
 
-    What is said of a scenario file stays as it is: there they are keys.
+    Messages about a scenario file are unchanged: its keys are named as the arguments.
     """
     if ".toml:" in message:
         return message
 
-    def flag(found: re.Match[str]) -> str:
-        values = re.sub(r"'([^']*)':\s*", r"\1=", found[2]).replace(", ", ",")
-        return f"--{found[1].replace('_', '-')} {values}"
+    def flag(match: re.Match[str]) -> str:
+        values = re.sub(r"'([^']*)':\s*", r"\1=", match[2]).replace(", ", ",")
+        return f"--{match[1].replace('_', '-')} {values}"
 
     message = _BY_JOINT.sub(flag, message)
-    for words, own in _WORDS.items():
-        message = re.sub(rf"(?<![\w.]){re.escape(words)}(?!\w)", own, message)
+    for argument, option in _FLAGS.items():
+        message = re.sub(rf"(?<![\w.]){re.escape(argument)}(?!\w)", option, message)
     return message
 
 
@@ -78,26 +78,26 @@ def complain(prefix: str, message: str, style: str = "bold red") -> None:
     """Write a line like ``error: ...`` to standard error."""
     from rich.text import Text
 
-    said = " ".join(in_own_words(message).split())
+    said = " ".join(as_command_line_flags(message).split())
     line = Text.assemble((f"{prefix}:", style), " ", said)
     error_console().print(line, soft_wrap=True)
 
 
 @contextmanager
 def guarded(debug: bool = False) -> Iterator[None]:
-    """Turn what goes wrong in a command, or with what was typed, into an exit code.
+    """Turn exceptions of a command into a line on standard error and an exit code.
 
     Args:
         debug: Whether to show tracebacks too.
 
     Raises:
-        SystemExit: With the exit code, after a line that says what is wrong.
+        SystemExit: With the exit code.
     """
     try:
         with _warnings_shown():
             yield
     except (BrokenPipeError, SystemExit) as error:
-        # With the latter Rich ends when nobody reads the help that it writes.
+        # Rich raises SystemExit if the pipe is closed while it writes the help.
         _discard_output()
         raise SystemExit(CLOSED_PIPE) from error
     except KeyboardInterrupt as error:
@@ -125,7 +125,7 @@ def _explain(message: str, debug: bool) -> None:
 
 @contextmanager
 def _warnings_shown() -> Iterator[None]:
-    """Show the library's warnings as lines, others as Python does."""
+    """Show the library's warnings as lines, other warnings as Python does."""
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
@@ -144,7 +144,7 @@ def _warnings_shown() -> Iterator[None]:
 
 @contextmanager
 def log_shown(name: str, show: Callable[[logging.LogRecord], None]) -> Iterator[None]:
-    """Show what a logger is given."""
+    """Pass the records of a logger to a function."""
     logger, handler = logging.getLogger(name), logging.Handler(logging.INFO)
     handler.emit = show  # type: ignore[assignment, method-assign]
     level = logger.level
@@ -158,7 +158,7 @@ def log_shown(name: str, show: Callable[[logging.LogRecord], None]) -> Iterator[
 
 
 def logged(verbose: bool, console: Console) -> AbstractContextManager[None]:
-    """Show the library's log above a line that changes, if wished for."""
+    """Show the library's log above the status line if ``verbose``."""
 
     def show(record: logging.LogRecord) -> None:
         text = f"{record.levelname.lower()}: {record.getMessage()}"
@@ -168,11 +168,11 @@ def logged(verbose: bool, console: Console) -> AbstractContextManager[None]:
 
 
 def flush_output(code: int = 0) -> int:
-    """Write what is still buffered.
+    """Flush standard output.
 
     Args:
-        code: The exit code so far. An output that could not be written may have been
-            complained of as an error: what is left of it is not, once more.
+        code: The exit code so far. After BAD_INPUT a failed flush is not reported: the
+            failure may have been reported already.
 
     Returns:
         The exit code.
@@ -191,11 +191,11 @@ def flush_output(code: int = 0) -> int:
 
 
 def _discard_output() -> None:
-    """Send what is still buffered nowhere, as Python would complain at its end."""
+    """Redirect buffered output to the null device, so that Python's exit is silent."""
     try:
         target = sys.stdout.fileno()
     except (OSError, ValueError, AttributeError):
-        return  # not a file: nothing is written at the end
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, target)
-    os.close(nowhere)
+        return  # not a file: Python does not flush it at exit
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, target)
+    os.close(null)

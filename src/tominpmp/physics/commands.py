@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tominpmp.cli.commands import JudgedProblem
-from tominpmp.cli.option_fields import given
+from tominpmp.cli.option_fields import typed_values
 from tominpmp.cli.options import (
     LimitOptions,
     ProblemArguments,
@@ -46,5 +46,5 @@ def replay(
     """
     from tominpmp.physics.replay_command import run_replay
 
-    problem = ProblemArguments(scenario, changes, given(limits))
+    problem = ProblemArguments(scenario, changes, typed_values(limits))
     return run_replay(problem, motion, args)

@@ -30,8 +30,8 @@ from tominpmp.cell.tours.station import (
     Station,
     Visit,
     arm_of,
-    called,
     checked_stations,
+    label_of,
     together,
 )
 from tominpmp.cell.tours.tour import Tour
@@ -127,7 +127,7 @@ class TourSearch:
         for number, rows in enumerate(found):
             if not len(rows):
                 raise ProblemError(
-                    f"{called(number + 1, stations[number].name)} cannot be reached: "
+                    f"{label_of(number + 1, stations[number].name)} cannot be reached: "
                     f"{self.configurations.unreached(number)}",
                     f"stations[{number}]",
                 )
@@ -331,7 +331,7 @@ def _run(
     return motions
 
 
-def _torque_limited(problem: Problem, configurations: Sequence[Array]) -> Array:
+def _torque_limited(problem: Problem, by_station: Sequence[Array]) -> Array:
     """Estimate of the accelerations that the torques of the joints allow, shape (n,).
 
     It is the torque that gravity leaves, over the inertia at the joint; coupling with
@@ -339,9 +339,7 @@ def _torque_limited(problem: Problem, configurations: Sequence[Array]) -> Array:
     """
     dynamics = RobotDynamics(problem.robot)
     _, half = effort_range(problem.robot, problem.motion_limits)
-    rows = np.concatenate(
-        [problem.q_start[None], *(rows[:2] for rows in configurations)]
-    )
+    rows = np.concatenate([problem.q_start[None], *(rows[:2] for rows in by_station)])
     rows = rows[:: max(1, len(rows) // 40)]
     rest = np.zeros_like(rows)
     weight = np.abs(dynamics.inverse(rows, rest, rest))
@@ -495,7 +493,7 @@ def _checked_goals(
     robot, found, places = problem.robot, list[Station](), dict[object, int]()
     known, needed = known_names(robot, problem.scene), rules.all_needs
     for k, station in enumerate(stations):
-        label = called(k + 1, station.name)
+        label = label_of(k + 1, station.name)
         with naming(label, f"stations[{k}]"):
             goal = station.goal.resolved(robot)
             goal.validate(robot)
@@ -507,15 +505,15 @@ def _checked_goals(
         other = places.setdefault(place_of(goal), k)
         if other != k and k not in needed[other] and other not in needed[k]:
             raise ProblemError(
-                f"{called(other + 1, found[other].name)} and {label} are in one place; "
-                "expected one station, or a precedence of the one before the other",
+                f"{label_of(other + 1, found[other].name)} and {label} are in one "
+                "place; expected one station, or a precedence between the two",
                 "stations",
             )
     for k, station in enumerate(found):
         for name in itertools.chain.from_iterable(station.may_touch):
             if name not in known:
                 raise ProblemError(
-                    f"{called(k + 1, station.name)}: may_touch names {brief(name)}, "
+                    f"{label_of(k + 1, station.name)}: may_touch names {brief(name)}, "
                     "expected a link with a shape, an obstacle or a load of a "
                     f"station: one of {brief(', '.join(sorted(known)))}",
                     f"stations[{k}].may_touch",

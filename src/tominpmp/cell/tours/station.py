@@ -131,7 +131,7 @@ def checked_stations(given: object) -> tuple[Station, ...]:
     return tuple(found)
 
 
-def called(number: int, name: str) -> str:
+def label_of(number: int, name: str) -> str:
     """The label of a station in messages: its number, from 1, and its name."""
     own = f"station {number}"
     return own if name == own else f"{own} ({brief(name)})"
@@ -149,7 +149,7 @@ def _named(number: int, name: Any, item: Any) -> Station:
         return Station(name, item)
     except ProblemError as error:
         text = str(error).removeprefix(f"station {brief(name)}: ")
-        where = called(number, name) if isinstance(name, str) else f"station {number}"
+        where = label_of(number, name) if isinstance(name, str) else f"station {number}"
         raise ProblemError(f"{where}: {text}", error.field) from error
 
 
@@ -171,7 +171,7 @@ def _check_names(stations: Sequence[Station]) -> None:
                     known = brief(", ".join(others))
                     there = f"one of the others: {known}" if others else "none"
                     raise ProblemError(
-                        f"{called(k, station.name)}: {field} names "
+                        f"{label_of(k, station.name)}: {field} names "
                         f"{brief(name)}, expected {there}",
                         f"station.{field}",
                     )
