@@ -10,7 +10,7 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.viz.meshcat_scene import Recorder, draw
 from tominpmp.viz.motion_plot import plot_motion
-from tominpmp.viz.surroundings import frame_places, things
+from tominpmp.viz.surroundings import frame_placements, scene_items
 
 meshcat = pytest.importorskip("meshcat")
 
@@ -34,9 +34,9 @@ def solution():
 
 def crate_of(problem, trajectory, times):
     """The load of a motion, which is one body of the name of its shape."""
-    (load,) = (one for one in things(problem, trajectory, times) if one.load)
+    (load,) = (one for one in scene_items(problem, trajectory, times) if one.load)
     assert load.load == load.name == "crate"
-    assert load.there.all()
+    assert load.present.all()
     return load
 
 
@@ -67,7 +67,7 @@ def test_one_load_on_several_segments_goes_with_the_hand_on_all_of_them():
     motion = Trajectory(robot.joint_names, t, q, zero, zero, segment_ends=t[1:])
     times = np.array([0.5, 1.0, 1.5, 2.5, 3.0, 3.5, 4.0, 4.5])
     load = crate_of(problem, motion, times)
-    places = load.placements[:, 0, 3] - frame_places(robot, q[:1], "tip")[0, 0, 3]
+    places = load.placements[:, 0, 3] - frame_placements(robot, q[:1], "tip")[0, 0, 3]
     hand = motion(times).q[:, 0]
     # It stands at 0.5, is carried to 0.7, stays there, and goes on from where it is
     # taken up again.
@@ -78,10 +78,10 @@ def test_one_load_on_several_segments_goes_with_the_hand_on_all_of_them():
 def test_obstacles_are_there_on_their_segments(solution):
     first, second, _ = solution.trajectory.segment_ends
     times = np.array([0.5 * first, first, 0.5 * (first + second), second + 0.01])
-    ball, _ = things(solution.problem, solution.trajectory, times)
+    ball, _ = scene_items(solution.problem, solution.trajectory, times)
     assert ball.name == ball.shape.name == "ball"
     assert not ball.moves
-    np.testing.assert_array_equal(ball.there, [False, True, True, False])
+    np.testing.assert_array_equal(ball.present, [False, True, True, False])
 
 
 def test_the_page_has_them_all(solution):
@@ -123,10 +123,10 @@ def test_a_load_that_another_hand_takes_is_one_body():
     found = tm.plan(problem, intervals=12, control="constant", refine=None)
     assert found.success, found.message
     times = np.array([0.0, found.T])
-    (load,) = things(problem, found.trajectory, times)
+    (load,) = scene_items(problem, found.trajectory, times)
     q = found.trajectory(times).q
     for row, (frame, at) in enumerate(((first, (0.3, 0, 0)), (other, (0, 0.2, 0)))):
         box = np.eye(4)
         box[:3, 3] = at
-        place = frame_places(robot, q[row : row + 1], frame)[0] @ box
+        place = frame_placements(robot, q[row : row + 1], frame)[0] @ box
         np.testing.assert_allclose(load.placements[row], place, atol=1e-9)

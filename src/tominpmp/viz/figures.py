@@ -1,4 +1,4 @@
-"""Figures: their style, and writing them.
+"""Figures: style, legends and files.
 
 matplotlib is imported inside the functions. Figures are drawn without pyplot, so that
 no window opens, no global figure is left and no setting of the caller is changed.
@@ -26,7 +26,7 @@ BEYOND_COLOR = "#f6e3e1"
 GOAL_COLOR = "#1d8a50"
 LIMIT_LOOK: Any = {"color": LIMIT_COLOR, "linewidth": 0.8, "linestyle": "--"}
 
-# Those of notebooks, with a few more for arms of many joints.
+# The colours of notebooks, and further ones for arms of many joints.
 PALETTE = (
     *COLORS,
     "#8c564b",
@@ -38,7 +38,7 @@ PALETTE = (
     "#1f2d5c",
 )
 
-# Widths of a letter in a legend, and of what stands before a label and behind it [in].
+# Widths in a legend [in]: of a letter, and of handle and gap of a label.
 LETTER, LEGEND_GAP = 0.046, 0.56
 
 
@@ -49,20 +49,20 @@ def color(index: int) -> str:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Apply the style for a while.
+    """Context manager that applies the style of figures.mplstyle.
 
     Raises:
         MissingDependency: If matplotlib is not installed.
     """
     with optional("matplotlib", "plots", "plotting"):
         from matplotlib import style
-    # What figures.mplstyle does not name stays as the caller has set it.
+    # Settings that figures.mplstyle does not name keep the caller's values.
     with style.context(f"{__package__}.figures"):
         yield
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Make a figure that no window manager knows of; sizes in inches."""
+    """Make a figure without a window; width and height in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -76,7 +76,7 @@ def finish(figure: Figure, path: str | Path | None) -> Figure:
 
     Args:
         figure: The figure.
-        path: File to write, its ending says in which format; None writes none.
+        path: File to write, with the format by its ending; None to write no file.
 
     Raises:
         ProblemError: If the ending is unknown.
@@ -93,31 +93,31 @@ def finish(figure: Figure, path: str | Path | None) -> Figure:
 
 
 def line_key(label: str, **look: Any) -> Any:
-    """A line or marker of a legend."""
+    """Handle of a line or marker in a legend."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], label=label, **look)
 
 
 def area_key(label: str, **look: Any) -> Any:
-    """An area of a legend."""
+    """Handle of an area in a legend."""
     from matplotlib.patches import Patch
 
     return Patch(label=label, **look)
 
 
 def add_legend(figure: Figure, handles: Sequence[Any], columns: int) -> None:
-    """Put one legend for all panels above them, in as many columns as there is room.
+    """Put one legend above all panels, in as many columns as the width allows.
 
     Args:
         figure: The figure.
-        handles: What is told of, with labels.
-        columns: Number of columns, at the most.
+        handles: Lines or areas with labels.
+        columns: Largest number of columns.
     """
     labels = [str(handle.get_label()) for handle in handles]
-    room = figure.get_figwidth()
+    width = figure.get_figwidth()
     count = max(min(columns, len(labels)), 1)
-    while count > 1 and _legend_width(labels, count) > room:
+    while count > 1 and _legend_width(labels, count) > width:
         count -= 1
     figure.legend(
         handles=list(handles),
@@ -129,6 +129,6 @@ def add_legend(figure: Figure, handles: Sequence[Any], columns: int) -> None:
 
 
 def _legend_width(labels: Sequence[str], columns: int) -> float:
-    """Width of a legend, roughly [in]: labels run down one column after the other."""
+    """Estimated width of a legend [in], which fills one column after the other."""
     parts = np.array_split([len(label) for label in labels], columns)
     return sum(LETTER * int(part.max()) + LEGEND_GAP for part in parts)

@@ -1,8 +1,9 @@
 """Meshcat scene of a motion: bodies, animation and camera.
 
-Scenes are drawn with Meshcat's own ``Visualizer``, which needs no server. Its meshes of
-triangles have no normals, and four bytes for every number; so bodies have a geometry of
-this module, with which sharp edges stay sharp and pages small.
+Scenes are drawn with Meshcat's ``Visualizer``, which needs no server. Meshcat's
+triangle meshes have no normals, and take four bytes for every number; the geometry of
+this module has normals, which keep sharp edges sharp, and packed numbers, which keep
+pages small.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from tominpmp.viz.skeleton import (
     View,
     camera_view,
     end_frame,
-    end_of,
+    last_frame,
     points_in_view,
     skeleton,
 )
@@ -37,10 +38,10 @@ from tominpmp.viz.surfaces import (
     moved,
     obstacle_surface,
     path_tube,
-    placed,
     robot_bodies,
     shaded,
     sphere,
+    transform,
 )
 
 OBSTACLE_OPACITY = 0.62
@@ -52,7 +53,7 @@ TRAIL_COLOR = (*surroundings.PATH_RGB, 1.0)
 TRIAD_COLORS = ((0.85, 0.2, 0.2), (0.2, 0.65, 0.25), (0.2, 0.35, 0.85))
 GHOST_OPACITY = 0.16
 
-# Sizes of markers as shares of the size of the scene.
+# Sizes of markers, as shares of the size of the scene.
 TRAIL_RADIUS = 0.0022
 GOAL_RADIUS = 0.012
 END_RADIUS = 0.006
@@ -60,19 +61,19 @@ TRIAD_LENGTH = 0.06
 
 TRAIL_POINTS = 240
 FIELD_OF_VIEW = 40.0  # vertical [deg]
-ASPECT = 1.3  # of the window that the camera is placed for
-MARGIN = 1.06  # share by which the camera stands further off than it must
+ASPECT = 1.3  # aspect ratio of the window that the camera is placed for
+MARGIN = 1.06  # factor of the least distance at which the camera sees all points
 
 Command = dict[str, Any]
 
-# Types of arrays by their name in JavaScript: extension code in MessagePack.
+# Typed arrays by NumPy type: name in JavaScript, extension code in MessagePack.
 ARRAY_CODES = {
     "int8": ("Int8Array", 0x11),
     "uint8": ("Uint8Array", 0x12),
     "uint32": ("Uint32Array", 0x16),
     "float32": ("Float32Array", 0x17),
 }
-# Names that every object of JavaScript has already.
+# Properties that every JavaScript object has, which names of nodes must not hide.
 RESERVED = frozenset(
     "constructor hasOwnProperty isPrototypeOf propertyIsEnumerable toLocaleString "
     "toString valueOf __proto__ __defineGetter__ __defineSetter__ __lookupGetter__ "
@@ -93,13 +94,14 @@ def draw(
     """Draw a motion.
 
     Args:
-        viewer: The ``meshcat.Visualizer`` to draw it in; the animation comes last.
+        viewer: The ``meshcat.Visualizer`` to draw in; the animation is sent last.
         problem: The problem, for robot, obstacles and goal.
         trajectory: The motion.
         fps: Key frames a second; the viewer interpolates between them.
         ghosts: Number of translucent copies of the robot along the motion.
-        frame: Frame whose path is drawn; None for that of the goal, else the last.
-        twins: Other motions of the same robot, which pale copies of it show.
+        frame: Frame whose path is drawn; None for the frame of the goal or the last
+            one.
+        twins: Other motions of the same robot, shown by pale copies of it.
     """
     robot = problem.robot
     frame = frame or end_frame(problem)
@@ -107,13 +109,13 @@ def draw(
     times = frame_times(duration, fps)
     motion = _poses(robot, trajectory, times, frame)
     bodies = robot_bodies(robot)
-    shown = surroundings.things(problem, trajectory, times)
-    # Obstacles where they are first and last.
+    shown = surroundings.scene_items(problem, trajectory, times)
+    # Moving obstacles count at their first and last placements.
     obstacles = [
-        moved(obstacle_surface(thing.shape), placement).vertices
-        for thing in shown
-        if thing.load is None
-        for placement in thing.placements[[0, -1] if thing.moves else [0]]
+        moved(obstacle_surface(item.shape), placement).vertices
+        for item in shown
+        if item.load is None
+        for placement in item.placements[[0, -1] if item.moves else [0]]
     ]
     points = points_in_view(_robot_points(motion, bodies), obstacles)
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
@@ -122,19 +124,19 @@ def draw(
     _surroundings(viewer, view, points, size)
     moving = _robot(viewer, robot, bodies, motion.placements, "/meshcat/robot")
     seen = {}
-    for thing in shown:
-        color, kind = LOAD_COLOR, f"loads/{node_name(thing.load or '')}"
-        if thing.load is None:
-            shade = surroundings.obstacle_color(thing.shape)
+    for item in shown:
+        color, kind = LOAD_COLOR, f"loads/{node_name(item.load or '')}"
+        if item.load is None:
+            shade = surroundings.obstacle_color(item.shape)
             color = (*surroundings.rgb(shade), OBSTACLE_OPACITY)
             kind = "obstacles"
-        path = f"/meshcat/{kind}/{node_name(thing.name)}"
-        surface = obstacle_surface(thing.shape)
-        put_body(viewer[path], surface, color, thing.placements[0])
-        if thing.moves:
-            moving[path] = thing.placements
-        if not thing.there.all():
-            seen[path] = thing.there
+        path = f"/meshcat/{kind}/{node_name(item.name)}"
+        surface = obstacle_surface(item.shape)
+        put_body(viewer[path], surface, color, item.placements[0])
+        if item.moves:
+            moving[path] = item.placements
+        if not item.present.all():
+            seen[path] = item.present
     _marks(viewer, problem, trajectory, frame, size)
     movable = [body for body in bodies if body.joint]
     if ghosts:
@@ -143,20 +145,20 @@ def draw(
         copies = _copies("/meshcat/ghosts", movable, GHOST_OPACITY, poses)
         viewer.window.send(copies)
     for number, twin in enumerate(twins):
-        poses = _poses(robot, twin, times, end_of(robot)).placements
+        poses = _poses(robot, twin, times, last_frame(robot)).placements
         path = f"/meshcat/twins/{number}"
         moving |= _robot(viewer, robot, movable, poses, path, TWIN_COLOR)
     _animate(viewer, times, moving, seen)
 
 
 def _poses(robot: Robot, trajectory: Trajectory, times: Array, frame: str) -> Skeleton:
-    """The arm at times; after its end it stays where it is."""
+    """Poses of the arm at times [s], shape (m,); after its end the motion holds."""
     q = trajectory(np.minimum(times, trajectory.duration)).q
     return skeleton(robot, q, frame)
 
 
 def frame_times(duration: float, fps: float) -> Array:
-    """Times of the key frames [s]: evenly spaced, with both ends, shape (m,)."""
+    """Times of the key frames [s]: evenly spaced, both ends included, shape (m,)."""
     count = max(2, int(np.ceil(duration * fps - 1e-9)) + 1)
     return np.linspace(0.0, duration, count)
 
@@ -176,11 +178,11 @@ def _robot(
         robot: The robot.
         bodies: Its bodies.
         poses: Placements joint_to_world of all joints, shape (m, joints, 4, 4).
-        path: Where in the tree of the scene.
-        tint: Colour of all bodies; None for that of each.
+        path: Path of the robot in the tree of the scene.
+        tint: Colour of all bodies; None for the colour of each body.
 
     Returns:
-        Placements of the joints that move by their paths, shape (m, 4, 4).
+        Placements of the moving joints by their paths, shape (m, 4, 4).
     """
     joints = sorted({body.joint for body in bodies})
     paths = {i: f"{path}/{node_name(str(robot.model.names[i]))}" for i in joints}
@@ -204,14 +206,14 @@ def _animate(
     Args:
         viewer: The viewer.
         times: Times of the key frames [s], shape (m,).
-        moving: Placements of what moves by its path, shape (m, 4, 4).
-        seen: Whether what comes and goes is there, shape (m,), by its path.
+        moving: Placements of moving nodes by their paths, shape (m, 4, 4).
+        seen: Visibility of nodes that appear or disappear, by their paths, shape (m,).
     """
     meshcat = import_meshcat().animation
     tracks: dict[str, dict[str, Any]] = {path: {} for path in (*moving, *seen)}
     for path, placements in moving.items():
         quaternions = Rotation.from_matrix(placements[:, :3, :3]).as_quat()
-        # q and -q are one rotation; neighbours must be on one side to be interpolated.
+        # q and -q are the same rotation; interpolation needs neighbours of equal sign.
         flips = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1]) < 0.0
         quaternions[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
         for name, kind, values in (
@@ -221,14 +223,14 @@ def _animate(
             keys = times.tolist(), values.tolist()
             tracks[path][name] = meshcat.AnimationTrack(name, kind, *keys)
     for path, flags in seen.items():
-        # Once for each change: in between it is as it was before.
+        # One key for each change; the viewer holds the value in between.
         changes = np.flatnonzero(np.append(True, np.diff(flags.astype(int)) != 0))
         keys = times[changes].tolist(), flags[changes].tolist()
         tracks[path]["visible"] = meshcat.AnimationTrack("visible", "bool", *keys)
     # With one frame a second the times of the keys are in seconds.
     clips = {
-        viewer[path].path: meshcat.AnimationClip(found, fps=1.0, name="motion")
-        for path, found in tracks.items()
+        viewer[path].path: meshcat.AnimationClip(track, fps=1.0, name="motion")
+        for path, track in tracks.items()
     }
     viewer.set_animation(meshcat.Animation(clips))
 
@@ -236,15 +238,15 @@ def _animate(
 def _marks(
     viewer: Any, problem: Problem, trajectory: Trajectory, frame: str, size: float
 ) -> None:
-    """The goal, the path of a frame, and a bead where each segment ends on it."""
+    """Draw the goal, the path of a frame, and a bead at the end of each segment."""
     node, target = viewer["/meshcat/goal"], problem.goal.target
     if isinstance(target, np.ndarray):
-        put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR, placed(target))
+        put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR, transform(target))
     elif target is not None:
         length = TRIAD_LENGTH * size
-        rod = moved(cylinder(0.05 * length, length), placed([0.0, 0.0, length / 2]))
+        rod = moved(cylinder(0.05 * length, length), transform([0.0, 0.0, length / 2]))
         for axis, color in enumerate(TRIAD_COLORS):
-            turn = placed(np.zeros(3), np.roll(np.eye(3), axis + 1, axis=0))
+            turn = transform(np.zeros(3), np.roll(np.eye(3), axis + 1, axis=0))
             put_body(node["xyz"[axis]], moved(rod, turn), (*color, 1.0))
         node.set_transform(np.array(target.homogeneous))
     times = np.linspace(0.0, trajectory.duration, TRAIL_POINTS)
@@ -252,15 +254,15 @@ def _marks(
     line = path_tube(points, TRAIL_RADIUS, size)
     if line is not None:
         put_body(viewer[f"/meshcat/path of {node_name(frame)}"], line, TRAIL_COLOR)
-    ends, bead = surroundings.ends_on_the_way(trajectory), sphere(END_RADIUS * size)
+    ends, bead = surroundings.inner_segment_ends(trajectory), sphere(END_RADIUS * size)
     points = _poses(problem.robot, trajectory, ends, frame).end
     for number, point in enumerate(points, start=1):
         node = viewer[f"/meshcat/ends of segments/{number}"]
-        put_body(node, bead, END_COLOR, placed(point))
+        put_body(node, bead, END_COLOR, transform(point))
 
 
 def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
-    """Points that enclose the robot all along its motion, shape (m, 3) [m]."""
+    """Points that enclose the robot along its whole motion, shape (m, 3) [m]."""
     clouds = [motion.points.reshape(-1, 3), motion.end]
     instants = np.unique(np.linspace(0, len(motion.placements) - 1, 25).astype(int))
     corners = np.array(list(np.ndindex(2, 2, 2)))
@@ -272,7 +274,7 @@ def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
 
 
 def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
-    """Background, floor, lights, and a camera that has all points in view."""
+    """Set background, floor, lights, and a camera that has all points in view."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = (low + high) / 2
     slope = np.tan(np.radians(FIELD_OF_VIEW / 2))
@@ -287,14 +289,14 @@ def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
         far=40.0 * distance + 100.0,
     )
     camera.uuid = "camera"
-    # The viewer looks at its origin; so the world is moved, not the camera.
-    world, floor = placed(-center), placed(-center)
+    # The viewer looks at the origin, so the world is moved instead of the target.
+    world, floor = transform(-center), transform(-center)
     floor[2, 3] = low[2] - center[2] - 1e-3 * size
-    # Its floor has 40 cells of half a metre each way; here they are 1, 2, 5, 10 ... m.
+    # Meshcat's floor has cells of half a metre; they are scaled to 1, 2, 5, 10 ... m.
     power = 10.0 ** np.floor(np.log10(size / 12.0))
     cell = power * max(step for step in (1, 2, 5) if step * power <= size / 12.0)
     floor[:3, :3] *= cell / 0.5
-    # The camera's own axes have y upwards.
+    # The axes of the camera have y upwards.
     place = [float(offset[0]), float(offset[2]), float(-offset[1])]
     viewer["/Background"].set_property("top_color", [0.96, 0.97, 0.98])
     viewer["/Background"].set_property("bottom_color", [0.78, 0.82, 0.87])
@@ -306,7 +308,7 @@ def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
     viewer["/Cameras/default/rotated/<object>"].set_property("position", place)
     lights = viewer["/Lights"]
     for light in ("PointLightNegativeX", "PointLightPositiveX"):
-        # These reach 10 m otherwise, which lights half of a large arm.
+        # The default reach of 10 m would light only half of a large arm.
         lights[f"{light}/<object>"].set_property("distance", 0.0)
         lights[f"{light}/<object>"].set_property("intensity", 0.22)
     lights["AmbientLight/<object>"].set_property("intensity", 0.5)
@@ -314,10 +316,10 @@ def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
 
 
 def import_meshcat() -> Any:
-    """Import Meshcat when it is needed: it brings a server and half of IPython.
+    """Import Meshcat on demand, as it imports a server and much of IPython.
 
     Raises:
-        MissingDependency: If it is not installed.
+        MissingDependency: If Meshcat is not installed.
     """
     with optional("meshcat", "viz", "playback"):
         import meshcat
@@ -325,32 +327,32 @@ def import_meshcat() -> Any:
 
 
 class Recorder:
-    """Window of a ``meshcat.Visualizer`` that keeps what it is sent.
+    """Window of a ``meshcat.Visualizer`` that records commands instead of sending them.
 
     Attributes:
-        commands: The commands as the viewer reads them, in order.
+        commands: The commands in the form that the viewer reads, in order.
     """
 
     def __init__(self) -> None:
         self.commands: list[Command] = []
 
     def send(self, command: Any) -> None:
-        """Take a command of Meshcat."""
+        """Record a command of Meshcat."""
         self.commands.append(command.lower())
 
 
 def node_name(name: str) -> str:
-    """Turn a name into one that can stand in a path of the viewer."""
+    """Escape a name for a path of the viewer."""
     escaped = name.replace("%", "%25").replace("/", "%2F")
     return f"{escaped}_" if escaped in RESERVED else escaped
 
 
 @dataclass(frozen=True)
 class ShadedGeometry:
-    """A geometry of Meshcat: triangles with normals, and colours if they have any.
+    """A geometry of Meshcat: triangles with normals, and with colours if there are any.
 
     Attributes:
-        uuid: Name that meshes refer to it by.
+        uuid: Identifier in the references of meshes.
         surface: The surface.
     """
 
@@ -362,21 +364,21 @@ class ShadedGeometry:
         return np.eye(4)
 
     def lower_in_object(self, data: Command) -> None:
-        """Add it to the geometries of an object."""
-        drawn = shaded(self.surface)
+        """Add the geometry to the geometries of an object."""
+        mesh = shaded(self.surface)
         attributes = {
-            "position": _packed(drawn.positions),
-            "normal": _packed(drawn.normals, normalized=True),
+            "position": _packed(mesh.positions),
+            "normal": _packed(mesh.normals, normalized=True),
         }
-        if drawn.colors is not None:
-            attributes["color"] = _packed(drawn.colors, normalized=True)
-        buffers = {"attributes": attributes, "index": _packed(drawn.faces)}
+        if mesh.colors is not None:
+            attributes["color"] = _packed(mesh.colors, normalized=True)
+        buffers = {"attributes": attributes, "index": _packed(mesh.faces)}
         geometry = {"uuid": self.uuid, "type": "BufferGeometry", "data": buffers}
         data["geometries"].append(geometry)
 
 
 def _packed(values: np.ndarray[Any, Any], normalized: bool = False) -> Command:
-    """Typed array: attribute of a geometry, one row a vertex."""
+    """Pack an attribute of a geometry as a typed array, one row for each vertex."""
     import umsgpack
 
     kind, code = ARRAY_CODES[values.dtype.name]
@@ -394,20 +396,20 @@ def put_body(
     color: Sequence[float],
     placement: Array | None = None,
 ) -> None:
-    """Put a body of one surface into the scene; colours are RGBA from 0 to 1."""
+    """Put a surface into the scene as a body; the colour is RGBA from 0 to 1."""
     viewer.set_object(_mesh(viewer.path.lower(), surface, color))
     if placement is not None:
         viewer.set_transform(placement)
 
 
 def _mesh(path: str, surface: Surface, color: Sequence[float]) -> Any:
-    """A ``meshcat.geometry.Mesh``, named so that pages are the same every time."""
+    """A ``meshcat.geometry.Mesh`` with a fixed identifier, for repeatable pages."""
     geometry = import_meshcat().geometry
     colored = surface.colors is not None
     *rgb, opacity = np.clip(color, 0.0, 1.0).tolist()
     red, green, blue = (round(255 * value) for value in rgb)
     material = geometry.MeshPhongMaterial(
-        # Vertices with colours of their own are multiplied with this one.
+        # The colours of vertices are multiplied by the colour of the material.
         color=0xFFFFFF if colored else red << 16 | green << 8 | blue,
         opacity=opacity,
         vertexColors=colored,
@@ -425,9 +427,9 @@ def _copies(path: str, bodies: Sequence[Body], opacity: float, poses: Array) -> 
     """A command that shows copies of bodies, which share geometry and material.
 
     Args:
-        path: Where in the tree of the scene.
+        path: Path of the copies in the tree of the scene.
         bodies: The bodies.
-        opacity: Opacity of the copies, as a share of that of the bodies.
+        opacity: Opacity of the copies, as a share of the opacity of the bodies.
         poses: Placements joint_to_world of all joints for each copy, shape
             (m, joints, 4, 4).
     """
@@ -439,12 +441,12 @@ def _copies(path: str, bodies: Sequence[Body], opacity: float, poses: Array) -> 
         data["geometries"] += mesh["geometries"]
         data["materials"] += mesh["materials"]
         for k, place in enumerate(poses[:, body.joint] @ body.placement):
-            # The viewer takes matrices by columns.
+            # The viewer reads matrices column by column.
             matrix = place.T.ravel().tolist()
             own = {"uuid": f"{path}#{i}.{k}", "matrix": matrix}
             children.append({**mesh["object"], **own})
     group = {"uuid": path, "type": "Group", "children": children}
     metadata = {"version": 4.5, "type": "Object"}
-    whole = {"metadata": metadata, **data, "object": group}
-    command = {"type": "set_object", "path": path, "object": whole}
+    scene_object = {"metadata": metadata, **data, "object": group}
+    command = {"type": "set_object", "path": path, "object": scene_object}
     return SimpleNamespace(lower=lambda: command)

@@ -1,4 +1,4 @@
-"""Stroboscopic pictures of motions in their plane."""
+"""Stroboscopic pictures of motions, projected onto a plane."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ INSTANTS = 15
 PATH_POINTS = 300
 PANELS_IN_ROW = 3
 ARM_COLOR = "#12375f"
-# Of several robots, the first one as if it were alone.
+# Colours of the arms of a workcell; the first arm has the colour of a single arm.
 ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
 LOAD_COLOR = "#a8742c"
 PATH_LOOK: dict[str, Any] = {"color": figures.color(1), "linewidth": 1.1}
@@ -65,24 +65,25 @@ def plot_motion(
 ) -> Figure:
     """Plot the arm at several instants, from light to dark, side by side by label.
 
-    A planar motion is drawn in its plane, any other projected onto the coordinate plane
-    in which it takes most room. Obstacles are outlines, the goal is a cross, and a line
-    follows the end of the arm. What moves is drawn at the same instants as the arm.
+    A planar motion is drawn in its plane, any other is projected onto the coordinate
+    plane in which its area is largest. Obstacles are outlines, the goal is a cross, and
+    a line follows the end of the arm. Moving obstacles and loads are drawn at the same
+    instants as the arm.
 
     Args:
         problem: The problem, for robot, obstacles and goal.
         trajectories: The motions by label.
         path: File to write (PNG, PDF or SVG by its ending), if any.
         instants: Number of instants, evenly spaced in time.
-        frame: Frame at the end; None for that of the goal, else the last.
+        frame: Frame at the end; None for the frame of the goal or the last one.
 
     Returns:
-        The figure: one panel a motion, all to one scale.
+        The figure: one panel for each motion, all to the same scale.
 
     Raises:
-        ProblemError: If there is no motion, one is not of the problem's robot, or the
-            ending of the path is unknown.
-        FrameNotFound: If there is no such frame.
+        ProblemError: If there is no motion, a motion is not of the problem's robot, or
+            the ending of the path is unknown.
+        FrameNotFound: If the frame is unknown.
         ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
@@ -95,12 +96,12 @@ def plot_motion(
     for motion in motions:
         times = np.linspace(0.0, motion.duration, instants)
         poses.append(skeleton(problem.robot, motion(times).q, frame))
-        around.append(surroundings.things(problem, motion, times))
+        around.append(surroundings.scene_items(problem, motion, times))
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
     goal = _goal_point(problem, frame)
     with figures.styled():
-        outlines = [_outlines(found, view) for found in around]
+        outlines = [_outlines(items, view) for items in around]
         low, high = _window(view, poses, outlines, goal)
         figure, axes = _panels(len(motions), high - low)
         for panel, (label, motion), pose, shown in zip(
@@ -112,7 +113,7 @@ def plot_motion(
             times = np.linspace(0.0, motion.duration, PATH_POINTS)
             path_ends = skeleton(problem.robot, motion(times).q, frame).end
             panel.plot(*view.project(path_ends).T, **PATH_LOOK, zorder=2.4)
-            times = surroundings.ends_on_the_way(motion)
+            times = surroundings.inner_segment_ends(motion)
             if times.size:
                 ends = skeleton(problem.robot, motion(times).q, frame).end
                 panel.plot(*view.project(ends).T, **END_LOOK, zorder=2.6)
@@ -123,46 +124,46 @@ def plot_motion(
             panel.set(title=title, aspect="equal", xlim=xlim, ylim=ylim)
         _label_axes(axes, view)
         edges = set(map(_edge, itertools.chain(*around)))
-        segments = bool(surroundings.ends_on_the_way(motions[0]).size)
+        segments = bool(surroundings.inner_segment_ends(motions[0]).size)
         figures.add_legend(figure, _handles(edges, segments), 5)
         return figures.finish(figure, path)
 
 
-def _edge(thing: surroundings.Thing) -> str:
-    return LOAD_COLOR if thing.load else surroundings.obstacle_color(thing.shape)
+def _edge(item: surroundings.SceneItem) -> str:
+    return LOAD_COLOR if item.load else surroundings.obstacle_color(item.shape)
 
 
 def _outline_look(edge: str) -> dict[str, Any]:
     return {"facecolor": f"{edge}40", "edgecolor": edge}
 
 
-def _outlines(found: Sequence[surroundings.Thing], view: View) -> list[Patch]:
-    """Outlines of what is around, at all instants at which it is there if it moves."""
+def _outlines(items: Sequence[surroundings.SceneItem], view: View) -> list[Patch]:
+    """Outlines of obstacles and loads; of moving ones where they are present."""
     from matplotlib.patches import Circle, Polygon
     from scipy.spatial import ConvexHull
 
     outlines: list[Patch] = []
-    for thing in found:
-        surface, look = obstacle_surface(thing.shape), _outline_look(_edge(thing))
+    for item in items:
+        surface, look = obstacle_surface(item.shape), _outline_look(_edge(item))
         shades: list[float | None] = [None]
-        if thing.moves:
-            shades = np.linspace(LIGHTEST, 1.0, thing.there.size).tolist()
+        if item.moves:
+            shades = np.linspace(LIGHTEST, 1.0, item.present.size).tolist()
             look["facecolor"] = "none"
         for k, shade in enumerate(shades):
-            place = thing.placements[k]
+            place = item.placements[k]
             points = view.project(moved(surface, place).vertices)
             look |= {"alpha": shade, "zorder": 1.5}
             outline: Patch = Polygon(points[ConvexHull(points).vertices], **look)
-            if isinstance(thing.shape, Sphere):
+            if isinstance(item.shape, Sphere):
                 x, y = view.project(place[:3, 3]).tolist()
-                outline = Circle((x, y), thing.shape.radius, **look)
-            if thing.there[k] or not thing.moves:
+                outline = Circle((x, y), item.shape.radius, **look)
+            if item.present[k] or not item.moves:
                 outlines.append(outline)
     return outlines
 
 
 def _goal_point(problem: Problem, frame: str) -> Array | None:
-    """Where the end frame is to arrive, shape (3,), if that is known."""
+    """Final position of the end frame, shape (3,) [m]; None if it is not fixed."""
     goal = problem.goal
     if goal.configuration is not None:
         ends = skeleton(problem.robot, goal.configuration[None], frame).end
@@ -179,7 +180,7 @@ def _window(
     outlines: Sequence[Sequence[Patch]],
     goal: Array | None,
 ) -> tuple[Array, Array]:
-    """Lowest and highest coordinates to show, shapes (2,)."""
+    """Lowest and highest coordinates of the panels, shapes (2,) [m]."""
     points = [view.project(pose.points).reshape(-1, 2) for pose in poses]
     for outline in itertools.chain(*outlines):
         points.append(outline.get_extents().get_points())
@@ -195,7 +196,7 @@ def _window(
 
 
 def _label_axes(axes: list[Axes], view: View) -> None:
-    """Label the panels at the left and those with none below."""
+    """Label the panels in the left column, and the lowest panel of each column."""
     wide = min(len(axes), PANELS_IN_ROW)
     for i, panel in enumerate(axes):
         if i % wide == 0:
@@ -206,11 +207,11 @@ def _label_axes(axes: list[Axes], view: View) -> None:
 
 
 def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
-    """Panels side by side, in rows of three, each of the shape of what it shows."""
+    """Panels side by side, in rows of three, with the aspect ratio of their content."""
     wide = min(count, PANELS_IN_ROW)
     rows = -(-count // wide)
     width = {1: 5.6, 2: 4.2, 3: 3.4}[wide]
-    inside = width - 0.45  # beside the labels of the axis
+    inside = width - 0.45  # without the labels of the axis
     height = float(np.clip(inside * extent[1] / extent[0], 1.6, 1.6 * width))
     figure = figures.new_figure(0.5 + width * wide, 0.75 + rows * (height + 0.6))
     axes = figure.subplots(rows, wide, sharex=True, sharey=True, squeeze=False)

@@ -38,13 +38,13 @@ from tominpmp.viz.shares import (
 from tominpmp.viz.skeleton import check_motions
 
 PAGE_ENDINGS = (".html", ".htm")
-# Meshcat's viewer evaluates no strings and loads nothing; the browser is told to see to
-# that, whatever the page contains.
+# Meshcat's viewer evaluates no strings and loads nothing; the policy makes the browser
+# enforce that, whatever the page contains.
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; media-src blob:; worker-src blob:"
 )
-# How long a browser may take to start and ask for the page [s].
+# Longest time for a browser to start and request the page [s].
 PATIENCE = 20.0
 
 
@@ -65,34 +65,36 @@ def play(
     """Show a motion in Meshcat: robot, obstacles, goal, and the path of the end.
 
     The page plays in real time, with pause, slider and speed, and shows torques and
-    speeds as shares of their limits; it is one file that needs no network. Its address
-    takes an instant to show, as in ``motion.html#t=0.5``; ``#t=0.5&still`` leaves out
-    what can be clicked.
+    speeds as shares of their limits; it is one file that needs no network. The fragment
+    of its address selects an instant, as in ``motion.html#t=0.5``; ``#t=0.5&still``
+    also hides the controls.
 
     Args:
         problem: The problem, for robot, obstacles and goal.
         trajectory: The motion.
-        path: Where to write the page (.html or .htm). Without it a temporary file is
-            written and opened in the browser.
-        open_browser: Whether to open it, if there is no path.
+        path: File of the page (.html or .htm); None for a temporary file, which is
+            opened in the browser.
+        open_browser: Whether to open the temporary file.
         viewer: A ``meshcat.Visualizer`` to show the motion in, instead of a page; for
             notebooks and distant machines.
-        rate: Speed at which the page plays first; 1 is real time. A viewer always plays
-            in real time.
+        rate: Initial speed of the page; 1 is real time. A viewer always plays in real
+            time.
         fps: Key frames a second; the viewer interpolates between them.
         ghosts: Number of translucent copies of the robot along the motion.
-        frame: Frame whose path is drawn; None for that of the goal, else the last.
-        title: Title of the page; None for the robot and T.
-        twins: Other motions of the same robot by their names, which pale copies of it
-            make beside it.
+        frame: Frame whose path is drawn; None for the frame of the goal or the last
+            one.
+        title: Title of the page; None for the name of the robot and T.
+        twins: Other motions of the same robot by their names, shown by pale copies of
+            it.
 
     Returns:
         The path of the page, or the viewer if one was given.
 
     Raises:
-        ProblemError: If the motion is not one of the problem's robot, or a title, twins
-            or a viewer are of another type, or the ending of the path is no page's.
-        FrameNotFound: If there is no such frame.
+        ProblemError: If the motion is not of the problem's robot, or a title, twins or
+            a viewer are of another type, or the ending of the path is not .html or
+            .htm.
+        FrameNotFound: If the frame is unknown.
         OptionsError: If a number is out of range.
         ScenarioError: If the page cannot be written.
         MissingDependency: If Meshcat is not installed.
@@ -165,11 +167,11 @@ def build_page(
     """Build the page.
 
     Args:
-        commands: What is shown, the animation included.
+        commands: Commands that draw the scene and its animation.
         title: Title of the page, plain text; also shown above the picture.
-        caption: Line below it, plain text.
-        rate: Speed at which it plays first; 1 is real time.
-        shares: Speeds and torques over their limits, shown beside the picture.
+        caption: Line below the title, plain text.
+        rate: Initial speed of the animation; 1 is real time.
+        shares: Speeds and torques over their limits, shown next to the picture.
 
     Raises:
         MissingDependency: If Meshcat is not installed.
@@ -194,7 +196,7 @@ def build_page(
         "SPEED_COLOR": SPEED_COLOR,
         "TORQUE_COLOR": TORQUE_COLOR,
         "CONTROL": shares.control,
-        # No name in it ends the script.
+        # A name with "</script>" must not end the script.
         "SHARES": json.dumps(shown).replace("</", "<\\/"),
         "SLOPE": json.dumps(math.tan(math.radians(meshcat_scene.FIELD_OF_VIEW / 2))),
         "ASPECT": json.dumps(meshcat_scene.ASPECT),
@@ -203,13 +205,13 @@ def build_page(
         "LICENCES": licences.replace("--", "- -"),
         "VIEWER": viewer,
     }
-    # In one pass, as what is put in may contain what looks like a field.
+    # In one pass, as an inserted text may contain the pattern of a field.
     return re.sub(r"{{(\w+)}}", lambda field: fields[field[1]], template)
 
 
 @cache
 def _viewer() -> tuple[str, str]:
-    """Script of Meshcat's viewer and the licences of what is in it."""
+    """Script of Meshcat's viewer, and the licences of its components."""
     folder = Path(meshcat_scene.import_meshcat().viewer_assets_path())
     script = folder / "dist" / "main.min.js"
     if not script.is_file():
@@ -219,25 +221,25 @@ def _viewer() -> tuple[str, str]:
         for path in (folder / "LICENSE", script.with_name(f"{script.name}.LICENSE.txt"))
         if path.is_file()
     ]
-    # The script must not end the element that it stands in.
+    # The script must not end its own element.
     code = script.read_text("utf-8").replace("</script", "<\\/script")
     return code, "\n".join(texts)
 
 
 def show_page(page: bytes, patience: float = PATIENCE) -> bool:
-    """Hand a page to the browser over a local address that lives until it has it.
+    """Serve a page to the browser once, over a local address.
 
-    Browsers in a sandbox of their own (snap, flatpak) cannot read temporary files, and
-    a server that lives on would end with the program, so the page is given out once.
+    Sandboxed browsers (snap, flatpak) cannot read temporary files, and a server would
+    end with the program, so the page is served once and the function waits for it.
 
     Args:
         page: The page, in HTML and UTF-8.
-        patience: How long to wait for the browser [s].
+        patience: Longest time to wait for the browser [s].
 
     Returns:
         Whether the browser took the page.
     """
-    taken = threading.Event()
+    served = threading.Event()
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -246,19 +248,19 @@ def show_page(page: bytes, patience: float = PATIENCE) -> bool:
             self.send_header("Content-Length", str(len(page)))
             self.end_headers()
             self.wfile.write(page)
-            taken.set()
+            served.set()
 
         def log_message(self, format: str, *args: object) -> None:
-            """Keep silent."""
+            """Suppress the log of requests."""
 
-    # A thread for each connection: browsers open some that they never use.
+    # A thread for each connection: browsers open connections that they never use.
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
         server.daemon_threads = True
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         try:
             opened = webbrowser.open(f"http://127.0.0.1:{server.server_port}/", new=2)
-            return opened and taken.wait(patience)
+            return opened and served.wait(patience)
         finally:
             server.shutdown()
             thread.join()

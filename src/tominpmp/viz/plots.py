@@ -32,26 +32,26 @@ __all__ = ["plot_controls", "plot_convergence", "plot_motion", "plot_trajectory"
 
 # Least number of points drawn of a motion, so that curves look smooth.
 CURVE_POINTS = 500
-# Time axis of a motion that takes no time [s].
+# Length of the time axis of a motion of zero duration [s].
 MOMENT = 1e-3
-# A limit further off than this many times the largest value is not drawn: the curve
-# would be flat.
+# Distance of a limit, as a multiple of the largest value, beyond which the limit is
+# written instead of drawn: the curve would look flat.
 FAR_LIMIT = 2.5
-# A method that takes this many times as many iterations as another is drawn to another
-# scale, or the other would be a point.
+# Ratio of the numbers of iterations of two methods beyond which the axis is logarithmic
+# after 10 iterations: the shorter curve would be a point.
 ITERATION_RATIO = 6.0
 # Least violation that is drawn, as the axis is logarithmic.
 LEAST_VIOLATION = 1e-12
 LINE_STYLES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "^", "D", "v")
-# Of the lines where segments end: darker than the grid, lighter than the axes.
+# Lines at the ends of segments: darker than the grid, lighter than the axes.
 SEGMENT_COLOR = "0.55"
 SWITCHING_COLOR = "#2b3440"
 HAMILTONIAN_COLOR = "#5b4b8a"
 SWITCHING_LOOK: dict[str, Any] = {"color": SWITCHING_COLOR, "linewidth": 0.9}
-# Torques of a certificate are drawn up to this share beyond their limits.
+# Range of the torque axis in the plot of a certificate, in shares of the limits.
 BEYOND = 1.12
-# Pairs of links with the largest multipliers are shown, no more of them.
+# Number of collision pairs shown, which are those with the largest multipliers.
 MOST_PAIRS = 8
 
 
@@ -74,7 +74,7 @@ def plot_trajectory(
         path: File to write (PNG, PDF or SVG by its ending), if any.
 
     Returns:
-        The figure: one row a joint, one column a quantity.
+        The figure: one row for each joint, one column for each quantity.
 
     Raises:
         ProblemError: If the motion is not one of the problem's robot, or the ending of
@@ -89,7 +89,7 @@ def plot_trajectory(
     mixed = any(slides) and not all(slides)
     with figures.styled():
         figure = figures.new_figure(9.0, max(2.6, 0.7 + 1.15 * robot.n))
-        # Sharing, and aligning labels, costs time with the square of the panels.
+        # The time to share axes or align labels is quadratic in the number of panels.
         axes = figure.subplots(robot.n, 3, squeeze=False)
         for column, (name, item, values) in enumerate(_quantities(problem, state)):
             units = item.kind.units
@@ -126,40 +126,40 @@ def plot_on_axes(
     Args:
         problem: The problem, for the limits of its robot.
         trajectory: The motion.
-        ax: One, for torques as shares of their limits, or three, for positions,
-            velocities and torques.
+        ax: One axes object, for torques as shares of their limits, or three, for
+            positions, velocities and torques.
         path: File to write the figure of the axes to, if any.
 
     Returns:
         The figure of the axes.
 
     Raises:
-        ProblemError: If they are not one or three axes of matplotlib.
+        ProblemError: If ``ax`` is not one or three axes of matplotlib.
         MissingDependency: If matplotlib is not installed.
     """
     check_motions(problem, [trajectory])
     with figures.styled():
         from matplotlib.axes import Axes
 
-        given: list[Any] = list(np.ravel(np.asarray(ax, object)))
-        if len(given) not in (1, 3) or not all(isinstance(a, Axes) for a in given):
+        panels: list[Any] = list(np.ravel(np.asarray(ax, object)))
+        if len(panels) not in (1, 3) or not all(isinstance(a, Axes) for a in panels):
             raise wrong(ax, "ax", "one or three axes of matplotlib")
     times, state = curves(trajectory)
     robot = problem.robot
     quantities = _quantities(problem, state)
-    drawn = [(f"{name} [{item.kind.unit}]", part) for name, item, part in quantities]
-    if len(given) == 1:
+    titled = [(f"{name} [{item.kind.unit}]", rows) for name, item, rows in quantities]
+    if len(panels) == 1:
         shares = shares_of_limits(problem, trajectory, times)
-        drawn = [(f"{shares.control} over its limit", shares.torque)]
+        titled = [(f"{shares.control} over its limit", shares.torque)]
         for at in (-1.0, 1.0):
-            _show_limit(given[0], at)
-    for panel, (title, values) in zip(given, drawn, strict=True):
+            _show_limit(panels[0], at)
+    for panel, (title, values) in zip(panels, titled, strict=True):
         for i, name in enumerate(robot.joint_names):
             panel.plot(times, values[:, i], color=figures.color(i), label=name)
         panel.set_title(title, loc="left")
         panel.set_xlabel("time [s]")
-    given[-1].legend(fontsize="small")
-    figure: Figure = given[0].figure
+    panels[-1].legend(fontsize="small")
+    figure: Figure = panels[0].figure
     return figures.finish(figure, path)
 
 
@@ -168,7 +168,7 @@ def plot_controls(
     trajectories: Mapping[str, Trajectory],
     path: str | Path | None = None,
 ) -> Figure:
-    """Plot the torques of one or several motions over time, one panel a joint.
+    """Plot the torques of one or several motions over time, one panel for each joint.
 
     Args:
         problem: The problem, for the limits of its robot.
@@ -195,7 +195,7 @@ def plot_controls(
             times, state = curves(trajectory)
             *_, (_, limits, controls) = _quantities(problem, state)
             drawn.append(controls)
-            # Later ones are thinner, so that none hides another on a limit.
+            # Later curves are thinner, so that earlier ones on a limit stay visible.
             width = 1.4 if len(trajectories) == 1 else max(2.2 - 0.7 * k, 0.8)
             look: dict[str, Any] = {"color": figures.color(k), "linewidth": width}
             for i in range(robot.n):
@@ -224,8 +224,8 @@ def plot_convergence(
     """Plot T and the largest violation over the iterations of one or several methods.
 
     Args:
-        histories: The records by label; where they come from several starts, each start
-            is a line of its own.
+        histories: The records by label; each start of a multi-start has a separate
+            line.
         path: File to write (PNG, PDF or SVG by its ending), if any.
 
     Returns:
@@ -255,7 +255,7 @@ def plot_convergence(
                 look["marker"] = MARKERS[k % len(MARKERS)] if len(records) <= 60 else ""
                 look["alpha"] = 1.0 if start == starts[0] else 0.45
                 steps = np.diff([record.iteration for record in records], prepend=-1)
-                # Where the numbers begin anew they are counted on.
+                # Iteration numbers that begin anew are continued.
                 iteration = np.cumsum(np.where(steps > 0, steps, 1)) - 1
                 violation = [max(r.violation, LEAST_VIOLATION) for r in records]
                 above.plot(iteration, [r.duration for r in records], **look)
@@ -280,12 +280,12 @@ def plot_certificate(
     certificate: Certificate,
     path: str | Path | None = None,
 ) -> Figure:
-    """Plot what a certificate says over time.
+    """Plot the quantities of a certificate over time.
 
-    For each joint there is the torque in shares of its limits, and its switching
+    Each joint has a panel with its torque in shares of its limits, and its switching
     function on a reversed axis, so that the torque of an optimal motion is at the
-    limit on whose side the switching function is. Below are the limits that hold the
-    motion, and the Hamiltonian.
+    limit on whose side the switching function is. Below are the active limits and the
+    Hamiltonian.
 
     Args:
         problem: The problem, for the limits of its robot.
@@ -304,9 +304,9 @@ def plot_certificate(
     n, times = problem.robot.n, curves(trajectory)[0]
     shares = shares_of_limits(problem, trajectory, times)
     limits = _limits_shown(certificate.active, shares.joint_names)
-    # Heights in inches: of a joint each, of the bars, of the Hamiltonian.
+    # Heights of the panels [in]: one for each joint, the bars, the Hamiltonian.
     heights = [*[0.95] * n, 0.2 * max(len(limits), 1) + 0.15, 1.0]
-    kept = "kept" if certificate.ok else "NOT kept"
+    verdict = "kept" if certificate.ok else "NOT kept"
     with figures.styled():
         figure = figures.new_figure(9.0, sum(heights) + 1.3)
         axes = figure.subplots(n + 2, 1, squeeze=False, height_ratios=heights)[:, 0]
@@ -325,7 +325,7 @@ def plot_certificate(
             panel.tick_params(labelbottom=False)
         _time_axes(axes[:, None], trajectory.duration)
         axes[0].set_title(
-            f"first-order conditions {kept}: small changes promise "
+            f"first-order conditions {verdict}: small changes promise "
             f"{100 * certificate.stationarity:.2g} % of T, signs obeyed "
             f"{100 * certificate.sign_share:.1f} % of the time"
         )
@@ -349,7 +349,7 @@ def plot_sensitivities(
     """Draw by how much T changes with one per cent, or a millimetre, of each limit.
 
     Args:
-        sensitivities: What to draw.
+        sensitivities: Sensitivities of a motion.
         path: File to write (PNG, PDF or SVG by its ending), if any.
         most: Largest number of bars.
 
@@ -379,11 +379,10 @@ def plot_sensitivities(
 
 
 def curves(trajectory: Trajectory) -> tuple[Array, State]:
-    """Sample a motion for drawing, both sides of every jump at a node included.
+    """Sample a motion for drawing, with both sides of every jump at a node.
 
-    The last of the times of an interval is at the same place as the first of the next
-    one, with the values before the jump. A motion that takes no time is held for a
-    moment.
+    The last time of an interval is the largest number below the node, so that its
+    values are those before the jump. A motion of zero duration is held for a moment.
     """
     intervals = trajectory.t.size - 1
     if not intervals:
@@ -404,7 +403,7 @@ def _time_axes(panels: Any, duration: float) -> None:
 
     Args:
         panels: The panels, shape (rows, columns).
-        duration: The end [s]; a motion that takes no time has a moment.
+        duration: The end [s]; for zero, a short time is shown.
     """
     for panel in panels.reshape(-1):
         panel.set_xlim(0.0, duration or MOMENT)
@@ -413,12 +412,12 @@ def _time_axes(panels: Any, duration: float) -> None:
 
 
 def _note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> None:
-    """Write a text at a place in shares of the panel."""
+    """Write a text at a place given in shares of the panel."""
     panel.annotate(text, place, xycoords="axes fraction", **look)
 
 
 def _name_look(name: str, joint: int) -> dict[str, Any]:
-    """How the name of a joint fits beside its row."""
+    """Text properties with which the name of a joint fits next to its row."""
     size = 8.0 if len(name) <= 12 else 6.5
     return {"fontsize": size, "fontweight": "bold", "color": figures.color(joint)}
 
@@ -429,7 +428,7 @@ def _limit_keys() -> list[Any]:
 
 
 def _show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:
-    """Draw a limit; what lies between it and an edge of the panel is beyond it."""
+    """Draw a limit, and shade the area between it and an edge of the panel."""
     if edge is not None:
         panel.axhspan(
             limit, edge, color=figures.BEYOND_COLOR, linewidth=0.0, zorder=0.5
@@ -438,7 +437,7 @@ def _show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:
 
 
 def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None:
-    """Draw limits that are near, and name those that are far."""
+    """Draw limits near to the values, and write the values of distant limits."""
     low, high = float(values.min()), float(values.max())
     reach = FAR_LIMIT * max(abs(low), abs(high), 1e-9)
     near = [limit for limit in (lower, upper) if abs(limit) <= reach]
@@ -459,7 +458,7 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
 
 
 def _spread_first_iterations(panel: Axes, longest: int) -> None:
-    """Linear to 10, then logarithmic."""
+    """Make the axis of iterations linear to 10, then logarithmic."""
     from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 
     panel.set_xscale("symlog", linthresh=10.0, linscale=1.0)
@@ -473,7 +472,7 @@ def _spread_first_iterations(panel: Axes, longest: int) -> None:
 def _plot_joint(
     panel: Axes, shares: Shares, certificate: Certificate, joint: int
 ) -> None:
-    """Torque and switching function of a joint."""
+    """Draw torque and switching function of a joint."""
     panel.plot(shares.t, shares.torque[:, joint], color=figures.color(joint))
     for sign in (-1.0, 1.0):
         _show_limit(panel, sign, 2.0 * sign)
@@ -492,7 +491,7 @@ def _plot_joint(
     switching = certificate.switching[:, joint]
     other.stairs(switching, t, baseline=None, **SWITCHING_LOOK)
     largest = float(np.max(np.abs(switching), initial=1e-3))
-    # Reversed: a negative switching function asks for the upper limit.
+    # Reversed, as the torque is at its upper limit where the function is negative.
     other.set_ylim(BEYOND * largest, -BEYOND * largest)
     other.tick_params(labelsize=7.0, labelbottom=False)
 
@@ -500,7 +499,7 @@ def _plot_joint(
 def _limits_shown(
     active: Sequence[ActiveLimit], names: Sequence[str]
 ) -> list[tuple[ActiveLimit, str]]:
-    """Limits with their colours: the lowest bar first, those of pairs of links last."""
+    """Active limits with their colours, the lowest bar first, joints at the top."""
     joints = [item for item in active if item.name in names]
     pairs = [item for item in active if item.name not in names]
     pairs.sort(key=lambda item: -float(item.multiplier.max()))
@@ -511,7 +510,7 @@ def _limits_shown(
 
 
 def _plot_limits(panel: Axes, limits: Sequence[tuple[ActiveLimit, str]]) -> None:
-    """Bars over the times at which limits hold, stronger where they cost more."""
+    """Draw bars over the times of active limits, darker for larger multipliers."""
     labels = []
     for row, (item, shade) in enumerate(limits):
         strengths = 0.25 + 0.75 * item.multiplier / item.multiplier.max()

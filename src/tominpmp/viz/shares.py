@@ -11,25 +11,25 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.controls import controls_in, effort_range
 from tominpmp.problem.problem import Problem
 
-# Instants of a motion, jumps at its nodes not counted.
+# Number of sampled instants of a motion, in addition to both sides of its nodes.
 INSTANTS = 160
-# At so large a share something is at its limit.
+# Share of its limit from which a quantity is shown as saturated.
 AT_LIMIT = 0.985
-# What they are drawn in, on pages of motions and on the live page.
+# Colours of torques and speeds, on pages of motions and on the live page.
 TORQUE_COLOR, SPEED_COLOR = "#12375f", "#d98200"
 
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """How much of its limits a motion uses.
+    """Speeds and torques of a motion as shares of their limits.
 
     Attributes:
         joint_names: Names of the joints, in column order.
         t: Times [s], shape (m,).
         torque: Torques, or accelerations of a kinematic robot, from -1 at the lower
             limit to 1 at the upper one, shape (m, n); 0 for joints without a motor.
-        speed: Velocities over their limits, shape (m, n); 0 where there is none.
-        control: What the torques are in words.
+        speed: Velocities over their limits, shape (m, n); 0 for joints without a limit.
+        control: Name of the control: "torque" or "acceleration".
     """
 
     joint_names: tuple[str, ...]
@@ -44,15 +44,15 @@ def shares_of_limits(
 ) -> Shares:
     """Compare a motion with the limits of its problem.
 
-    A torque in the middle of its range is zero, and so is whatever has no limit or no
-    motor. The share of the torque that ``effort_scale`` leaves to motions counts as all
-    of it.
+    A torque in the middle of its range has the share zero, and so has a quantity
+    without a limit or a motor. Torques are relative to the limits scaled by
+    ``effort_scale``.
 
     Args:
         problem: The problem.
         trajectory: The motion.
-        times: Instants to look at [s], shape (m,), after the end too, where it holds;
-            None for some, and both sides of every jump at a node.
+        times: Instants to evaluate [s], shape (m,); after the end the motion holds;
+            None for evenly spaced instants, and both sides of every jump at a node.
     """
     if times is None:
         times = np.linspace(0.0, trajectory.duration, INSTANTS)

@@ -1,7 +1,8 @@
-"""The skeleton of a robot in motion, and the side from which it is best seen.
+"""The skeleton of a robot in motion, and the direction of view that shows it best.
 
-Plots look squarely at a plane. A picture in space does so at a flat arm; at others it
-looks from a side on which obstacles, taken as the boxes around them, hide little.
+Plots project onto a plane. A picture in space looks along the normal of the plane of a
+flat arm; at any other arm it looks from the side on which the bounding boxes of the
+obstacles hide least.
 """
 
 from __future__ import annotations
@@ -20,32 +21,32 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
-from tominpmp.viz.surfaces import placed
+from tominpmp.viz.surfaces import transform
 
-# Share of the extent of a motion below which a deviation from a plane is rounding.
+# Deviation from a plane that counts as rounding, as a share of the extent of a motion.
 FLAT = 1e-6
 
-# An arm that is no deeper than this share of its extent is flat; from where others are
-# looked at, the first side being that of habit: right, in front and above.
+# Largest depth of a flat arm, as a share of its extent; directions to the viewer for
+# other arms, the preferred one first: from the right, in front and above.
 FLAT_ARM = 0.2
 SIDES = [
     side / np.linalg.norm(side)
     for side in np.array([*product((0.62, -0.62), (-1.0, 1.0), (0.5, 1.2))])
 ]
-# Share of the room of the robot by which the picture goes beyond it; what stands
-# farther off, as the rest of a table, may be cut.
+# Margin of the picture around the robot, as a share of its extent; obstacles farther
+# off, such as the rest of a table, may be cut.
 BEYOND = 0.12
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A direction to look from: right, up and towards the viewer are right-handed.
+    """A direction of view: right, up and towards the viewer are right-handed.
 
     Attributes:
         right: Unit vector to the right, shape (3,).
         up: Unit vector upwards, shape (3,).
         labels: Names of the two axes.
-        planar: Whether nothing moves towards the viewer.
+        planar: Whether the motion is perpendicular to the direction of view.
     """
 
     right: Array
@@ -65,7 +66,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """Where the joints of a robot are at several instants.
+    """Positions of the joints of a robot at several instants.
 
     Attributes:
         placements: Placements joint_to_world, homogeneous, by instant and joint of the
@@ -91,17 +92,17 @@ def check_motions(problem: Problem, trajectories: Iterable[Trajectory]) -> None:
     """Check that there are trajectories, and all are of the problem's robot.
 
     Raises:
-        ProblemError: If there is no trajectory, or the joints of one differ.
+        ProblemError: If there is no trajectory, or the joints of a trajectory differ.
     """
     instance(problem, Problem, "problem")
     trajectory = None
     for trajectory in trajectories:
         instance(trajectory, Trajectory, "trajectory")
         if trajectory.joint_names != problem.robot.joint_names:
-            names, own = trajectory.joint_names, problem.robot.joint_names
+            names, expected = trajectory.joint_names, problem.robot.joint_names
             raise ProblemError(
                 f"the trajectory moves {', '.join(names)}, but the robot "
-                f"{problem.robot.name!r} has {', '.join(own)}",
+                f"{problem.robot.name!r} has {', '.join(expected)}",
                 "trajectory",
             )
     if trajectory is None:
@@ -109,15 +110,15 @@ def check_motions(problem: Problem, trajectories: Iterable[Trajectory]) -> None:
 
 
 def end_frame(problem: Problem) -> str:
-    """Name of the frame to watch: that of the goal, else the last at the end."""
+    """Name of the frame whose path is shown: of the goal, or the last of the robot."""
     name = problem.goal.frame_name
     # A goal of the last segment may be on a load of that segment only.
     if name is not None and (not problem.segments or name in problem.robot.frame_names):
         return name
-    return end_of(problem.robot)
+    return last_frame(problem.robot)
 
 
-def end_of(robot: Robot) -> str:
+def last_frame(robot: Robot) -> str:
     """Name of the last frame at the end of a robot."""
     model = robot.model
     depth = [len(model.supports[joint]) for joint in range(model.njoints)]
@@ -142,17 +143,17 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
         frame: Name of the end frame.
 
     Raises:
-        FrameNotFound: If there is no such frame.
+        FrameNotFound: If the frame is unknown.
     """
     model, index = robot.model, robot.frame_id(frame)
     rotation, origin = Placements(model).joints(robot.expand(q))
-    placements = placed(origin, rotation)
+    placements = transform(origin, rotation)
 
     def points_of(number: int) -> Array:
-        """Where a frame is, shape (m, 3)."""
-        found = model.frames[number]
-        local = np.append(found.placement.translation, 1.0)
-        return np.asarray(placements[:, found.parentJoint, :3] @ local)
+        """Positions of the origin of a frame, shape (m, 3) [m]."""
+        item = model.frames[number]
+        local = np.append(item.placement.translation, 1.0)
+        return np.asarray(placements[:, item.parentJoint, :3] @ local)
 
     chains, arms = [], []
     for joint in range(1, model.njoints):
@@ -160,11 +161,11 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
             continue
         origins = placements[:, list(model.supports[joint])][..., :3, 3]
         name = str(model.names[joint])
-        own = [part for part in robot.parts if name.startswith(f"{part}/")]
-        if own:
-            # From its own base, not from the origin of the room.
-            origins[:, 0] = _base(robot, max(own, key=len))
-        arms.append(robot.parts.index(max(own, key=len)) if own else 0)
+        owners = [part for part in robot.parts if name.startswith(f"{part}/")]
+        if owners:
+            # The chain begins at the base of the arm, not at the origin of the world.
+            origins[:, 0] = _base(robot, max(owners, key=len))
+        arms.append(robot.parts.index(max(owners, key=len)) if owners else 0)
         at_end = model.frames[index].parentJoint == joint
         tip = points_of(index if at_end else _tip(robot, joint))
         chains.append(np.concatenate([origins, tip[:, None]], axis=1))
@@ -172,7 +173,7 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
 
 
 def _base(robot: Robot, arm: str) -> Array:
-    """Where a robot of a workcell stands [m]; on another one: the origin."""
+    """Position of a robot of a workcell [m]; the origin if it stands on another one."""
     for frame in robot.model.frames:
         if frame.parentJoint == 0 and str(frame.name).startswith(f"{arm}/"):
             return np.array(frame.placement.translation)
@@ -180,10 +181,10 @@ def _base(robot: Robot, arm: str) -> Array:
 
 
 def best_view(points: Array) -> View:
-    """Find the direction from which a motion is seen best.
+    """Find the direction of view that shows a motion best.
 
-    A planar motion is seen along the normal of its plane. Any other is projected onto
-    the coordinate plane in which it takes the largest area, so that the axes keep their
+    A planar motion is viewed along the normal of its plane. Any other is projected onto
+    the coordinate plane in which its area is largest, so that the axes keep their
     names.
 
     Args:
@@ -199,14 +200,14 @@ def best_view(points: Array) -> View:
     width = np.ptp(flat, axis=0)
     pairs = [(0, 2), (1, 2), (0, 1)]
     areas = [width[i] * width[j] for i, j in pairs]
-    # Rounding must not choose between planes that serve alike.
+    # Rounding must not choose between planes of equal area.
     best = next(k for k, area in enumerate(areas) if area >= max(areas) * (1.0 - 1e-6))
     i, j = pairs[best]
     return View(np.eye(3)[i], np.eye(3)[j], ("xyz"[i], "xyz"[j]), False)
 
 
 def _facing(normal: Array) -> View:
-    """View onto a plane: z upwards in it, or x to the right if it is level."""
+    """View onto a plane: z upwards in it, or x to the right if it is horizontal."""
     x, y, z = np.eye(3)
     if abs(normal @ z) > 1.0 - FLAT:
         return View(x, y, ("x", "y"), True)
@@ -226,21 +227,21 @@ def _facing(normal: Array) -> View:
 def camera_view(
     points: Array, thickness: float = 0.0, obstacles: Sequence[Array] = ()
 ) -> View:
-    """The side from which a robot in motion is shown in space.
+    """The direction of view that shows a robot in motion in space.
 
-    A flat arm is looked at squarely, any other from a side on which obstacles hide
-    least of it.
+    A flat arm is viewed along the normal of its plane, any other from the side on which
+    obstacles hide least of it.
 
     Args:
         points: Positions of its joints and ends by instant, shape (m, k, 3) [m].
-        thickness: How thick its bodies are [m].
+        thickness: Thickness of its bodies [m].
         obstacles: Points of each obstacle, shape (j, 3) [m].
     """
     plane, flat = best_view(points), points.reshape(-1, 3)
     extent = np.ptp(flat, axis=0) + thickness
     if plane.planar and np.abs(plane.normal) @ extent < FLAT_ARM * extent.max():
         return plane
-    boxes = [(some.min(axis=0), some.max(axis=0)) for some in obstacles]
+    boxes = [(rows.min(axis=0), rows.max(axis=0)) for rows in obstacles]
     normal = min(SIDES, key=lambda side: _hidden(flat, side, boxes))
     right = np.cross([0.0, 0.0, 1.0], normal)
     right /= np.linalg.norm(right)
@@ -248,35 +249,35 @@ def camera_view(
 
 
 def _hidden(points: Array, side: Array, boxes: Sequence[tuple[Array, Array]]) -> float:
-    """Share of points that boxes along the axes hide from a side."""
+    """Share of points that axis-aligned boxes hide from a direction of view."""
     hidden = np.zeros(len(points), dtype=bool)
     for corners in boxes:
-        one, other = ((corner - points) / side for corner in corners)
-        enter = np.max(np.minimum(one, other), axis=1)
-        leave = np.min(np.maximum(one, other), axis=1)
-        # A point in a box is seen all the same: it may be a hollow one.
+        first, second = ((corner - points) / side for corner in corners)
+        enter = np.max(np.minimum(first, second), axis=1)
+        leave = np.min(np.maximum(first, second), axis=1)
+        # A point inside a box counts as visible: the obstacle may be hollow.
         hidden |= (enter < leave) & (enter > 0.0)
     return float(np.mean(hidden))
 
 
 def points_in_view(robot: Array, obstacles: list[Array]) -> Array:
-    """Points that a picture has to hold: the robot, and parts of obstacles near it.
+    """Points that a picture has to contain: the robot, and parts of obstacles near it.
 
-    A table or a floor that goes on beyond the room of the robot on every side is no
-    part of it: it is seen anyway, and would make the robot small.
+    A table or a floor that extends beyond the robot on every side is left out: it is
+    visible anyway, and would make the robot small.
 
     Args:
-        robot: Points that enclose the robot all along its motion, shape (m, 3) [m].
+        robot: Points that enclose the robot along its whole motion, shape (m, 3) [m].
         obstacles: Points of each obstacle, shape (k, 3) [m].
     """
     low, high = robot.min(axis=0), robot.max(axis=0)
     spare = BEYOND * float(np.linalg.norm(high - low))
-    kept = []
+    clipped = []
     for points in obstacles:
         first, last = points.min(axis=0), points.max(axis=0)
-        # One that is wholly beside the room would shrink to a side of it.
-        beside = np.any(first > high + spare) or np.any(last < low - spare)
+        # Clipping an obstacle that is wholly outside would flatten it onto a side.
+        outside = np.any(first > high + spare) or np.any(last < low - spare)
         around = np.all((first <= low - spare)[:2] & (last >= high + spare)[:2])
-        if not (beside or around):
-            kept.append(np.clip(points, low - spare, high + spare))
-    return np.concatenate([robot, *kept])
+        if not (outside or around):
+            clipped.append(np.clip(points, low - spare, high + spare))
+    return np.concatenate([robot, *clipped])

@@ -1,8 +1,8 @@
-"""Triangulated surfaces: the one form in which viewers and plots know bodies.
+"""Triangulated surfaces: the common representation of bodies in viewers and plots.
 
 Solids of revolution, boxes, tubes and meshes all become vertices and triangles here, so
-that whatever draws them needs no case for each shape. The bodies of a robot are
-coloured surfaces on its joints.
+that drawing code needs no case for each shape. The bodies of a robot are coloured
+surfaces on its joints.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from tominpmp.scene.obstacles import Obstacle
 # Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle.
 AROUND = 40
 
-# Brightness of what has no colour beside what has one.
+# Brightness of uncoloured surfaces that are joined with coloured ones.
 LIGHT = 0.9
 
-# Edges sharper than this stay edges, others are shaded smoothly [rad].
+# Least angle between triangles at a sharp edge; others are shaded smoothly [rad].
 CREASE = np.radians(35.0)
 
 # Collision geometry is not coloured; the bodies of a robot without visuals are steel.
 STEEL = (0.52, 0.58, 0.66, 1.0)
 
 UPWARDS = np.array([0.0, 0.0, 1.0])
-# Share of a robot's size to which a mesh file may differ from what Pinocchio reads.
+# Largest difference between a mesh file and Pinocchio's mesh, as a share of its size.
 MESH_AGREEMENT = 1e-3
 
 
@@ -53,7 +53,7 @@ class Surface:
         vertices: Points [m], shape (m, 3).
         faces: Indices of the three corners of each triangle, shape (k, 3).
         colors: Colour of each triangle, red, green and blue from 0 to 1, shape (k, 3);
-            None where the body has one colour.
+            None if the whole body has the same colour.
     """
 
     vertices: Array
@@ -62,25 +62,25 @@ class Surface:
 
     @property
     def extent(self) -> Array:
-        """Lower and upper corner of the box around it, shape (2, 3) [m]."""
+        """Lower and upper corner of the bounding box, shape (2, 3) [m]."""
         corners = self.vertices[self.faces.ravel()]
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     @property
     def plain(self) -> Surface:
-        """The same without colours."""
+        """The surface without colours."""
         return replace(self, colors=None)
 
 
 @dataclass(frozen=True, eq=False)
 class ShadedSurface:
-    """A surface as graphics hardware wants it, with a normal at each vertex.
+    """A surface in the format of graphics hardware, with a normal at each vertex.
 
     Attributes:
-        positions: Shape (m, 3) [m].
+        positions: Vertices, shape (m, 3) [m].
         normals: Unit vectors times 127, shape (m, 3).
-        colors: Colours from 0 to 255, shape (m, 3), or None.
-        faces: Shape (k, 3).
+        colors: Colours from 0 to 255, shape (m, 3); None without colours.
+        faces: Indices of the corners of triangles, shape (k, 3).
     """
 
     positions: NDArray[np.float32]
@@ -90,16 +90,17 @@ class ShadedSurface:
 
 
 def _lathe(profile: ArrayLike) -> Surface:
-    """Turn a profile about the z axis.
+    """Surface of revolution of a profile about the z axis.
 
-    Points have radius and height from the bottom up, shape (k, 2) [m]; the first and
-    the last lie on the axis.
+    Args:
+        profile: Points with radius and height from the bottom up, shape (k, 2) [m]; the
+            first and the last lie on the axis.
     """
     points = np.asarray(profile, dtype=np.float64)
-    # It drops triangles of less than 1e-8, whatever the size of the body.
+    # trimesh drops triangles of less than 1e-8, whatever the size of the body.
     unit = 1e-4 * float(np.abs(points).max())
-    turned = trimesh.creation.revolve(points / unit, sections=AROUND)
-    return scaled(_surface(turned), unit)
+    mesh = trimesh.creation.revolve(points / unit, sections=AROUND)
+    return scaled(_surface(mesh), unit)
 
 
 def _surface(mesh: Any) -> Surface:
@@ -107,7 +108,7 @@ def _surface(mesh: Any) -> Surface:
 
 
 def capsule(radius: float, length: float) -> Surface:
-    """Capsule along z about the origin; the length is that of the straight part [m]."""
+    """Capsule along z about the origin; the length excludes the caps [m]."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 2)
     cap = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     half = np.array([0.0, length / 2])
@@ -127,7 +128,7 @@ def cylinder(radius: float, length: float) -> Surface:
 
 
 def cone(radius: float, length: float) -> Surface:
-    """Cone along z with its point up; the origin halfway between base and point."""
+    """Cone along z with its apex up; the origin is halfway between base and apex."""
     half = length / 2
     return _lathe([[0.0, -half], [radius, -half], [0.0, half]])
 
@@ -147,7 +148,7 @@ def scaled(surface: Surface, factors: ArrayLike) -> Surface:
 
 
 def moved(surface: Surface, placement: Array) -> Surface:
-    """Move a surface by a homogeneous matrix, shape (4, 4)."""
+    """Transform a surface by a homogeneous matrix, shape (4, 4)."""
     vertices = surface.vertices @ placement[:3, :3].T + placement[:3, 3]
     return replace(surface, vertices=vertices)
 
@@ -156,7 +157,7 @@ def tube(points: Array, radius: float, around: int = 8) -> Surface:
     """A tube along a polyline.
 
     Args:
-        points: Points of the line, no two in a row alike, shape (m, 3) [m].
+        points: Points of the line, shape (m, 3) [m]; consecutive points differ.
         radius: Radius [m].
         around: Number of facets around it.
     """
@@ -169,7 +170,7 @@ def tube(points: Array, radius: float, around: int = 8) -> Surface:
     side = np.cross(along[0], np.eye(3)[np.argmin(np.abs(along[0]))])
     frames = np.empty((len(points), 2, 3))
     for i, direction in enumerate(along):
-        # Carried along without twist.
+        # The side vector is transported along the line without twist.
         rest = side - direction * (side @ direction)
         if np.linalg.norm(rest) < 1e-9:
             rest = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
@@ -189,7 +190,7 @@ def tube(points: Array, radius: float, around: int = 8) -> Surface:
 
 
 def path_tube(points: Array, radius: float, size: float) -> Surface | None:
-    """A tube along the path of a frame; None if it stays where it is.
+    """A tube along the path of a frame; None if the frame does not move.
 
     Args:
         points: Points of the path, which may rest, shape (m, 3) [m].
@@ -202,10 +203,10 @@ def path_tube(points: Array, radius: float, size: float) -> Surface | None:
 
 
 def obstacle_surface(obstacle: Obstacle) -> Surface:
-    """Surface of an obstacle in its own axes.
+    """Surface of an obstacle in the axes of the obstacle.
 
     Raises:
-        SceneError: If its type has no shape.
+        SceneError: If the type of the obstacle has no shape.
     """
     if isinstance(obstacle, Mesh):
         return Surface(obstacle.points, np.array(obstacle.triangles))
@@ -213,13 +214,13 @@ def obstacle_surface(obstacle: Obstacle) -> Surface:
         return joined([_prism(corners) for corners in obstacle.cells])
     if isinstance(obstacle, OcTree):
         places = zip(*obstacle.boxes, strict=True)
-        return joined([moved(box(size), placed(at)) for at, size in places])
+        return joined([moved(box(size), transform(at)) for at, size in places])
     solid = obstacle_shape(obstacle)
     return SOLIDS[type(solid).__name__](solid)
 
 
 def _prism(corners: Array) -> Surface:
-    """Solid of four corners around the top and the four below them, shape (8, 3)."""
+    """Prism from four corners around the top and the four below them, shape (8, 3)."""
     faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]]
     for here, there in ((0, 1), (1, 2), (2, 3), (3, 0)):
         faces += [[here, here + 4, there + 4], [here, there + 4, there]]
@@ -227,7 +228,7 @@ def _prism(corners: Array) -> Surface:
 
 
 def joined(surfaces: list[Surface]) -> Surface:
-    """Several surfaces as one; where some have colours, the others become light."""
+    """Join surfaces; if some have colours, the others become light grey."""
     points, faces = trimesh.util.append_faces(
         [surface.vertices for surface in surfaces],
         [surface.faces for surface in surfaces],
@@ -240,15 +241,15 @@ def joined(surfaces: list[Surface]) -> Surface:
     return Surface(points.astype(np.float64), faces.astype(np.int64), colors)
 
 
-def placed(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
+def transform(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
     """Homogeneous matrices of placements.
 
     Args:
-        position: Where the origins are, shape (..., 3) [m].
-        rotation: How the axes are turned, shape (..., 3, 3); None for not at all.
+        position: Origins, shape (..., 3) [m].
+        rotation: Rotation matrices, shape (..., 3, 3); None for the identity.
 
     Returns:
-        Shape (..., 4, 4).
+        Matrices, shape (..., 4, 4).
     """
     origin = np.asarray(position, dtype=np.float64)
     placements = np.tile(np.eye(4), (*origin.shape[:-1], 1, 1))
@@ -259,14 +260,13 @@ def placed(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
 
 
 def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
-    """Give a surface normals: smooth ones, but for sharp edges.
+    """Add normals to a surface: smooth ones, except at sharp edges.
 
     Args:
         surface: The surface; its corners may be shared between triangles or not.
-        crease: Angle between neighbouring triangles from which on their edge is sharp
-            [rad].
+        crease: Least angle between neighbouring triangles at a sharp edge [rad].
     """
-    # Adding zero makes one of the two zeros.
+    # Adding zero turns -0.0 into 0.0, as rows are compared by their bytes.
     exact = surface.vertices.astype(np.float32) + np.float32(0.0)
     first, back = _distinct_rows(exact.view(np.uint8))
     points, faces = exact[first], back[surface.faces]
@@ -284,20 +284,20 @@ def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
     if surface.colors is not None:
         colors = np.rint(255.0 * surface.colors[solid]).astype(np.uint8)
         parts.append(np.repeat(colors, 3, axis=0))
-    # Corners that agree in everything become one vertex.
+    # Corners with equal position, normal and colour become one vertex.
     rows = np.concatenate(parts, axis=1)
     first, back = _distinct_rows(rows)
-    kept = rows[first]
+    distinct = rows[first]
     return ShadedSurface(
-        np.ascontiguousarray(kept[:, :12]).view(np.float32),
-        np.ascontiguousarray(kept[:, 12:15]).view(np.int8),
-        kept[:, 15:18] if surface.colors is not None else None,
+        np.ascontiguousarray(distinct[:, :12]).view(np.float32),
+        np.ascontiguousarray(distinct[:, 12:15]).view(np.int8),
+        distinct[:, 15:18] if surface.colors is not None else None,
         back.reshape(-1, 3).astype(np.uint32),
     )
 
 
 def _distinct_rows(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
-    """Where each distinct row stands first, and which of them each row is."""
+    """Index of the first occurrence of each distinct row, and the inverse mapping."""
     words = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4))).view(np.uint32)
     unique: Any = trimesh.grouping.unique_rows
     first, back = unique(words)
@@ -307,11 +307,21 @@ def _distinct_rows(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
 def _corner_normals(
     faces: IntArray, unit: Array, weighted: Array, cosine: float
 ) -> Array:
-    """Average over the triangles around each corner that lie nearly level with it."""
+    """Normals of corners: averages over adjacent triangles without a sharp edge.
+
+    Args:
+        faces: Corners of the triangles, shape (k, 3).
+        unit: Unit normals of the triangles, shape (k, 3).
+        weighted: Normals weighted by area, shape (k, 3).
+        cosine: Cosine of the least angle at a sharp edge.
+
+    Returns:
+        Unit normals, shape (3 k, 3).
+    """
     count = faces.size
     owner = np.repeat(np.arange(len(faces)), 3)
     at = sparse.csr_array((np.ones(count), (np.arange(count), faces.reshape(-1))))
-    # Every pair of a corner and a triangle that has the same point.
+    # All pairs of a corner and a triangle that share a point.
     pairs = (at @ at.T).tocoo()
     corner, other = pairs.row, owner[pairs.col]
     level = np.einsum("ij,ij->i", unit[owner[corner]], unit[other]) >= cosine
@@ -335,7 +345,7 @@ SOLIDS: dict[str, Callable[[Any], Surface]] = {
 
 
 def native_surface(geometry: Any) -> Surface | None:
-    """Surface of a geometry of Coal in its own axes; None for an unbounded one."""
+    """Surface of a geometry of Coal in its axes; None for an unbounded geometry."""
     kind = type(geometry).__name__
     if kind in SOLIDS:
         return SOLIDS[kind](geometry)
@@ -354,7 +364,7 @@ class Body:
         name: Name, unique in its robot.
         joint: Index in the model of the joint that carries it; 0 for the world.
         placement: Placement body_to_joint, homogeneous, shape (4, 4).
-        surface: Surface in its own axes.
+        surface: Surface in the axes of the body.
         color: Red, green, blue and opacity from 0 to 1.
     """
 
@@ -368,8 +378,8 @@ class Body:
 def robot_bodies(robot: Robot) -> list[Body]:
     """List the bodies of a robot.
 
-    They are its visuals, and the collision geometry of what moves with a joint and has
-    none (or of all, if they cannot be read); where there is none either, sticks from
+    They are its visuals, and the collision geometry of joints without visuals (or of
+    all joints, if the visuals cannot be read); a robot without both has sticks from
     joint to joint.
     """
     try:
@@ -377,7 +387,7 @@ def robot_bodies(robot: Robot) -> list[Body]:
     except RobotLoadError as error:
         warn_caller(f"the collision geometry is shown instead: {error}")
         bodies = []
-    # By joint, not by link: links that are there to collide only are fixed to others.
+    # By joint, not by link: links for collisions only are fixed to visible links.
     seen = {body.joint for body in bodies}
     bodies += [
         body
@@ -396,7 +406,7 @@ def geometry_bodies(
 
     Args:
         model: The model.
-        color: Their colour; None for that of each.
+        color: Colour of all bodies; None for the colour of each body.
     """
     bodies = []
     for item in model.geometryObjects:
@@ -419,27 +429,27 @@ def _body_surface(item: pin.GeometryObject) -> Surface | None:
     if colored is None:
         return surface
     colored = scaled(colored, item.meshScale)
-    # Readers differ in units and axes; Pinocchio's word counts, and colours are not
-    # worth a link in the wrong place.
+    # Readers differ in units and axes; Pinocchio's mesh is authoritative, and colours
+    # are not worth a link in the wrong place.
     box, other = surface.extent, colored.extent
     agree = np.abs(box - other).max() <= MESH_AGREEMENT * np.ptp(box, axis=0).max()
     return colored if agree else surface
 
 
 def _colored_mesh(path: str) -> Surface | None:
-    """Read a mesh with its colours; None if it has none or cannot be read."""
+    """Read a mesh with its colours; None if it has no colours or cannot be read."""
     if Path(path).suffix.lower() not in (".dae", ".obj", ".ply", ".glb", ".gltf"):
-        return None  # STL has no colours worth reading
+        return None  # colours of STL files are not standard
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of files that break their standard
+            warnings.simplefilter("ignore")  # trimesh warns of nonstandard files
             scene: Any = trimesh.load(path, force="scene", process=False)
             parts = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
             surfaces = [
                 Surface(np.array(mesh.vertices), np.array(mesh.faces), _colors(mesh))
                 for mesh in parts
             ]
-    except Exception:  # whatever a mesh reader may raise; the shape is known already
+    except Exception:  # a mesh reader may raise any error; the shape is known already
         return None
     if all(surface.colors is None for surface in surfaces):
         return None
@@ -447,7 +457,7 @@ def _colored_mesh(path: str) -> Surface | None:
 
 
 def _colors(mesh: Any) -> Array | None:
-    """Colours of the triangles of a mesh, shape (k, 3), or None if it has none."""
+    """Colours of the triangles of a mesh, shape (k, 3); None without colours."""
     if mesh.visual.kind == "texture":
         color = np.asarray(mesh.visual.material.main_color)[:3] / 255.0
         return np.tile(color, (len(mesh.faces), 1))
@@ -474,6 +484,6 @@ def _sticks(robot: Robot) -> list[Body]:
         length = float(np.linalg.norm(end))
         if length > 1e-6 * longest or joint:
             turn = pin.Quaternion.FromTwoVectors(UPWARDS, end).toRotationMatrix()
-            surface = moved(capsule(radius, length), placed(end / 2, turn))
+            surface = moved(capsule(radius, length), transform(end / 2, turn))
             bodies.append(Body(f"{name}_stick", joint, np.eye(4), surface, STEEL))
     return bodies

@@ -1,9 +1,9 @@
-"""What is around a robot in a motion, as it is drawn: obstacles and loads.
+"""Obstacles and loads around a robot during a motion, for drawing.
 
-An obstacle is furniture, or something to beware of. It is there on the segments in
-whose scenes it is. A load stands where it is picked up until then, goes with its frame
-while it is carried, and stays where it was put down. Loads of one name and shape are
-one body, whoever carries it.
+An obstacle is drawn as furniture or as a hazard, during the segments whose scenes
+contain it. A load rests at its place of pick-up until it is picked up, moves with its
+frame while it is carried, and rests where it is put down. Loads of equal name and shape
+are the same body, whichever arm carries it.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from tominpmp.scene.grids import HeightField
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Obstacle
 from tominpmp.verification.stages import Stage, stages_of
-from tominpmp.viz.surfaces import obstacle_surface, placed
+from tominpmp.viz.surfaces import obstacle_surface, transform
 
-# A board is at least so many times as wide as thick, in both directions.
+# Least ratio of width to thickness of a board, in both directions.
 BOARD = 3.0
 
 FURNITURE_COLOR = "#8d98a5"
 HAZARD_COLOR = "#d6453a"
-# Start, goal, points on the way, and path of the end of an arm in space.
+# Colours of start, goal, via points, and path of the end of an arm.
 START_RGB, GOAL_RGB = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
 VIA_RGB, PATH_RGB = (0.55, 0.27, 0.80), (0.95, 0.64, 0.10)
 
@@ -39,8 +39,8 @@ VIA_RGB, PATH_RGB = (0.55, 0.27, 0.80), (0.95, 0.64, 0.10)
 def obstacle_color(obstacle: Obstacle) -> str:
     """Colour of an obstacle, as ``#rrggbb``.
 
-    Tables, walls, boards and ground that stand still are grey, and red is what is left:
-    posts, balls, crates, and whatever moves.
+    Tables, walls, boards and ground at rest are grey; all other obstacles are red:
+    posts, balls, crates, and moving obstacles.
     """
     board = False
     if isinstance(obstacle, Box | Mesh):
@@ -59,97 +59,97 @@ def rgb(color: str) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Thing:
+class SceneItem:
     """An obstacle, or a shape of a load, at instants of a motion.
 
     Attributes:
-        name: Its name, which no other of its kind has.
-        shape: What it is, whatever its own placement.
+        name: Its name, unique among obstacles or the shapes of a load.
+        shape: The shape; its placement is ignored.
         placements: Placements shape_to_world, homogeneous, shape (m, 4, 4).
-        there: Whether it is there, shape (m,).
-        load: Name of the load that it is of; None for an obstacle.
+        present: Whether the item is in the scene, shape (m,).
+        load: Name of the load that the shape belongs to; None for an obstacle.
     """
 
     name: str
     shape: Obstacle
     placements: Array
-    there: BoolArray
+    present: BoolArray
     load: str | None = None
 
     @property
     def moves(self) -> bool:
-        """Whether it is not where it was all the time."""
+        """Whether the item may move during the motion."""
         return self.load is not None or self.shape.motion is not None
 
 
-def things(problem: Problem, trajectory: Trajectory, times: Array) -> list[Thing]:
+def scene_items(problem: Problem, motion: Trajectory, times: Array) -> list[SceneItem]:
     """All obstacles and loads of all segments.
 
     Args:
         problem: The problem.
-        trajectory: Its motion.
-        times: Instants, which may go on after its end [s], shape (m,).
+        motion: Its motion.
+        times: Instants [s], shape (m,), possibly after the end of the motion.
     """
-    stages = stages_of(problem, trajectory)
-    inside = np.minimum(times, trajectory.duration)
-    shown: list[Thing] = []
+    stages = stages_of(problem, motion)
+    inside = np.minimum(times, motion.duration)
+    shown: list[SceneItem] = []
     names: Counter[str] = Counter()
     for stage in stages:
         now = (stage.begin <= inside) & (inside <= stage.end)
         for obstacle in stage.problem.scene:
-            before = next((one for one in shown if one.shape == obstacle), None)
-            if before is not None:
-                before.there[now] = True
+            known = next((item for item in shown if item.shape == obstacle), None)
+            if known is not None:
+                known.present[now] = True
                 continue
             names[obstacle.name] += 1
             count = names[obstacle.name]
             name = obstacle.name if count == 1 else f"{obstacle.name} ({count})"
             rotations, positions = obstacle.poses(times)
-            places = placed(positions, rotations)
-            shown.append(Thing(name, obstacle, places, now.copy()))
-    return shown + _loads(problem, trajectory, stages, inside)
+            places = transform(positions, rotations)
+            shown.append(SceneItem(name, obstacle, places, now.copy()))
+    return shown + _loads(problem, motion, stages, inside)
 
 
 def _loads(
     problem: Problem, trajectory: Trajectory, stages: Sequence[Stage], times: Array
-) -> list[Thing]:
+) -> list[SceneItem]:
     """The shapes of all loads."""
     runs: dict[tuple[str, tuple[Obstacle, ...]], list[tuple[Stage, Payload]]] = {}
     segments = problem.segments if len(stages) == len(problem.segments) else ()
     for stage, segment in zip(stages, segments, strict=False):
         payload = segment.payload
         if payload is not None and payload.geometry:
-            # However it is held, it is one body.
+            # The body does not depend on the placement in which it is held.
             bare = tuple(
                 replace(item, position=np.zeros(3), rotation=np.eye(3))
                 for item in payload.geometry
             )
             runs.setdefault((payload.name, bare), []).append((stage, payload))
-    found = []
+    items = []
     for (name, shapes), carried in runs.items():
         places = np.empty((len(shapes), times.size, 4, 4))
         for number, (stage, payload) in enumerate(carried):
-            # It is where it was put down last, or where it will be picked up first.
+            # Between runs the load rests at its last place, before them at its pick-up.
             mine = (times >= stage.begin) | (number == 0)
             held = trajectory(np.clip(times[mine], stage.begin, stage.end)).q
-            frames = frame_places(problem.robot, held, payload.frame)
-            for shape, own in zip(payload.geometry, places, strict=True):
-                own[mine] = frames @ placed(shape.position, shape.rotation)
-        there = np.ones(times.size, dtype=bool)
-        found += [
-            Thing(shape.name, shape, own, there, name)
-            for shape, own in zip(shapes, places, strict=True)
+            frames = frame_placements(problem.robot, held, payload.frame)
+            for shape, rows in zip(payload.geometry, places, strict=True):
+                rows[mine] = frames @ transform(shape.position, shape.rotation)
+        present = np.ones(times.size, dtype=bool)
+        items += [
+            SceneItem(shape.name, shape, rows, present, name)
+            for shape, rows in zip(shapes, places, strict=True)
         ]
-    return found
+    return items
 
 
-def frame_places(robot: Robot, q: Array, frame: str) -> Array:
-    """Placements of a frame, homogeneous, shape (m, 4, 4), at positions (m, n)."""
-    found = FrameMotions(robot, frame).placements(q)
-    return placed(found.origin, found.rotation)
+def frame_placements(robot: Robot, q: Array, frame: str) -> Array:
+    """Homogeneous placements of a frame, shape (m, 4, 4), at positions q, (m, n)."""
+    frames = FrameMotions(robot, frame).placements(q)
+    return transform(frames.origin, frames.rotation)
 
 
-def ends_on_the_way(trajectory: Trajectory) -> Array:
-    """Times at which segments end that others follow [s], shape (k,)."""
+def inner_segment_ends(trajectory: Trajectory) -> Array:
+    """Times of the ends of all segments but the last [s], shape (k,)."""
     ends = trajectory.segment_ends
     return np.zeros(0) if ends is None else np.asarray(ends[:-1])
