@@ -12,7 +12,7 @@ import pytest
 from tominpmp.app import pictures
 from tominpmp.app.controller import Reach
 from tominpmp.app.first_request import EXAMPLES, first_request, known, tool_frame
-from tominpmp.app.planning import Held, Outcome, Shown
+from tominpmp.app.planning import BindingLimit, Outcome, ShownMotion
 from tominpmp.app.request import (
     Item,
     Limits,
@@ -110,7 +110,7 @@ def test_wrong_obstacles_are_named() -> None:
     with pytest.raises(SceneError, match=r"expected 1 lengths: radius"):
         Item("sphere", "ball", (1.0, 2.0), (0.0, 0.0, 0.0))
     with pytest.raises(SceneError, match="ball"):
-        Item("sphere", "ball", (0.0,), (0.0, 0.0, 0.0)).call().made()
+        Item("sphere", "ball", (0.0,), (0.0, 0.0, 0.0)).call().evaluate()
 
 
 def test_new_obstacles_have_names_of_their_own() -> None:
@@ -193,7 +193,7 @@ def test_a_handle_is_followed_as_far_as_the_arm_goes() -> None:
     assert miss > 10.0
 
 
-def shown(**changes: object) -> Shown:
+def shown(**changes: object) -> ShownMotion:
     t = np.linspace(0.0, 2.0, 241)
     share = np.sin(np.pi * t / 2.0)[:, None] * [1.0, 0.5]
     values = {
@@ -206,12 +206,12 @@ def shown(**changes: object) -> Shown:
         "speed": share,
         "torque": -share,
         "path": np.zeros((241, 3)),
-        "held": (Held("speed of arm_joint1", 0.5, 0.7),),
+        "active": (BindingLimit("speed of arm_joint1", 0.5, 0.7),),
     }
-    return Shown(**(values | changes))  # type: ignore[arg-type]
+    return ShownMotion(**(values | changes))  # type: ignore[arg-type]
 
 
-def outcome(found: Shown | None, message: str = "it was found") -> Outcome:
+def outcome(found: ShownMotion | None, message: str = "it was found") -> Outcome:
     return Outcome(1, PLANAR, message, found)
 
 
@@ -271,8 +271,8 @@ def test_names_of_joints_are_short() -> None:
 
 
 def test_what_holds_back_is_told_with_what_it_would_give() -> None:
-    text = pictures.held_back(shown().held, "it is <optimal>")
+    text = pictures.active_limits(shown().active, "it is <optimal>")
     assert "50 % of the time" in text
     assert "0.70 % less time" in text
     assert "&lt;optimal&gt;" in text
-    assert "nothing" in pictures.held_back((), "")
+    assert "nothing" in pictures.active_limits((), "")

@@ -62,8 +62,8 @@ def test_a_verified_motion_comes_first_and_what_holds_it_next(
     np.testing.assert_allclose(shown.q[-1], PLANAR.q_goal, atol=1e-3)
     # The paper's arm is held by its torques alone, and they are at their limits.
     assert np.max(np.abs(shown.torque)) == pytest.approx(1.0, abs=0.02)
-    assert any(held.what.startswith("torque of joint") for held in shown.held)
-    assert sum(held.gain or 0.0 for held in shown.held) > 0.2
+    assert any(limit.name.startswith("torque of joint") for limit in shown.active)
+    assert sum(limit.gain or 0.0 for limit in shown.active) > 0.2
     assert "first-order" in shown.optimality
 
 
@@ -88,7 +88,7 @@ def test_a_motion_past_a_point_passes_it_and_is_told_of() -> None:
     assert shown is not None
     misses = np.linalg.norm(shown.path - past.via[0], axis=1)
     assert np.min(misses) < 0.05  # between two of the instants that are shown
-    assert any(held.what.startswith("torque of joint") for held in shown.held)
+    assert any(limit.name.startswith("torque of joint") for limit in shown.active)
 
 
 def test_a_robot_loses_its_dynamics_and_has_them_again() -> None:

@@ -1,8 +1,7 @@
 """The live page: a motion that is planned while its goal is dragged.
 
-Three parts, each of which knows only those before it. The model is plain data without a
-viewer: a :class:`~tominpmp.app.request.Request` is what was asked for, an
-:class:`~tominpmp.app.planning.Outcome` what was found. The controller plans in a
-process of its own and leaves off what is out of date. The view shows both in the
-browser.
+It has three parts, each of which depends only on the parts before it. The model is
+plain data without a viewer: a :class:`~tominpmp.app.request.Request` is the input of
+the user, an :class:`~tominpmp.app.planning.Outcome` the result. The controller plans in
+a separate process and abandons outdated requests. The view shows both in the browser.
 """

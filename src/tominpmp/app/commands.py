@@ -1,4 +1,4 @@
-"""The command ``app``: a page on which motions are planned while one drags."""
+"""The command ``app``: a page that plans a motion while its goal is dragged."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from tominpmp.cli.terminal import say
 @options("Page")
 @dataclass(frozen=True, kw_only=True)
 class AppOptions(GeneralOptions):
-    """Where the live page is served.
+    """Address and robot of the live page.
 
     Attributes:
         port (N): Port to serve the page at. Default: 8080.
         host (ADDRESS): Address to serve it at; 0.0.0.0 lets others on the network open
             it. Default: 127.0.0.1.
         no_browser: Do not open the page in the browser.
-        kinematic: Leave out torques, of which the robot's file need say nothing then.
+        kinematic: Leave out torques, so that the robot's file needs no inertias and no
+            torque limits.
     """
 
     port: int = 8080
@@ -33,9 +34,9 @@ class AppOptions(GeneralOptions):
 def app(robot: RobotName = "panda", /, *, args: AppOptions = AppOptions()) -> None:
     """Open a page on which a motion is planned while its goal is dragged.
 
-    Start, goal, points on the way and obstacles have handles, limits have sliders;
-    the page shows the duration, how near it is to what is possible, and what holds
-    the motion back, and gives it out as a file and as lines of Python.
+    Start, goal, via points and obstacles have handles, limits have sliders; the page
+    shows the duration, its distance from the lower bound, and the active limits, and
+    exports the motion as a file and the problem as lines of Python.
     """
     from tominpmp.app.first_request import first_request, known
     from tominpmp.app.page import Page, import_viser

@@ -1,4 +1,4 @@
-"""Between page and planning: what is asked for now, and what was found for it."""
+"""Controller between page and planning: the present request and its outcomes."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# With fewer joints an arm cannot take any orientation at any place.
+# Least number of joints with which a frame can reach a pose in general.
 JOINTS_OF_A_POSE = 6
-# A handle this far from the frame, in m and rad, is out of reach.
+# Distance between handle and frame up to which the pose counts as reached [m, rad].
 REACHED = 2e-3
 
 
 class Reach:
-    """Inverse kinematics of one robot's frame, from the configuration at hand.
+    """Inverse kinematics of a frame of a robot, from a start configuration.
 
     Args:
         robot: The robot.
         frame: Name of the frame.
 
     Attributes:
-        turns: Whether the frame's orientation is reached too, not its position only.
+        turns: Whether the orientation of the frame is controlled too.
 
     Raises:
-        FrameNotFound: If there is no such frame.
+        FrameNotFound: If the frame is unknown.
     """
 
     def __init__(self, robot: Robot, frame: str) -> None:
@@ -49,7 +49,7 @@ class Reach:
         limits = robot.limits
         q = np.clip(np.zeros(robot.n), limits.position_lower, limits.position_upper)
         goal = PositionGoal(frame, np.zeros(3))
-        # Whether it collides is not asked: one may drag it through obstacles.
+        # Collisions are not checked: users may drag the arm through obstacles.
         problem = Problem(robot, q, goal, self_collision=False)
         self._functions = ProblemFunctions.of(problem)
 
@@ -62,16 +62,16 @@ class Reach:
     def solve(
         self, position: np.ndarray, quaternion: np.ndarray, near: tuple[float, ...]
     ) -> tuple[tuple[float, ...], float]:
-        """The configuration at a pose that is next to another one.
+        """Find the configuration for a pose that is nearest to a start configuration.
 
         Args:
-            position: Where the frame is to be [m], shape (3,).
-            quaternion: How it is to be turned (x, y, z, w), shape (4,).
-            near: Where to begin, n numbers [rad or m].
+            position: Desired position of the frame [m], shape (3,).
+            quaternion: Desired orientation (x, y, z, w), shape (4,).
+            near: Start configuration, n numbers [rad or m].
 
         Returns:
-            The configuration, n numbers [rad or m], and how far the frame is from the
-            pose, in m and rad together; 0 if it is there.
+            The configuration, n numbers [rad or m], and the distance of the frame from
+            the pose, in m and rad together; 0 if the pose is reached.
         """
         goal: PoseGoal | PositionGoal = PositionGoal(self._frame, np.array(position))
         if self.turns:
@@ -88,18 +88,18 @@ def _reach_of(robot: RobotChoice, frame: str) -> Reach:
 
 
 class Controller:
-    """Keeps the request, has it planned, and tells of outcomes.
+    """Keeps the present request, has it planned, and passes on outcomes.
 
-    It may be called from several threads.
+    Its methods may be called from several threads.
 
     Args:
-        request: What is asked for first.
+        request: The first request.
         on_outcome: Called with every outcome that is not older than the last one.
-        planning: Makes what plans, from a function that takes outcomes; by default a
+        planning: Makes the planner, from a callback that takes outcomes; by default a
             process.
 
     Attributes:
-        request: What is asked for now.
+        request: The present request.
         outcome: The last outcome; None before the first.
     """
 
@@ -119,12 +119,12 @@ class Controller:
 
     @property
     def busy(self) -> bool:
-        """Whether an outcome for what is asked for now is still to come."""
+        """Whether an outcome of the present request is still to come."""
         last = self.outcome
         return last is None or last.number < self._number or not last.final
 
     def start(self) -> None:
-        """Plan what is asked for now."""
+        """Plan the present request."""
         self._plan(self.request)
 
     def _plan(self, request: Request) -> None:
@@ -134,7 +134,7 @@ class Controller:
             self._planning.plan(self._number, request)
 
     def change(self, **changes: Any) -> None:
-        """Ask for the same with some fields changed.
+        """Change fields of the request, and plan it if it differs.
 
         Raises:
             ProblemError: If a value is wrong.
@@ -145,25 +145,27 @@ class Controller:
                 self._plan(changed)
 
     def choose(self, choice: RobotChoice) -> None:
-        """Ask for a motion of another robot, with start and goal of its own.
+        """Request a motion of another robot, with default start and goal.
 
         Raises:
-            TominpmpError: If it cannot be loaded, or has no start and goal.
+            TominpmpError: If the robot cannot be loaded, or no start and goal are
+                found.
         """
         request = first_request(choice)
         if request != self.request:
             self._plan(request)
 
     def drag(self, end: str, position: Any, quaternion: Any) -> float:
-        """Bring the frame at the start or the goal to a pose, as near as it goes.
+        """Bring the frame at the start or the goal as near to a pose as possible.
 
         Args:
             end: "q_start" or "q_goal".
-            position: Where its handle is [m], shape (3,).
-            quaternion: How it is turned (x, y, z, w), shape (4,).
+            position: Position of the handle [m], shape (3,).
+            quaternion: Orientation of the handle (x, y, z, w), shape (4,).
 
         Returns:
-            How far from there the frame remains, in m and rad; 0 if it is there.
+            Remaining distance of the frame from the pose, in m and rad; 0 if it is
+            reached.
         """
         with self._lock:
             near = getattr(self.request, end)
@@ -178,15 +180,15 @@ class Controller:
     def export(
         self, ending: str, dt: float | None = None, message: str | None = None
     ) -> tuple[str, bytes, str]:
-        """Write the motion that was found last to a file.
+        """Write the latest motion to a file.
 
         Args:
-            ending: What its name ends with: ".csv", ".npz", ".yaml", ...
+            ending: Ending of the file: ".csv", ".npz", ".yaml", ...
             dt: Time between rows [s]; None for the nodes.
-            message: Which ROS message, if it is one.
+            message: Type of the ROS message, for a file of ROS messages.
 
         Returns:
-            Name and content of the file, and what its check says.
+            Name and content of the file, and the message of its check.
 
         Raises:
             TominpmpError: If there is no motion, or the file cannot be written.
@@ -196,7 +198,7 @@ class Controller:
         return exported(pickle.loads(self._solution), ending, dt, message)
 
     def close(self) -> None:
-        """End planning."""
+        """End the planning process."""
         self._planning.close()
 
     def _take(self, outcome: Outcome) -> None:

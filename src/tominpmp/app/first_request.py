@@ -1,4 +1,4 @@
-"""What is asked for first of a robot: a start, a goal and an obstacle that suit it."""
+"""The first request for a robot: a start and a goal, and an obstacle in examples."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from tominpmp.goals.joints import JointGoal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
-from tominpmp.viz.skeleton import end_of
+from tominpmp.viz.skeleton import last_frame
 
-# Robots that are offered first, and what to lock of them.
+# Robots at the top of the list, with their locked joints [rad or m].
 ARMS: dict[str, tuple[tuple[str, float], ...]] = {
     "panda": (("panda_finger_joint1", 0.04),),
     "ur5": (),
@@ -37,61 +37,62 @@ ARMS: dict[str, tuple[tuple[str, float], ...]] = {
     "so100": (),
     "planar3r": (),
 }
-# Names of group states in which an arm begins, the best first.
+# Names of group states for the start, in order of preference.
 RESTING = ("ready", "default", "home", "start", "neutral", "half_sitting", "arm_up")
-# Ends of the names of frames at which tools are held, the best first.
+# Suffixes of the names of tool frames, in order of preference.
 TOOLS = ("hand_tcp", "tcp", "tool0", "tip", "tool_link", "eef", "ee_link", "hand")
-# How far joints move where nothing better is known [rad], and [m] where they slide.
+# Displacement of a joint from the start to a default goal [rad or m].
 SWING = 1.2
-# Configurations that are tried for a start and a goal at random.
+# Number of random configurations tried for a start, and for a goal.
 TRIALS = 60
 
 
 def known(source: str) -> RobotChoice:
-    """A robot by its name, with fingers and the like locked."""
+    """The choice of a robot by its name, with joints such as fingers locked."""
     return RobotChoice(source, locked=ARMS.get(source, ()))
 
 
 def first_request(choice: RobotChoice) -> Request:
-    """What is asked for first.
+    """The first request for a robot.
 
     Raises:
         TominpmpError: If the robot cannot be loaded, or no start and goal are found.
     """
-    made = EXAMPLES.get(choice.source)
+    example = EXAMPLES.get(choice.source)
     robot = loaded(choice)
-    given = robot.motion_limits
-    free = robot.kinematic and (given is None or given.acceleration is None)
-    own = MODERATE if free else None
-    if made is not None and len(made.q_start) == robot.n:
-        limits = replace(made.limits, acceleration=own)
-        return replace(made, robot=choice, limits=limits)
+    own = robot.motion_limits
+    # A kinematic robot needs acceleration limits.
+    free = robot.kinematic and (own is None or own.acceleration is None)
+    acceleration = MODERATE if free else None
+    if example is not None and len(example.q_start) == robot.n:
+        limits = replace(example.limits, acceleration=acceleration)
+        return replace(example, robot=choice, limits=limits)
     frame = tool_frame(robot)
     start = _first_free(robot, _starts(robot))
     goal = _first_free(robot, _goals(robot, start))
-    limits = Limits(margin=0.01, acceleration=own)
+    limits = Limits(margin=0.01, acceleration=acceleration)
     return Request(robot=choice, frame=frame, q_start=start, q_goal=goal, limits=limits)
 
 
 def tool_frame(robot: Robot) -> str:
-    """The frame that handles move: where tools are held, else the last of the chain."""
+    """The frame that handles move: a tool frame, or else the last of the chain."""
     for ending in TOOLS:
         for name in robot.frame_names:
             if name.endswith(ending):
                 return name
-    return end_of(robot)
+    return last_frame(robot)
 
 
 def _starts(robot: Robot) -> Iterator[Array]:
-    """Configurations to begin with: as its files say, then in the middle, then any."""
+    """Candidates for the start: group states, the middle of the limits, random ones."""
     low, high = robot.limits.position_lower, robot.limits.position_upper
     states = {} if robot.srdf is None else robot.srdf.group_states
     middle = np.clip(np.zeros(robot.n), 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
     middle = np.where(np.isfinite(middle), middle, np.clip(0.0, low, high))
     for name in RESTING:
         if name in states:
-            found = [states[name].get(joint, np.nan) for joint in robot.joint_names]
-            yield np.where(np.isfinite(found), found, middle)
+            state = [states[name].get(joint, np.nan) for joint in robot.joint_names]
+            yield np.where(np.isfinite(state), state, middle)
     yield middle
     rng = np.random.default_rng(0)
     for share in np.linspace(0.2, 1.0, TRIALS):
@@ -99,39 +100,39 @@ def _starts(robot: Robot) -> Iterator[Array]:
 
 
 def _goals(robot: Robot, start: tuple[float, ...]) -> Iterator[Array]:
-    """Configurations to go to: each joint turned a little, the first one more."""
+    """Candidates for the goal: all joints turned a little, the first one more."""
     low, high = robot.limits.position_lower, robot.limits.position_upper
     turn = 0.5 * SWING * np.array([(-1.0) ** i for i in range(robot.n)])
     turn[0] = SWING
-    ways = [share * turn for share in (1.0, -1.0, 0.6, -0.6, 0.3, -0.3)]
+    steps = [share * turn for share in (1.0, -1.0, 0.6, -0.6, 0.3, -0.3)]
     rng = np.random.default_rng(1)
     for share in np.linspace(1.0, 0.1, TRIALS):
-        ways.append(share * SWING * rng.uniform(-1.0, 1.0, robot.n))
-    for way in ways:
-        yield np.clip(start + way, low, high)
+        steps.append(share * SWING * rng.uniform(-1.0, 1.0, robot.n))
+    for step in steps:
+        yield np.clip(start + step, low, high)
 
 
 def _first_free(robot: Robot, candidates: Iterator[Array]) -> tuple[float, ...]:
-    """The first configuration that is inside the limits and free of collisions.
+    """The first candidate that is inside the limits and free of collisions.
 
     Raises:
-        RobotLoadError: If there is none.
+        RobotLoadError: If no candidate is.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TominpmpWarning)
         for q in candidates:
             with suppress(ProblemError):
-                found: tuple[float, ...] = rounded(q)
+                start: tuple[float, ...] = rounded(q)
                 limits = MotionLimits(acceleration=MODERATE)
-                Problem(robot, found, JointGoal(found), motion_limits=limits)
-                return found
+                Problem(robot, start, JointGoal(start), motion_limits=limits)
+                return start
     raise RobotLoadError(
-        f"no configuration of {robot.name} was found that is clear of itself",
+        f"no configuration of {robot.name} without self-collision was found",
         robot.urdf_path,
     )
 
 
-# Motions that show something at once.
+# Requests for well-known robots, with an obstacle between start and goal.
 EXAMPLES = {
     "panda": Request(
         robot=known("panda"),

@@ -1,8 +1,8 @@
-"""Who may speak to the page: only what was loaded from it, and no browser elsewhere.
+"""Access control of the page: only scripts of the page itself may open its websocket.
 
-A browser lets any site open a websocket to this machine, and says by ``Origin`` which
-site did. A site may also let its own name lead here; the browser says by ``Host`` which
-name that is.
+A browser lets any site open a websocket to this machine, and names the site in the
+header ``Origin``. A site may also let its domain resolve to this machine (DNS
+rebinding); the browser names that domain in the header ``Host``.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from urllib.parse import urlsplit
 
 from tominpmp.exceptions import TominpmpError, brief
 
-# Addresses that stand for every one of this machine.
+# Addresses that stand for all addresses of this machine.
 EVERY = ("", "0.0.0.0", "::")
 
 
 def names_of(host: str) -> frozenset[str]:
-    """Names by which a page may be opened; addresses in numbers are no names.
+    """Host names by which a page may be opened, in addition to IP addresses.
 
     Args:
-        host: Address that it is served at.
+        host: Address at which the page is served.
     """
     own = socket.gethostname().lower()
     served = (own, f"{own}.local") if host in EVERY else (host.lower(),)
@@ -33,28 +33,28 @@ def names_of(host: str) -> frozenset[str]:
 
 
 def refusal(headers: Any, names: frozenset[str]) -> str | None:
-    """Why a request is refused; None if it is not.
+    """The reason to refuse a request; None to accept it.
 
-    Who sends no Origin is no browser, for these always do with a websocket: a program
-    of this machine, which needs no page to do what it likes.
+    A request without Origin is accepted: browsers always send the header with a
+    websocket, so the sender is a program, which gains nothing by using the page.
 
     Args:
-        headers: Of the request, with the method ``get_all``.
-        names: By which the page may be opened.
+        headers: Headers of the request, with the method ``get_all``.
+        names: Host names by which the page may be opened.
     """
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
     if len(hosts) != 1 or not _leads_here(hosts[0], names):
-        asked = brief(", ".join(hosts))
+        sent = brief(", ".join(hosts))
         known = ", ".join(sorted(names))
-        return f"Host is {asked}, expected an address in numbers or one of: {known}"
-    own = [f"{scheme}://{hosts[0].lower()}" for scheme in ("http", "https")]
-    if origins and (len(origins) > 1 or origins[0].lower() not in own):
-        return f"Origin is {brief(', '.join(origins))}, expected {own[0]}"
+        return f"Host is {sent}, expected an IP address or one of: {known}"
+    allowed = [f"{scheme}://{hosts[0].lower()}" for scheme in ("http", "https")]
+    if origins and (len(origins) > 1 or origins[0].lower() not in allowed):
+        return f"Origin is {brief(', '.join(origins))}, expected {allowed[0]}"
     return None
 
 
 def _leads_here(host: str, names: frozenset[str]) -> bool:
-    """Whether nobody else can make a host lead here: an address in numbers, or ours."""
+    """Whether a host is an IP address or a name of the page: safe from rebinding."""
     with suppress(ValueError):
         name = urlsplit(f"//{host}").hostname or ""
         if name in names:
@@ -65,10 +65,10 @@ def _leads_here(host: str, names: frozenset[str]) -> bool:
 
 
 def serve(viser: Any, host: str, port: int) -> Any:
-    """Begin to serve a page that refuses whom it was not served to, by code 403.
+    """Start a viser server that refuses requests of other origins, with code 403.
 
-    viser says nothing of the headers to whoever uses it. So what it opens the websocket
-    with is called through a function that looks at them first.
+    viser does not pass on the headers of requests. So while the server starts,
+    ``websockets.asyncio.server.serve`` is wrapped in a function that checks them.
 
     Args:
         viser: The module.
@@ -79,29 +79,29 @@ def serve(viser: Any, host: str, port: int) -> Any:
         The ``viser.ViserServer``.
 
     Raises:
-        TominpmpError: If this viser opens websockets in another way.
+        TominpmpError: If this version of viser opens websockets by another function.
     """
-    from websockets.asyncio import server as opening
+    from websockets.asyncio import server as websockets_server
 
-    names, guarded = names_of(host), []
-    usual: Callable[..., Any] = opening.serve
+    names, wrapped = names_of(host), []
+    original: Callable[..., Any] = websockets_server.serve
 
     def checked(*args: Any, process_request: Any = None, **settings: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
-            why = refusal(request.headers, names)
-            if why is not None:
-                return connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
+            reason = refusal(request.headers, names)
+            if reason is not None:
+                return connection.respond(HTTPStatus.FORBIDDEN, f"{reason}\n")
             return process_request and process_request(connection, request)
 
-        guarded.append(True)
-        return usual(*args, process_request=process, **settings)
+        wrapped.append(True)
+        return original(*args, process_request=process, **settings)
 
-    setattr(opening, "serve", checked)  # noqa: B010
+    setattr(websockets_server, "serve", checked)  # noqa: B010
     try:
         server = viser.ViserServer(host, port, label="tominpmp")
     finally:
-        setattr(opening, "serve", usual)  # noqa: B010
-    if not guarded:
+        setattr(websockets_server, "serve", original)  # noqa: B010
+    if not wrapped:
         server.stop()
         raise TominpmpError(
             f"viser {viser.__version__} opens its page so that any site could drive "

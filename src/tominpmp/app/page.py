@@ -1,7 +1,7 @@
-"""The page: a stage in the middle, what was found on the left, what is asked for right.
+"""The page: a stage in the middle, the outcome on the left, the request on the right.
 
-Everything in it may be called from several threads: callbacks of the page, outcomes of
-the planning, and the clock that plays.
+All methods may be called from several threads: callbacks of the page, outcomes of the
+planning, and the clock that plays the motion.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tominpmp.app import pictures, stage
 from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import ARMS, known
 from tominpmp.app.origins import serve
-from tominpmp.app.planning import Outcome, Shown, plain_name
+from tominpmp.app.planning import Outcome, ShownMotion, plain_name
 from tominpmp.app.request import (
     MODERATE,
     SIZES,
@@ -46,10 +46,10 @@ from tominpmp.viz.surroundings import GOAL_RGB, START_RGB
 logger = logging.getLogger(__name__)
 
 FRAMES_PER_SECOND = 30.0
-# Bars change so often a second; their text is sent anew each time.
+# Updates of the bars per second; their HTML is sent anew each time.
 BARS_PER_SECOND = 10.0
-GROUND = (205, 210, 220)  # what light from below looks like
-# The arm rests so long at both ends before it plays again [s].
+GROUND = (205, 210, 220)  # colour of the light from below
+# Pause of the animation at both ends of the motion [s].
 REST = 0.5
 SPEEDS = {"real time": 1.0, "half": 0.5, "a quarter": 0.25, "a tenth": 0.1}
 ALL_JOINTS = "all joints"
@@ -59,7 +59,7 @@ GOAL_WORDS = {
     "the position, any orientation": "position",
 }
 FOLLOWED = "FollowJointTrajectory"
-# Files by what they are called on the page: ending, time between rows [s], message.
+# Files by their labels on the page: ending, time between rows [s], ROS message.
 FILES: dict[str, tuple[str, float | None, str | None]] = {
     "CSV, every millisecond": (".csv", 0.001, None),
     "CSV, nodes": (".csv", None, None),
@@ -67,15 +67,15 @@ FILES: dict[str, tuple[str, float | None, str | None]] = {
     "ROS 2 JointTrajectory (.yaml), 10 ms": (".yaml", 0.01, None),
     f"ROS 2 {FOLLOWED} (.yaml), 10 ms": (".yaml", 0.01, FOLLOWED),
 }
-# Files larger than this are no URDF [bytes].
+# Larger files are not taken for a URDF [bytes].
 MOST_BYTES = 20_000_000
 
 
 def import_viser() -> Any:
-    """Import viser when it is needed.
+    """Import viser on demand.
 
     Raises:
-        MissingDependency: If it is not installed.
+        MissingDependency: If viser is not installed.
     """
     with optional("viser", "app", "the live page"):
         import viser
@@ -86,7 +86,7 @@ def check_port(host: str, port: int) -> None:
     """Check that a page can be served at a port.
 
     Raises:
-        OptionsError: If it is taken, or no port of this machine.
+        OptionsError: If the port is in use, or cannot be opened on this machine.
     """
     try:
         with socket.socket() as trial:
@@ -100,7 +100,7 @@ def check_port(host: str, port: int) -> None:
 
 
 def by_user(act: Callable[[], Any]) -> Callable[[Any], None]:
-    """A callback that acts when somebody changes a field, not when the page does."""
+    """A callback that acts on changes of a field by a user, not by the program."""
 
     def changed(event: Any) -> None:
         if event.client is not None:
@@ -113,14 +113,15 @@ class Page:
     """The live page.
 
     Args:
-        request: What is asked for first.
+        request: The first request.
         host: Address to serve at.
         port: Port to serve at.
 
     Raises:
         MissingDependency: If viser is not installed.
-        OptionsError: If the port is taken.
-        TominpmpError: If the robot cannot be loaded, or no visitor could be refused.
+        OptionsError: If the port is in use.
+        TominpmpError: If the robot cannot be loaded, or the origin of requests cannot
+            be checked.
     """
 
     def __init__(
@@ -130,16 +131,16 @@ class Page:
         loaded(request.robot)
         check_port(host, port)
         with redirect_stdout(io.StringIO()):
-            # It says where it listens, which the caller does.
+            # viser prints the address, which the caller prints.
             self.server = serve(viser, host, port)
         self.address = f"http://{'localhost' if host == '127.0.0.1' else host}:{port}"
         self._lock = threading.RLock()
         self._ended = threading.Event()
         self._begun = time.monotonic()
         self._arms: dict[str, stage.Arm] = {}
-        self._shown: Shown | None = None
+        self._shown: ShownMotion | None = None
         self._size = 1.0
-        self.controller = Controller(request, self._found)
+        self.controller = Controller(request, self._on_outcome)
         self._dress()
         self.readout = Readout(self.server, self.controller)
         self.panel = Panel(self)
@@ -158,7 +159,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(330)
         scene.world_axes.visible = False
-        # Lights that a machine without a graphics card can compute, too.
+        # Lights that a machine without a graphics card can render, too.
         scene.configure_environment_map(None)
         white = (255, 255, 255)
         scene.add_light_hemisphere(
@@ -166,57 +167,57 @@ class Page:
         )
         scene.configure_default_lights(True, cast_shadow=True)
 
-    # -- what is asked for -------------------------------------------------------------
+    # -- the request -------------------------------------------------------------------
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """Make a notice of what is wrong with what the user asks for."""
+    def _errors_shown(self) -> Iterator[None]:
+        """Context manager that shows errors in the user's input as a notice."""
         try:
             yield
         except TominpmpError as error:
-            self.readout.tell(str(error), bad=True)
+            self.readout.notify(str(error), bad=True)
         else:
             self.readout.show_headline()
 
     def choose(self, choice: RobotChoice) -> None:
-        """Take another robot."""
-        self.readout.tell(f"Loading {choice.source} ...")
-        with self._told():
+        """Request a motion of another robot, and show the robot."""
+        self.readout.notify(f"Loading {choice.source} ...")
+        with self._errors_shown():
             self.controller.choose(choice)
-            self.readout.tell("")
+            self.readout.notify("")
             self._set_stage()
         self.panel.rebuild()
 
     def ask(self, **changes: Any) -> None:
-        """Ask for the same with some fields of the request changed."""
-        with self._told():
+        """Change fields of the request."""
+        with self._errors_shown():
             self.controller.change(**changes)
-            self.readout.tell("")
+            self.readout.notify("")
             self.refresh()
 
     def drag(self, end: str, position: Any, quaternion: Any) -> None:
-        """Bring the frame at start or goal to a handle."""
-        with self._lock, self._told():
+        """Bring the frame at start or goal to the pose of a handle."""
+        with self._lock, self._errors_shown():
             miss = self.controller.drag(end, position, quaternion)
             message = (
                 f"The handle of the {end.removeprefix('q_')} is out of reach by "
                 f"{miss:.3f} (m, rad): the nearest configuration was taken."
             )
-            self.readout.tell(message if miss else "", bad=bool(miss))
+            self.readout.notify(message if miss else "", bad=bool(miss))
             self._arms[end].move(getattr(self.controller.request, end))
         self.panel.refresh_lines()
 
     def export(self, ending: str, dt: float | None, message: str | None) -> None:
-        """Hand the motion to the browser as a file."""
-        with self._told():
+        """Offer the motion to the browser as a download."""
+        with self._errors_shown():
             name, content, remark = self.controller.export(ending, dt, message)
             self.server.send_file_download(name, content)
-            self.readout.tell(remark)
+            self.readout.notify(remark)
 
-    # -- what is seen ------------------------------------------------------------------
+    # -- the view ----------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Show what is asked for as it is now."""
+        """Show the present request."""
         request = self.controller.request
         with self._lock:
             for end in ("q_start", "q_goal"):
@@ -225,7 +226,7 @@ class Page:
             self.panel.refresh_lines()
 
     def _set_stage(self) -> None:
-        """Put the robot that is asked for on the stage."""
+        """Put the robot of the request on the stage."""
         request, scene = self.controller.request, self.server.scene
         robot = loaded(request.robot)
         with self._lock:
@@ -248,8 +249,8 @@ class Page:
             self.panel.rebuild()
             self.refresh()
 
-    def _found(self, outcome: Outcome) -> None:
-        """Take an outcome of the planning."""
+    def _on_outcome(self, outcome: Outcome) -> None:
+        """Show an outcome of the planning."""
         with self._lock:
             if outcome.request.robot != self.controller.request.robot:
                 return
@@ -261,7 +262,7 @@ class Page:
             self.readout.show(outcome, self._shown is not None)
 
     def _play(self) -> None:
-        """Let the robot move, all the time."""
+        """Animate the robot until the page is closed."""
         period, next_bars = 1.0 / FRAMES_PER_SECOND, 0.0
         while not self._ended.wait(period):
             shown = self._shown
@@ -275,7 +276,7 @@ class Page:
                 if time.monotonic() >= next_bars:
                     self.readout.show_bars(shown, now)
                     next_bars = time.monotonic() + 1.0 / BARS_PER_SECOND
-            except Exception:  # the page goes on, whatever a client does
+            except Exception:  # an error of a client must not end the animation
                 logger.exception("a frame could not be shown")
 
     def close(self) -> None:
@@ -286,7 +287,7 @@ class Page:
             self.server.stop()
 
     def wait(self) -> None:
-        """Serve until somebody presses Ctrl-C."""
+        """Serve until Ctrl-C."""
         try:
             while not self._ended.wait(3600.0):
                 pass
@@ -297,11 +298,11 @@ class Page:
 
 
 class Readout:
-    """The left side of the page: T, bound, bars, curves, what holds the motion back.
+    """The left side of the page: T, lower bound, bars, curves and active limits.
 
     Args:
         server: Viser's server.
-        controller: What tells whether planning goes on.
+        controller: The controller, for the state of the planning.
     """
 
     def __init__(self, server: Any, controller: Controller) -> None:
@@ -329,12 +330,12 @@ class Readout:
         if not self._playing.value:
             self._slider.value = round(self._share, 3)
 
-    def time(self, shown: Shown, since: float) -> float:
+    def time(self, shown: ShownMotion, since: float) -> float:
         """The instant to show [s].
 
         Args:
             shown: The motion.
-            since: Time since it began to play [s].
+            since: Time since the animation began [s].
         """
         if not self._playing.value:
             return float(self._slider.value) * shown.T
@@ -349,32 +350,32 @@ class Readout:
 
         Args:
             outcome: The outcome.
-            goes_on: Whether there is a motion before it, which goes on playing.
+            goes_on: Whether an earlier motion continues to play.
         """
         busy = self._controller.busy
         self._headline.content = pictures.headline(outcome, busy, goes_on)
         if outcome.shown is not None:
             self._curves.content = pictures.curves(outcome.shown)
-            held, optimality = outcome.shown.held, outcome.shown.optimality
-            self._held.content = pictures.held_back(held, optimality)
+            active, optimality = outcome.shown.active, outcome.shown.optimality
+            self._held.content = pictures.active_limits(active, optimality)
 
     def show_headline(self) -> None:
-        """Say whether planning goes on, beside a motion."""
+        """Update the state of the planning next to T."""
         outcome, busy = self._controller.outcome, self._controller.busy
         if outcome is not None and outcome.shown is not None:
             self._headline.content = pictures.headline(outcome, busy)
 
-    def show_bars(self, shown: Shown, time: float) -> None:
+    def show_bars(self, shown: ShownMotion, time: float) -> None:
         """Show speeds and torques at a time [s]."""
         self._bars.content = pictures.bars(shown, time)
 
-    def tell(self, text: str, *, bad: bool = False) -> None:
-        """Show a sentence; nothing takes it away."""
+    def notify(self, text: str, *, bad: bool = False) -> None:
+        """Show a notice until the next one; an empty text removes it."""
         self._notice.content = pictures.notice(text, bad=bad)
 
 
 class Panel:
-    """The right side of the page: what is asked for, files and lines of Python.
+    """The right side of the page: the request, files and lines of Python.
 
     Args:
         page: The page.
@@ -402,10 +403,10 @@ class Panel:
         return self._page.controller.request
 
     def rebuild(self) -> None:
-        """Show what belongs to another robot."""
+        """Show the fields of another robot."""
         request, limits = self._request, self._request.limits
         source = request.robot.source
-        # The robot was loaded; only what else its files say may not be known.
+        # The robot was loaded; reading its groups or data sheet may still fail.
         with suppress(TominpmpError):
             if source not in self._robots.options:
                 self._robots.options = (source, *self._robots.options)
@@ -454,12 +455,12 @@ class Panel:
         upload.on_upload(by_user(lambda: self._take_file(upload.value)))
 
     def _choose(self, source: str, **options: Any) -> None:
-        """A robot, with its dynamics or without them."""
+        """Choose a robot by its name or path, with or without its dynamics."""
         kinematic = bool(self._kinematic.value)
         self._page.choose(replace(known(source), kinematic=kinematic, **options))
 
     def _choose_part(self) -> None:
-        """The same robot with other joints, or other limits."""
+        """Choose the same robot with another group of joints or other limits."""
         present = self._request.robot
         options: dict[str, Any] = {"limits": present.limits}
         sheet = bool(self._datasheet.value)
@@ -470,7 +471,7 @@ class Panel:
         self._choose(present.source, **options)
 
     def _take_file(self, file: Any) -> None:
-        """Take a robot from a file that was dropped in."""
+        """Choose the robot of an uploaded file."""
         if not file.content or len(file.content) > MOST_BYTES:
             return
         folder = Path(tempfile.mkdtemp(prefix="tominpmp-"))
@@ -478,7 +479,7 @@ class Panel:
         path.write_bytes(file.content)
         self._choose(str(path))
 
-    # -- ends and points ---------------------------------------------------------------
+    # -- start, goal and via points ----------------------------------------------------
 
     def _add_ends(self) -> None:
         gui, page = self._gui, self._page
@@ -502,7 +503,7 @@ class Panel:
         self._page.ask(q_start=goal, q_goal=start, via=self._request.via[::-1])
 
     def _add_point(self) -> None:
-        """A point beside the way, in the middle between the last one and the goal."""
+        """Add a via point between the last one, or the start, and the goal."""
         request, pose = self._request, self._page.controller.reach().pose
         middle = (np.array(request.q_start) + np.array(request.q_goal)) / 2
         point = pose(tuple(middle.tolist()))[0]

@@ -1,4 +1,4 @@
-"""What the page draws beside the robot: numbers, bars and curves, as HTML and SVG."""
+"""Readouts next to the robot: numbers, bars and curves, as HTML and SVG."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from tominpmp.app.planning import Held, Outcome, Shown
+from tominpmp.app.planning import BindingLimit, Outcome, ShownMotion
 from tominpmp.arrays import Array
 from tominpmp.bounds.result import USELESS
 from tominpmp.viz.shares import AT_LIMIT, SPEED_COLOR, TORQUE_COLOR
@@ -17,28 +17,28 @@ INK, FAINT, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
 GOOD, BAD = "#15803d", "#be123c"
 FONT = "font-family:Inter,system-ui,sans-serif"
 CUT = "overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
-# Height of a curve [px], and number of the points in it.
+# Height of a curve [px], and number of its points.
 HEIGHT, POINTS = 26, 121
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Names of joints without what all of them begin with, where that leaves enough."""
+    """Names of joints without their common prefix, which ends at an underscore."""
     if len(names) < 2:
         return list(names)
-    same = 0
-    while all(len(n) > same + 1 and n[same] == names[0][same] for n in names):
-        same += 1
-    cut = names[0].rfind("_", 0, same) + 1
+    common = 0
+    while all(len(n) > common + 1 and n[common] == names[0][common] for n in names):
+        common += 1
+    cut = names[0].rfind("_", 0, common) + 1
     return [name[cut:].removesuffix("_joint") for name in names]
 
 
 def headline(outcome: Outcome | None, busy: bool, goes_on: bool = False) -> str:
-    """T in large figures, how near it is to what is possible, and how it was judged."""
+    """HTML of T, its distance from the lower bound, and the result of the replay."""
     if outcome is None:
         return _box(_line("Planning the first motion ...", FAINT))
     shown = outcome.shown
     if shown is None:
-        more = _line("The last motion that was found goes on.", FAINT)
+        more = _line("The last motion continues to play.", FAINT)
         lines = _line("No motion", BAD, 22) + _line(escape(outcome.message), INK)
         return _box(lines, more if goes_on else "")
     state = "verified by replay" if shown.verified else "not verified"
@@ -57,7 +57,7 @@ def headline(outcome: Outcome | None, busy: bool, goes_on: bool = False) -> str:
     )
 
 
-def bars(shown: Shown, time: float) -> str:
+def bars(shown: ShownMotion, time: float) -> str:
     """Speed and torque of each joint at a time, as bars against their limits."""
     row = shown.row(time)
     drawn = ((shown.speed, SPEED_COLOR), (shown.torque, TORQUE_COLOR))
@@ -71,7 +71,7 @@ def bars(shown: Shown, time: float) -> str:
 
 
 def _bar(share: float, color: str) -> str:
-    """A bar from the middle to the left or right; full where the limit is."""
+    """A bar from the middle to the left or right; its full length is the limit."""
     length = 50.0 * min(abs(share), 1.0)
     begin = 50.0 if share >= 0.0 else 50.0 - length
     color = HOT if abs(share) >= AT_LIMIT else color
@@ -85,7 +85,7 @@ def _bar(share: float, color: str) -> str:
     )
 
 
-def curves(shown: Shown) -> str:
+def curves(shown: ShownMotion) -> str:
     """Speed and torque of each joint over time; red where they are at their limits."""
     rows = np.linspace(0, shown.t.size - 1, POINTS).round().astype(int)
     cells = []
@@ -103,7 +103,7 @@ def curves(shown: Shown) -> str:
 
 
 def _curve(shares: Array, color: str) -> str:
-    """A curve of shares, and over it once more what is at the limit."""
+    """A curve of shares, with its saturated parts drawn over it in red."""
     y = np.clip(-shares, -1.1, 1.1)
     line = "M" + "L".join(f"{x} {value:.3f}" for x, value in enumerate(y.tolist()))
     hot, at = [], np.abs(shares) >= AT_LIMIT
@@ -119,15 +119,15 @@ def _curve(shares: Array, color: str) -> str:
     return drawn
 
 
-def held_back(held: Sequence[Held], optimality: str) -> str:
-    """What holds the motion back: for how long, and what more of it would give."""
-    if not held:
+def active_limits(limits: Sequence[BindingLimit], optimality: str) -> str:
+    """HTML of the active limits: share of the time, and gain of one percent more."""
+    if not limits:
         return _box(_line("nothing is at its limit for long", FAINT))
     small = f"font-size:11px;color:{FAINT}"
     head = "display:flex;font-size:12px;justify-content:space-between;gap:8px"
     track = "height:5px;border-radius:3px;background"
     rows = []
-    for item in held:
+    for item in limits:
         percent, gain = 100.0 * item.share, ""
         if item.gain is not None and item.gain >= 0.005:
             gain = f"1 % more: {item.gain:.2f} % less time"
@@ -136,7 +136,7 @@ def held_back(held: Sequence[Held], optimality: str) -> str:
         rows.append(
             _div(
                 "margin:3px 0",
-                _div(f"{head};color:{INK}", _span(CUT, escape(item.what)), moment),
+                _div(f"{head};color:{INK}", _span(CUT, escape(item.name)), moment),
                 _div(f"{track}:{TRACK}", _div(f"{track}:{HOT};width:{percent:.1f}%")),
                 _div(small, gain),
             )
@@ -148,7 +148,7 @@ def held_back(held: Sequence[Held], optimality: str) -> str:
 
 
 def notice(text: str, *, bad: bool = False) -> str:
-    """A sentence for the one who drags."""
+    """HTML of a notice for the user."""
     color = BAD if bad else FAINT
     look = f"font-size:12px;color:{color};border-left:3px solid {color}"
     return text and _box(

@@ -1,6 +1,6 @@
-"""Planning for the page: from the last motion, then proofs, then a second look.
+"""Planning for the page: a warm start, then the certificate, then a cold start.
 
-Outcomes are plain data, few enough to pass on at once: numbers that the page shows.
+Outcomes are plain data, small enough to be sent between processes at once.
 """
 
 from __future__ import annotations
@@ -27,46 +27,46 @@ from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord
 from tominpmp.viz.shares import AT_LIMIT, Shares, shares_of_limits
 
-# Nobody waits longer for a page [s].
+# Time limit of a plan [s].
 MOST_SECONDS = 20.0
-# A motion found afresh takes the place of the one shown if it is faster by this share.
+# Least gain of a cold start over a warm start, as a share of T, to replace its motion.
 BETTER = 1e-3
-# Instants at which a motion is shown.
+# Instants at which a motion is sampled for display.
 INSTANTS = 241
-# Largest number of limits that are listed as holding a motion back.
-MOST_HELD = 8
-# Limits as people call them, by what the certificate calls them.
+# Largest number of active limits that are listed.
+MOST_ACTIVE = 8
+# Names of limits on the page, by their names in the certificate.
 WORDS = {"effort": "torque", "velocity": "speed", "effort rate": "torque rate"}
 
 
 @dataclass(frozen=True)
-class Held:
-    """A limit that holds a motion back.
+class BindingLimit:
+    """An active limit of a motion.
 
     Attributes:
-        what: The limit, in words: "torque of panda_joint2".
-        share: Share of the time in which it holds.
+        name: The limit, in words: "torque of panda_joint2".
+        share: Share of the time in which the limit is active.
         gain: Percent of T that one percent more of the limit would save, to first
-            order; None where that is not known, or the limit is no size (clearance).
+            order; None if it is unknown, or percents have no meaning (clearance).
     """
 
-    what: str
+    name: str
     share: float
     gain: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Shown(Shares):
-    """A motion as it is shown, at instants evenly spaced.
+class ShownMotion(Shares):
+    """A motion for display, sampled at evenly spaced instants.
 
     Attributes:
         q: Configurations, shape (m, n) [rad or m].
         path: Positions of the frame [m], shape (m, 3).
         verified: Whether an independent replay of the torques meets goal and limits.
-        bound: Time that no motion can beat; None if it is not known.
-        seconds: How long planning took [s].
-        held: What holds it back, the most important first.
-        optimality: What its certificate says, in a sentence; empty without one.
+        bound: Lower bound of T; None if it is not known.
+        seconds: Time that planning took [s].
+        active: Its active limits, the most important first.
+        optimality: Message of its certificate; empty without a certificate.
     """
 
     q: Array
@@ -74,7 +74,7 @@ class Shown(Shares):
     verified: bool
     bound: LowerBound | None
     seconds: float
-    held: tuple[Held, ...]
+    active: tuple[BindingLimit, ...]
     optimality: str = ""
 
     @property
@@ -89,21 +89,21 @@ class Shown(Shares):
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Record):
-    """What became of a request.
+    """The result of planning a request.
 
     Attributes:
         number: Number of the request.
         request: The request.
-        message: What happened, in a sentence or two.
-        shown: The motion; None if there is none.
-        final: Whether nothing more will be tried for this request.
-        solution: The solution for files, pickled: it is read only if one is wanted.
+        message: Message of the solution, or of an error.
+        shown: The motion for display; None without a motion.
+        final: Whether this is the last outcome of the request.
+        solution: The pickled solution, which is read only to export the motion.
     """
 
     number: int
     request: Request
     message: str
-    shown: Shown | None = None
+    shown: ShownMotion | None = None
     final: bool = True
     solution: bytes = b""
 
@@ -114,11 +114,11 @@ class Outcome(Record):
 
 
 class Superseded(Exception):
-    """The request that is planned for is out of date."""
+    """Raised when a newer request has replaced the one that is planned."""
 
 
 class Session:
-    """Plans one request after the other, each from the motion found before.
+    """Plans one request after the other, each warm-started with the last motion.
 
     Attributes:
         solution: The last motion that was found; None before the first.
@@ -132,13 +132,13 @@ class Session:
     ) -> Iterator[Outcome]:
         """Plan, and yield each outcome as soon as it is found.
 
-        A motion is shown first, then what holds it back; where it came from a former
-        one, a faster one is looked for afresh.
+        The first outcome has the motion, the second its active limits by the
+        certificate; after a warm start a cold start looks for a faster motion.
 
         Args:
             number: Number of the request, for its outcomes.
-            request: What is asked for.
-            superseded: Tells whether the request is out of date, which ends it.
+            request: The request.
+            superseded: Whether a newer request has come, which ends the planning.
         """
 
         def check(_: IterationRecord | None = None) -> None:
@@ -148,7 +148,7 @@ class Session:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", TominpmpWarning)
             try:
-                for solution, certified, final in self._found(request, check):
+                for solution, certified, final in self._solutions(request, check):
                     shown = _shown(solution, request.frame, certified)
                     saved, message = pickle.dumps(solution), solution.message
                     yield Outcome(number, request, message, shown, final, saved)
@@ -157,34 +157,34 @@ class Session:
             except TominpmpError as error:
                 yield Outcome(number, request, str(error))
 
-    def _found(
+    def _solutions(
         self, request: Request, check: Callable[..., None]
     ) -> Iterator[tuple[Solution, bool, bool]]:
-        """Solutions, whether to certify them, and whether nothing more is tried.
+        """Solutions, whether to certify each, and whether it is the last one.
 
         Raises:
-            Superseded: As soon as the request is out of date.
+            Superseded: As soon as a newer request has come.
             TominpmpError: If the request is wrong, or no motion was found.
         """
         problem = request.problem()
         former = self._former(problem)
-        found = _plan(problem, check, former)
-        if not found.success:
-            raise TominpmpError(found.message)
-        self.solution = found
-        yield found, False, False
+        solution = _plan(problem, check, former)
+        if not solution.success:
+            raise TominpmpError(solution.message)
+        self.solution = solution
+        yield solution, False, False
         check()
-        yield found, True, former is None
+        yield solution, True, former is None
         if former is None:
             return
         check()
         again = _plan(problem, check)
-        if again.success and again.T < (1.0 - BETTER) * found.T:
-            self.solution = found = again
-        yield found, True, True
+        if again.success and again.T < (1.0 - BETTER) * solution.T:
+            self.solution = solution = again
+        yield solution, True, True
 
     def _former(self, problem: Problem) -> Solution | None:
-        """The last motion, if one can begin with it."""
+        """The last solution, if it can be a warm start; otherwise None."""
         last = self.solution
         if last is None or len(problem.segments) != len(last.problem.segments):
             return None
@@ -194,18 +194,18 @@ class Session:
 
 def _plan(
     problem: Problem,
-    look: Callable[[IterationRecord], None],
+    check: Callable[[IterationRecord], None],
     former: Solution | None = None,
 ) -> Solution:
-    """Plan quickly."""
+    """Plan with little effort; ``check`` may end planning by an exception."""
     solution = plan(
         problem,
         start=former,
         effort="quick",
         max_planning_time=MOST_SECONDS,
-        callback=look,
+        callback=check,
     )
-    # The solution that is kept needs no callback, which refers to this request.
+    # The callback refers to this request, and must not be pickled.
     return replace(solution, options=replace(solution.options, callback=None))
 
 
@@ -216,12 +216,12 @@ def exported(
 
     Args:
         solution: Its solution.
-        ending: What the file's name ends with: ".csv", ".npz", ".yaml", ...
+        ending: Ending of the file: ".csv", ".npz", ".yaml", ...
         dt: Time between rows [s]; None for the nodes.
-        message: Which ROS message, if it is one.
+        message: Type of the ROS message, for a file of ROS messages.
 
     Returns:
-        Name and content of the file, and what its check says.
+        Name and content of the file, and the message of its check.
 
     Raises:
         TominpmpError: If the file cannot be written.
@@ -234,57 +234,57 @@ def exported(
 
 
 def plain_name(name: str) -> str:
-    """A name that any file system takes."""
+    """A name that is valid on every file system."""
     plain = "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
     return plain[:60] or "robot"
 
 
-def _shown(solution: Solution, frame: str, certified: bool) -> Shown:
-    """What the page shows of a motion.
+def _shown(solution: Solution, frame: str, certified: bool) -> ShownMotion:
+    """Sample a motion for display.
 
     Args:
-        solution: The solution, which has one.
+        solution: The solution, which has a motion.
         frame: The frame whose path is drawn.
-        certified: Whether what holds the motion comes from its certificate, which
-            takes a moment, instead of the samples.
+        certified: Whether the active limits come from the certificate, which takes a
+            moment to compute, instead of the samples.
     """
-    motion, judged = solution.trajectory, solution.verification
+    motion, replay = solution.trajectory, solution.verification
     assert motion is not None  # noqa: S101
     shares = shares_of_limits(
         solution.problem, motion, np.linspace(0.0, motion.duration, INSTANTS)
     )
     q = motion(shares.t).q
     path = FrameMotions(solution.problem.robot, frame).placements(q).origin
-    held, sentence = _certified(solution) if certified else (None, "")
-    if held is None:
-        held = _sampled(shares)
-    return Shown(
+    active, message = _certified(solution) if certified else (None, "")
+    if active is None:
+        active = _sampled(shares)
+    return ShownMotion(
         **vars(shares),
         q=np.array(q),
         path=path,
-        verified=judged is not None and judged.ok,
+        verified=replay is not None and replay.ok,
         bound=solution.lower_bound,
         seconds=solution.planning_time,
-        held=tuple(held[:MOST_HELD]),
-        optimality=sentence,
+        active=tuple(active[:MOST_ACTIVE]),
+        optimality=message,
     )
 
 
-def _sampled(shares: Shares) -> list[Held]:
-    """Speeds and torques at their limits, by share of the time."""
-    found = []
+def _sampled(shares: Shares) -> list[BindingLimit]:
+    """Saturated speeds and torques of samples, by decreasing share of the time."""
+    active = []
     for kind, values in (("speed", shares.speed), (shares.control, shares.torque)):
-        often = np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist()
-        found += [
-            Held(f"{kind} of {name}", share)
-            for name, share in zip(shares.joint_names, often, strict=True)
+        saturated = np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist()
+        active += [
+            BindingLimit(f"{kind} of {name}", share)
+            for name, share in zip(shares.joint_names, saturated, strict=True)
             if share > 0.01
         ]
-    return sorted(found, key=lambda item: -item.share)
+    return sorted(active, key=lambda item: -item.share)
 
 
-def _certified(solution: Solution) -> tuple[list[Held] | None, str]:
-    """What holds a motion by its certificate, and what that says of the motion.
+def _certified(solution: Solution) -> tuple[list[BindingLimit] | None, str]:
+    """Active limits by the certificate, and its message; None without a certificate.
 
     Gains are percent of T that one percent more of a limit would save.
     """
@@ -301,12 +301,12 @@ def _certified(solution: Solution) -> tuple[list[Held] | None, str]:
             for item in solution.sensitivities
             if item.joint is not None and not item.unit
         }
-    found = []
+    active = []
     for limit in certificate.active:
         share = float(np.sum(limit.end - limit.begin)) / solution.T
         joins = "between" if limit.kind == "clearance" else "of"
-        what = f"{WORDS.get(limit.kind, limit.kind)} {joins} {limit.name}"
+        name = f"{WORDS.get(limit.kind, limit.kind)} {joins} {limit.name}"
         gain = gains.get((limit.kind, limit.name))
-        found.append(Held(what, min(share, 1.0), gain))
-    found.sort(key=lambda item: (-(item.gain or 0.0), -item.share))
-    return found, certificate.message
+        active.append(BindingLimit(name, min(share, 1.0), gain))
+    active.sort(key=lambda item: (-(item.gain or 0.0), -item.share))
+    return active, certificate.message

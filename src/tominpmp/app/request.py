@@ -1,8 +1,8 @@
-"""What was asked for: the state of the page, from which the problem is made.
+"""The request: the state of the page, from which the problem is made.
 
-The problem and the lines of Python that make the same are told once, as calls of the
-library: they are made for the one, and written for the other. Numbers are rounded where
-they are set, so that the lines are short and exact.
+The problem and the equivalent lines of Python have a single source, a tree of calls of
+the library: evaluating it makes the problem, formatting it gives the lines. Numbers are
+rounded when they are set, so that the lines are short and exact.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from tominpmp.scene.scene import Scene
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
-# Digits after the point of positions [m] and of configurations [rad or m].
+# Decimals of positions [m] and configurations [rad or m].
 DIGITS = 4
-# More joints than this do not fit on a page, nor can they be planned while one drags.
+# Largest number of joints that fits on the page and is planned quickly enough.
 MOST_JOINTS = 16
-# Accelerations that arms keep, where one must be given [rad/s^2 or m/s^2].
+# Default acceleration limit of kinematic robots [rad/s^2 or m/s^2].
 MODERATE = 15.0
-# What must hold at the end, beside "joint" the pose of the frame or its position only.
+# Kinds of goals: the configuration, the pose of the frame, or its position only.
 GOALS = ("joint", "pose", "position")
 
 KINDS: dict[str, Callable[..., Obstacle]] = {
     kind.__name__.lower(): kind for kind in (Box, Sphere, Cylinder, Capsule)
 }
-# Sizes by kind, as the library's obstacles call them, and what a new one has [m].
+# Sizes by kind, with the names of the library, and their default values [m].
 SIZES: dict[str, dict[str, float]] = {
     "box": {"x": 0.15, "y": 0.15, "z": 0.15},
     "sphere": {"radius": 0.1},
@@ -56,14 +56,14 @@ SIZES: dict[str, dict[str, float]] = {
 
 
 def rounded(values: ArrayLike, digits: int = DIGITS) -> Any:
-    """Numbers of Python with so many digits after the point, as a tuple."""
+    """Round numbers to some decimals, as a tuple of Python numbers."""
     numbers = np.round(np.asarray(values, dtype=np.float64).ravel(), digits) + 0.0
     return tuple(numbers.tolist())
 
 
 def _rounded_turn(values: ArrayLike, _: str) -> Quaternion:
-    turned: Quaternion = rounded(values, 6)
-    return UPRIGHT if turned[3] in (1.0, -1.0) else turned
+    quaternion: Quaternion = rounded(values, 6)
+    return UPRIGHT if quaternion[3] in (1.0, -1.0) else quaternion
 
 
 # Types of fields that are rounded, or checked.
@@ -81,40 +81,40 @@ SpeedShare: TypeAlias = Annotated[
 
 @dataclass(frozen=True)
 class Call:
-    """A call of the library that can be made, and written as an expression of Python.
+    """A call of the library that can be evaluated, or formatted as Python expression.
 
     Attributes:
-        function: What is called.
-        given: Its arguments; calls among them are made first.
-        options: Its arguments by name.
-        module: What its module is called in Python.
+        function: The function or class to call.
+        arguments: Positional arguments; calls among them are evaluated first.
+        options: Arguments by name.
+        module: Name of the module in the expression.
     """
 
     function: Callable[..., Any]
-    given: tuple[Any, ...] = ()
+    arguments: tuple[Any, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     module: str = "tm"
 
-    def made(self) -> Any:
-        """Make the call."""
-        options = {name: _made(value) for name, value in self.options.items()}
-        return self.function(*map(_made, self.given), **options)
+    def evaluate(self) -> Any:
+        """Evaluate the call."""
+        options = {name: _value(value) for name, value in self.options.items()}
+        return self.function(*map(_value, self.arguments), **options)
 
     def __str__(self) -> str:
         """The expression."""
-        parts = [*map(_written, self.given)]
+        parts = [*map(_written, self.arguments)]
         parts += [f"{name}={_written(value)}" for name, value in self.options.items()]
         return f"{self.module}.{self.function.__name__}({', '.join(parts)})"
 
 
-def _made(value: Any) -> Any:
+def _value(value: Any) -> Any:
     if isinstance(value, list):
-        return [_made(item) for item in value]
-    return value.made() if isinstance(value, Call) else value
+        return [_value(item) for item in value]
+    return value.evaluate() if isinstance(value, Call) else value
 
 
 def _written(value: Any) -> str:
-    """An argument of the problem in Python; of calls in a list, one a line."""
+    """Format an argument as Python expression; calls in a list have a line each."""
     if isinstance(value, list) and value and isinstance(value[0], Call):
         return "".join(["[", *(f"\n        {call}," for call in value), "\n    ]"])
     return str(value) if isinstance(value, Call) else repr(value)
@@ -122,15 +122,15 @@ def _written(value: Any) -> str:
 
 @dataclass(frozen=True)
 class RobotChoice:
-    """Which robot: where it is read from, and what is different from its files.
+    """The choice of a robot: its source, and changes of its description.
 
     Attributes:
         source: Name of a robot, or path of a URDF file.
-        group: Group of the SRDF file whose joints move; None for all.
-        locked: Joints that do not move, and where they are [rad or m].
-        limits: "datasheet" for those that the maker publishes, "urdf" for those of its
-            file, None for the library's choice.
-        kinematic: Whether it is planned without torques.
+        group: Group of the SRDF file whose joints move; None for all joints.
+        locked: Locked joints with their positions [rad or m].
+        limits: "datasheet" for the limits that the maker publishes, "urdf" for the
+            limits of its file, None for the library's choice.
+        kinematic: Whether torques are left out.
     """
 
     source: str
@@ -140,7 +140,7 @@ class RobotChoice:
     kinematic: bool = False
 
     def call(self) -> Call:
-        """The call that loads it."""
+        """The call that loads the robot."""
         options = {
             "limits": self.limits,
             "group": self.group,
@@ -153,17 +153,17 @@ class RobotChoice:
 
 @lru_cache(maxsize=8)
 def loaded(choice: RobotChoice) -> Robot:
-    """Load a robot, once.
+    """Load a robot; the latest robots are cached.
 
     Raises:
         RobotLoadError: If its files cannot be read, or it has too many joints.
-        OptionsError: If there is no such group or data sheet.
+        OptionsError: If the group or the data sheet does not exist.
         JointNotFound: If a locked joint is unknown.
     """
     with warnings.catch_warnings():
-        # What is odd about a description was said when it was chosen.
+        # The page has no place for warnings about descriptions.
         warnings.simplefilter("ignore", TominpmpWarning)
-        robot: Robot = choice.call().made()
+        robot: Robot = choice.call().evaluate()
     if robot.n > MOST_JOINTS:
         raise RobotLoadError(
             f"{robot.name} has {robot.n} joints that move, expected {MOST_JOINTS} at "
@@ -174,34 +174,34 @@ def loaded(choice: RobotChoice) -> Robot:
 
 
 @lru_cache(maxsize=8)
-def _said(source: str) -> RobotSource:
-    """What the files of a robot say, read once.
+def _source(source: str) -> RobotSource:
+    """The content of a robot's files; the latest are cached.
 
     Raises:
-        RobotLoadError: If there is no such robot, or its files are wrong.
+        RobotLoadError: If the robot is unknown, or its files are wrong.
     """
     return read_source(source)
 
 
 def group_names(source: str) -> tuple[str, ...]:
-    """Groups of joints that a robot's SRDF file has and that can move.
+    """Groups of a robot's SRDF file that have joints.
 
     Raises:
-        RobotLoadError: If there is no such robot, or its files are wrong.
+        RobotLoadError: If the robot is unknown, or its files are wrong.
     """
-    said = _said(source).semantics
-    if said is None:
+    semantics = _source(source).semantics
+    if semantics is None:
         return ()
-    return tuple(name for name, group in said.groups.items() if group.joints)
+    return tuple(name for name, group in semantics.groups.items() if group.joints)
 
 
 def follows_datasheet(choice: RobotChoice) -> bool | None:
-    """Whether its limits are those that the maker publishes; None if none are known.
+    """Whether a robot has the limits of its data sheet; None without a data sheet.
 
     Raises:
-        RobotLoadError: If there is no such robot, or its files are wrong.
+        RobotLoadError: If the robot is unknown, or its files are wrong.
     """
-    source = _said(choice.source)
+    source = _source(choice.source)
     joints = [joint.name for joint in source.description.joints]
     if find_datasheet(source.names, joints) is None:
         return None
@@ -211,17 +211,17 @@ def follows_datasheet(choice: RobotChoice) -> bool | None:
 
 @dataclass(frozen=True, eq=False)
 class Item(Record):
-    """An obstacle as one drags it: a kind, its sizes, and where it is.
+    """An obstacle of the request: its kind, sizes and placement.
 
     Attributes:
         kind: "box", "sphere", "cylinder" or "capsule".
         name: Its name, unique in the scene.
         size: Its sizes in the order of ``SIZES`` [m].
-        position: Where its centre is [m].
-        quaternion: How it is turned (x, y, z, w).
+        position: Position of its centre [m].
+        quaternion: Its orientation (x, y, z, w).
 
     Raises:
-        SceneError: If there is no such kind, or the number of sizes is wrong.
+        SceneError: If the kind is unknown, or the number of sizes is wrong.
     """
 
     kind: str
@@ -244,24 +244,24 @@ class Item(Record):
             raise wrong(self.size, "size", expected, error)
 
     def call(self) -> Call:
-        """The call that makes the obstacle that the library plans around.
+        """The call that makes the obstacle of the problem.
 
-        The call raises SceneError if a size or a position is wrong.
+        The call raises a SceneError if a size or a position is wrong.
         """
-        given: dict[str, Any] = {"size": self.size}
+        options: dict[str, Any] = {"size": self.size}
         if self.kind != "box":
-            given = dict(zip(SIZES[self.kind], self.size, strict=True))
-        given["position"] = self.position
+            options = dict(zip(SIZES[self.kind], self.size, strict=True))
+        options["position"] = self.position
         if self.quaternion != UPRIGHT:
-            given["rotation"] = self.quaternion
-        return Call(KINDS[self.kind], (self.name,), given)
+            options["rotation"] = self.quaternion
+        return Call(KINDS[self.kind], (self.name,), options)
 
 
 def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
-    """An obstacle of usual size, with a name that is not taken yet.
+    """An obstacle of default size, with an unused name.
 
     Raises:
-        SceneError: If there is no such kind.
+        SceneError: If the kind is unknown.
     """
     number = 1
     while f"{kind}{number}" in taken:
@@ -272,18 +272,18 @@ def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
 
 @dataclass(frozen=True, eq=False)
 class Limits(Record):
-    """Limits as sliders set them.
+    """Limits that sliders set.
 
     Attributes:
         effort_scale: Share of the torque limits that may be used, above 0, 1 at most.
-        speed_scale: Share of the speed limits likewise.
-        acceleration: Limit of all accelerations [rad/s^2 or m/s^2]; None for none
-            beyond the robot's.
+        speed_scale: Share of the speed limits, likewise.
+        acceleration: Limit of all accelerations [rad/s^2 or m/s^2]; None for the
+            robot's limits only.
         margin: Distance to keep from obstacles [m].
 
     Raises:
-        ProblemError: If the share of the speed limits is none; the problem checks the
-            rest.
+        ProblemError: If the share of the speed limits is not above 0 and at most 1; the
+            problem checks the other limits.
     """
 
     effort_scale: float = 1.0
@@ -297,18 +297,18 @@ class Request(Record):
     """Robot, start, goal, scene and limits; plain numbers, so that requests compare.
 
     Attributes:
-        robot: Which robot.
+        robot: The choice of the robot.
         frame: The frame that handles move.
         q_start: Configuration at the start, n numbers [rad or m].
-        q_goal: Configuration at the end [rad or m], of which ``goal`` may ask less.
-        goal: What must hold at the end: "joint" (that configuration), "pose" (the
-            frame's pose in it) or "position" (the frame's position).
-        via: Points that the frame passes on its way [m].
+        q_goal: Configuration that defines the goal, n numbers [rad or m].
+        goal: Kind of the goal: "joint" (the configuration ``q_goal``), "pose" (the
+            frame's pose in it) or "position" (the frame's position in it).
+        via: Via points of the frame [m].
         items: The obstacles.
         limits: The limits.
 
     Raises:
-        ProblemError: If there is no such kind of goal.
+        ProblemError: If the kind of the goal is unknown.
     """
 
     robot: RobotChoice
@@ -321,14 +321,14 @@ class Request(Record):
     limits: Limits = field(default_factory=Limits)
 
     def items_with(self, name: str, **changes: Any) -> tuple[Item, ...]:
-        """The obstacles, with fields of one of them changed."""
+        """The obstacles, with fields of the named one changed."""
         return tuple(
             replace(item, **changes) if item.name == name else item
             for item in self.items
         )
 
     def problem(self) -> Problem:
-        """The problem that is planned.
+        """The problem of the request.
 
         Raises:
             TominpmpError: If a value is wrong, the robot cannot be loaded, or start or
@@ -338,11 +338,11 @@ class Request(Record):
         robot, scale = loaded(self.robot), self.limits.speed_scale
         if scale != 1.0:
             robot = robot.with_changes(velocity=scale * robot.limits.velocity)
-        problem: Problem = Call(Problem, (robot,), options).made()
+        problem: Problem = Call(Problem, (robot,), options).evaluate()
         return problem
 
     def python(self) -> str:
-        """The lines of Python that make the same problem and plan it."""
+        """The lines of Python that make the problem and plan it."""
         arguments = [
             f"{name}={_written(value)}" for name, value in self._options().items()
         ]
@@ -358,12 +358,12 @@ class Request(Record):
         return "\n".join(lines) + "\n"
 
     def _options(self) -> dict[str, Any]:
-        """Arguments of the problem by name, but for the robot."""
+        """Arguments of the problem by name, except the robot."""
         options: dict[str, Any] = {"q_start": list(self.q_start)}
         goal = self._goal()
         if self.via:
-            passed = [Call(PositionGoal, (self.frame, point)) for point in self.via]
-            options["segments"] = [Call(Segment, (one,)) for one in (*passed, goal)]
+            via = [Call(PositionGoal, (self.frame, point)) for point in self.via]
+            options["segments"] = [Call(Segment, (item,)) for item in (*via, goal)]
         else:
             options["goal"] = goal
         if self.items:
@@ -379,7 +379,7 @@ class Request(Record):
         return options
 
     def _goal(self) -> Call:
-        """What must hold at the end."""
+        """The call that makes the goal."""
         if self.goal == "joint":
             return Call(JointGoal, (list(self.q_goal),))
         kinematics = RobotKinematics(loaded(self.robot))

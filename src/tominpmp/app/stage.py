@@ -1,4 +1,4 @@
-"""The stage: the robot, its ghosts at start and goal, its path, handles to drag."""
+"""The stage: the robot, its ghosts at start and goal, its path and drag handles."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ from tominpmp.viz.surroundings import HAZARD_COLOR, PATH_RGB, VIA_RGB, rgb
 
 Color = tuple[float, float, float]
 GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
-# Where the camera stands: its field of view [rad], its distance in sizes of the robot.
+# Field of view of the camera [rad], and its distance as a multiple of the robot's size.
 FIELD_OF_VIEW, DISTANCE = 0.75, 1.75
-# More colours than this in one body are averaged.
+# Largest number of colours of a body; more colours are averaged.
 MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
-# Ghosts of robots with more than this many are drawn by their collision geometry.
+# Largest number of triangles of a ghost; larger robots have their collision geometry.
 MOST_TRIANGLES = 20_000
 OBSTACLE_LOOK = rgb(HAZARD_COLOR), 0.72
-# A handle that was not moved for so long is not held any more [s].
+# Time after its last movement at which a handle counts as released [s].
 HOLD = 1.0
 
 
 class Arm:
-    """One robot on the stage: a frame for each joint, with its bodies on it.
+    """A robot on the stage: a node for each joint, with the bodies that it carries.
 
     Args:
         scene: The scene of viser's server.
-        name: Name of the node.
+        name: Name of the root node.
         robot: The robot.
-        bodies: What it looks like.
+        bodies: Its bodies.
         tint: Colour of a ghost; None for the colours of the bodies.
     """
 
@@ -65,14 +65,14 @@ class Arm:
         self._joints: dict[int, Any] = {}
         for number, body in enumerate(bodies):
             if tint is not None and not body.joint:
-                continue  # the base stands where the robot's own is
+                continue  # the base of a ghost would cover the robot's base
             if body.joint not in self._joints:
                 node = scene.add_frame(f"{name}/{body.joint}", show_axes=False)
                 self._joints[body.joint] = node
             _put(scene, f"{name}/{body.joint}/{number}", body, tint)
 
     def move(self, q: Sequence[float] | Array) -> None:
-        """Bring it into a configuration, n numbers [rad or m]."""
+        """Move the robot to a configuration, n numbers [rad or m]."""
         model, data = self._robot.model, self._data
         pin.forwardKinematics(model, data, self._robot.expand(np.asarray(q)))
         for joint, node in self._joints.items():
@@ -81,21 +81,22 @@ class Arm:
             node.wxyz = place[[6, 3, 4, 5]]
 
     def remove(self) -> None:
-        """Take it off the stage."""
+        """Remove the robot from the stage."""
         self._root.remove()
 
 
 def outlines(robot: Robot, bodies: Sequence[Body]) -> list[Body]:
-    """The bodies of a ghost, of few triangles.
+    """The bodies of a ghost, with few triangles if possible.
 
     Args:
         robot: The robot.
-        bodies: What it looks like; taken if that is little, else collision geometry.
+        bodies: Its bodies; if they have too many triangles, its collision geometry
+            replaces them.
     """
     if sum(len(body.surface.faces) for body in bodies) <= MOST_TRIANGLES:
         return list(bodies)
-    found = geometry_bodies(robot.collision_model, STEEL)
-    return found if any(body.joint for body in found) else list(bodies)
+    coarse = geometry_bodies(robot.collision_model, STEEL)
+    return coarse if any(body.joint for body in coarse) else list(bodies)
 
 
 def _put(scene: Any, name: str, body: Body, tint: Color | None) -> None:
@@ -105,7 +106,7 @@ def _put(scene: Any, name: str, body: Body, tint: Color | None) -> None:
     parts, opacity = _by_color(body), float(body.color[3])
     if tint is not None:
         parts, opacity = [(body.surface, tint)], GHOST_OPACITY
-        # Ghosts are larger, or they would flicker with the robot on their surface.
+        # Ghosts are slightly larger: coincident surfaces would flicker.
         look |= {"scale": GHOST_SCALE, "cast_shadow": False, "receive_shadow": False}
     for number, (surface, color) in enumerate(parts):
         put_surface(scene, f"{name}/{number}", surface, color, opacity, **look)
@@ -114,13 +115,13 @@ def _put(scene: Any, name: str, body: Body, tint: Color | None) -> None:
 def put_surface(
     scene: Any, name: str, surface: Surface, color: Color, opacity: float, **look: Any
 ) -> None:
-    """Put a surface of one colour on the stage; the look is that of viser."""
-    # Colours of its triangles would keep apart vertices that are the same.
-    drawn = shaded(surface.plain)
+    """Put a surface of one colour on the stage; ``look`` has options for viser."""
+    # With colours of triangles, shared vertices would not be merged.
+    mesh = shaded(surface.plain)
     scene.add_mesh_simple(
         name,
-        drawn.positions,
-        drawn.faces,
+        mesh.positions,
+        mesh.faces,
         color=color,
         opacity=None if opacity >= 1.0 else opacity,
         **look,
@@ -128,7 +129,7 @@ def put_surface(
 
 
 def _by_color(body: Body) -> list[tuple[Surface, Color]]:
-    """A body as parts of one colour each."""
+    """Split a body into parts of one colour each."""
     surface, own = body.surface, body.color[:3]
     if surface.colors is None:
         return [(surface, own)]
@@ -142,7 +143,7 @@ def _by_color(body: Body) -> list[tuple[Surface, Color]]:
 
 
 def draw_path(scene: Any, path: Array, size: float) -> None:
-    """Draw the path of the frame as a tube, in place of the one before."""
+    """Draw the path of the frame as a tube, which replaces the previous one."""
     surface = path_tube(path, PATH_RADIUS, size)
     if surface is not None:
         mesh, look = (surface.vertices, surface.faces), {"color": PATH_RGB}
@@ -150,17 +151,17 @@ def draw_path(scene: Any, path: Array, size: float) -> None:
 
 
 def look_at(server: Any, robot: Robot, request: Request) -> float:
-    """Camera and floor for the robot.
+    """Place camera and floor for the robot.
 
     Returns:
-        Size of what the robot spans between its base and its end [m].
+        Diagonal of the bounding box of the base and the robot at start and goal [m].
     """
     both = np.array([request.q_start, request.q_goal])
-    found = skeleton(robot, both, request.frame)
-    links = found.points.reshape(-1, 3)
-    spanned = np.ptp(np.concatenate([links, np.zeros((1, 3))]), axis=0)
-    size = float(np.linalg.norm(spanned)) or 1.0
-    view = camera_view(found.points)
+    poses = skeleton(robot, both, request.frame)
+    links = poses.points.reshape(-1, 3)
+    extent = np.ptp(np.concatenate([links, np.zeros((1, 3))]), axis=0)
+    size = float(np.linalg.norm(extent)) or 1.0
+    view = camera_view(poses.points)
     places = [item.position for item in request.items]
     points = np.concatenate([links, np.reshape(places, (-1, 3))])
     middle = (points.min(0) + points.max(0)) / 2
@@ -188,12 +189,12 @@ def look_at(server: Any, robot: Robot, request: Request) -> float:
 
 
 class Handles:
-    """The handles of start, goal, points on the way and obstacles.
+    """The handles of start, goal, via points and obstacles.
 
     Args:
         scene: The scene of viser's server.
-        controller: Whose request they are in step with.
-        ask: Asks for the same with some fields of the request changed.
+        controller: The controller, whose request the handles follow.
+        ask: Changes fields of the request, given by name.
         drag: Brings the frame at start or goal to a position and quaternion.
     """
 
@@ -212,12 +213,12 @@ class Handles:
         self._held: dict[str, float] = {}
 
     def clear(self, size: float) -> None:
-        """Take all off the stage, for another robot; size of the next ones [m]."""
+        """Remove all handles, for another robot; new ones have another size [m]."""
         self._size = size
         self._keep(())
 
     def allow_turning(self, wanted: bool) -> None:
-        """Whether obstacles are turned, too."""
+        """Choose whether the handles of obstacles also turn them."""
         self._turning = wanted
         self.refresh()
 
@@ -227,7 +228,7 @@ class Handles:
             node.visible = visible
 
     def refresh(self) -> None:
-        """Put handles where the request has them, but for those in somebody's hand."""
+        """Move handles to the places of the request, except handles being dragged."""
         request, size = self._controller.request, self._size
         reach, wanted = self._controller.reach(), ["q_start", "q_goal"]
         for end in wanted:
@@ -248,7 +249,7 @@ class Handles:
         self._keep(wanted)
 
     def _keep(self, wanted: Sequence[str]) -> None:
-        """Take all other handles off the stage."""
+        """Remove all other handles from the stage."""
         for key in set(self._known) - set(wanted):
             self._known.pop(key)[1].remove()
 
@@ -266,13 +267,13 @@ class Handles:
         """Put a handle on the stage.
 
         Args:
-            key: Its name.
-            position: Where it is [m], shape (3,).
-            quaternion: How it is turned (x, y, z, w).
-            dragged: Called with the handle of viser when somebody drags it.
+            key: Name of the handle.
+            position: Its position [m], shape (3,).
+            quaternion: Its orientation (x, y, z, w).
+            dragged: Called with the handle of viser when a user drags it.
             scale: Its size [m].
             turns: Whether it can be turned.
-            body: What is drawn with it, if anything.
+            body: Obstacle that is drawn with the handle; None for a handle alone.
             look: Colour and opacity of the body.
         """
         kind = scale, turns, body and (body.kind, body.size)
@@ -288,7 +289,7 @@ class Handles:
                 **({"line_width": 3.0} if body is None else {}),
             )
             if body is not None:
-                surface, path = obstacle_surface(body.call().made()), node.name
+                surface, path = obstacle_surface(body.call().evaluate()), node.name
                 put_surface(self._scene, f"{path}/body", surface, *look)
             node.on_update(partial(self._moved, key, dragged))
             self._known[key] = kind, node
@@ -298,7 +299,7 @@ class Handles:
             node.position, node.wxyz = np.asarray(position), np.array([w, x, y, z])
 
     def _moved(self, key: str, dragged: Callable[[Any], None], event: Any) -> None:
-        """Take a handle along; what is in somebody's hand is not moved under it."""
+        """Process a drag event; the program does not move a handle while it is held."""
         if event.phase == "end":
             self._held.pop(key, None)
         else:
@@ -321,8 +322,9 @@ class Handles:
         self._ask(items=self._controller.request.items_with(name, **pose))
 
     def _free(self, key: str) -> bool:
-        """Whether a handle is in nobody's hand.
+        """Whether no user drags a handle.
 
-        Events may come in another order than they were sent, the end not last.
+        Events may arrive out of order, with the end of a drag not the last one, so that
+        a handle is also free some time after its last movement.
         """
         return self._held.get(key, -HOLD) + HOLD <= time.monotonic()

@@ -1,8 +1,8 @@
-"""A process that plans, so that the page stays awake.
+"""A process that plans, so that the page stays responsive.
 
-Numbers and requests go to it, outcomes come back. It reads while it plans: of several
-requests only the newest counts. The process is one of loky, which runs the caller's
-main module a second time in no process.
+Numbers and requests are sent to it, outcomes come back. It receives while it plans: of
+several requests only the newest is planned. The process is started by loky, which does
+not run the caller's main module a second time.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from loky.backend import get_context
 from tominpmp.app.planning import Outcome, Session
 from tominpmp.app.request import Request
 
-# What was begun goes on for so long although it is out of date, so that motions are
-# seen while one drags; a plan that takes longer makes place for the newest [s].
+# Least time of a plan before a newer request ends it [s]: quick plans complete, so that
+# motions appear while a handle is dragged.
 GRACE = 0.8
-# Numbers and requests; None where no more will come.
+# Numbers and requests; None marks the end.
 Jobs = SimpleQueue[tuple[int, Request] | None]
 
 
 def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> None:
-    """Plan the newest of the requests, one after the other, until no more will come."""
+    """Plan the newest of the requests, one after the other, until the end mark."""
     while (job := _newest(jobs)) is not None:
         begun = time.monotonic()
 
@@ -38,7 +38,7 @@ def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> Non
         for outcome in session.outcomes(*job, superseded):
             answer(outcome)
             if not jobs.empty():
-                # A motion was seen; further outcomes of this request are out of date.
+                # A motion was shown; further outcomes of this request are outdated.
                 break
 
 
@@ -50,7 +50,7 @@ def _newest(jobs: Jobs) -> tuple[int, Request] | None:
 
 
 def _serve(requests: Any, outcomes: Any) -> None:
-    """In the process: plan what comes over a connection until the parent closes it."""
+    """Plan the requests of a connection until the parent process closes it."""
     # Ctrl-C in the terminal is for the parent, which closes the connection.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     jobs: Jobs = SimpleQueue()
@@ -70,8 +70,8 @@ class Worker:
     """The planning process.
 
     Args:
-        on_outcome: Called with each outcome, in a thread of the worker's own, and with
-            one that says so if the process ends by itself.
+        on_outcome: Called with each outcome, in a thread of the worker; if the process
+            crashes, with an outcome that reports the crash.
     """
 
     def __init__(self, on_outcome: Callable[[Outcome], None]) -> None:
@@ -88,7 +88,7 @@ class Worker:
         ends = (requests, answers)
         self._process = context.Process(target=_serve, args=ends, daemon=True)
         self._process.start()
-        for end in ends:  # only the process holds them, and closes them as it ends
+        for end in ends:  # the copies of the process are the only ones, and end with it
             end.close()
         self._listener = threading.Thread(
             target=self._listen, args=(self._process, outcomes), daemon=True
@@ -96,18 +96,18 @@ class Worker:
         self._listener.start()
 
     def plan(self, number: int, request: Request) -> None:
-        """Plan a request; requests before it are out of date."""
+        """Plan a request; earlier requests become outdated."""
         with self._lock:
             if not self._process.is_alive() and not self._closing:
-                # It has crashed; the next request has a new one.
+                # The process has crashed; a new one plans this request.
                 self._start()
             self._last = number, request
-            # If it has just ended, the listener reports it.
+            # If the process has just ended, the listener reports it.
             with suppress(OSError):
                 self._requests.send(self._last)
 
     def close(self) -> None:
-        """End the process."""
+        """End the planning process."""
         self._closing = True
         with self._lock:
             self._requests.close()
