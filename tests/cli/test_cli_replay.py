@@ -22,7 +22,7 @@ def files(run: Run) -> None:
 def test_replay(run: Run, files: None) -> None:
     result = run("replay", "s.toml", "m.csv", "--step", "0.001")
     assert result.exit_code == 0, result.stderr
-    assert "The motion in m.csv ends where it is to." in result.stdout
+    assert "The motion in m.csv ends at its goal." in result.stdout
     data = json.loads(run("replay", "s.toml", "m.csv", "--json").stdout)
     assert data["ok"] is True
     assert data["torque_difference"] < 1e-8
@@ -30,7 +30,7 @@ def test_replay(run: Run, files: None) -> None:
     # What nobody can keep is not kept.
     strict = run("replay", "s.toml", "m.csv", "--goal-tolerance", "1e-15")
     assert strict.exit_code == 1
-    assert "does not end where it is to" in strict.stdout
+    assert "does not end at its goal" in strict.stdout
 
 
 def test_what_replay_lacks(run: Run, files: None) -> None:

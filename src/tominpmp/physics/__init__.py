@@ -1,1 +1,1 @@
-"""A second opinion: motions in a simulator that shares no code with the planner."""
+"""Replay of motions in MuJoCo, a simulator that shares no code with the planner."""

@@ -1,6 +1,6 @@
-"""The command ``replay``: what can be said to it.
+"""The command ``replay``: arguments, options and help text.
 
-Only what is light is imported here, as the help is made of it.
+Only light modules are imported here, as each call of the help imports this module.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ def replay(
     limits: LimitOptions = LimitOptions(),
     args: ReplayOptions = ReplayOptions(),
 ) -> int:
-    """Replay a motion in MuJoCo: by its torques alone, and with a feedback.
+    """Replay a motion in MuJoCo: by its torques alone, and with feedback.
 
     MuJoCo comes with the extra "mujoco". With --robustness, motions are planned
     with several torque reserves instead, and each is tried with random loads,
     friction, delays and noise.
 
     Exit codes:
-        0    the motion solves the problem
-        1    it does not
+        0    the motion with feedback ends at its goal, or a reserve suffices
+        1    it does not, or no reserve suffices
         2    bad input
     """
     from tominpmp.physics.replay_command import run_replay

@@ -1,8 +1,8 @@
-"""A robot as a model of MuJoCo, made from what Pinocchio knows of it.
+"""A robot as a model of MuJoCo, made from its Pinocchio model.
 
-Bodies, axes, inertias, rotors and friction are written down anew; nothing of the
-algorithms is shared. Contacts and limits of joints are left out: what is asked is
-whether torques move the arm as they are said to.
+Bodies, axes, inertias, rotors and friction are written as MJCF; no algorithm is shared.
+Contacts and joint limits are left out: the simulation checks only whether the torques
+move the arm along the motion.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from tominpmp.collision.placements import Placements
 from tominpmp.exceptions import ProblemError, optional
 from tominpmp.robot.robot import Robot
 
-# Where viscous friction slows a joint within a step, its integration is implicit.
+# Ratio of damping times step to inertia beyond which the integration is implicit.
 STIFF = 0.5
-# What stands for an inertia until it is put in: one that MuJoCo cannot simplify.
+# Inertia of the MJCF file until it is replaced: one that MuJoCo does not simplify.
 PLACEHOLDER = {
     "pos": "0.11 0.12 0.13",
     "quat": "0.8 0.36 0.48 0",
@@ -36,10 +36,11 @@ class MujocoArm:
     Attributes:
         robot: The robot.
         model: MuJoCo's model, one body for each joint.
-        data: Its state.
+        data: State of the simulation.
 
     Raises:
-        ProblemError: If joints follow others, which MuJoCo knows as soft ties only.
+        ProblemError: If the robot has mimic joints, which MuJoCo has as soft
+            constraints only.
         MissingDependency: If MuJoCo is not installed.
     """
 
@@ -50,13 +51,13 @@ class MujocoArm:
             self.mujoco: Any = mujoco
         if robot.model.nv != robot.n:
             raise ProblemError(
-                "robot has joints that follow others (mimic), expected one whose "
-                "joints all move freely: lock those that lead",
+                "robot has joints that follow others (mimic), expected a robot whose "
+                "joints are all independent: lock the joints that they follow",
                 "robot",
             )
         self.robot = robot
         self.model = self.mujoco.MjModel.from_xml_string(_mjcf(robot))
-        # Where the joints of the robot are among those of the models.
+        # Indices of the robot's joints in both models, which may have another order.
         order = [int(robot.model.getJointId(name)) - 1 for name in robot.joint_names]
         self._order = np.array(order)
         for joint in range(1, robot.model.njoints):
@@ -65,7 +66,7 @@ class MujocoArm:
         self.mujoco.mj_setConst(self.model, self.data)
 
     def _set_inertia(self, body: int, inertia: pin.Inertia) -> None:
-        """Write mass and moments past the compiler, which refuses some of them."""
+        """Set mass and moments after compilation, which refuses some values."""
         moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         model = self.model
@@ -80,11 +81,11 @@ class MujocoArm:
         Args:
             mass: Mass [kg].
             joint: Joint of the model that moves the body.
-            point: Where, in the axes of the joint, shape (3,) [m].
+            point: Position in the axes of the joint, shape (3,) [m].
         """
-        own = self.robot.model.inertias[joint]
+        inertia = self.robot.model.inertias[joint]
         added = pin.Inertia(mass, np.asarray(point, dtype=np.float64), np.zeros((3, 3)))
-        self._set_inertia(joint, own + added)
+        self._set_inertia(joint, inertia + added)
         self.mujoco.mj_setConst(self.model, self.data)
 
     def add_friction(self, friction: Array) -> None:
@@ -92,7 +93,7 @@ class MujocoArm:
         self.model.dof_frictionloss[self._order] += friction
 
     def set_state(self, q: Array, v: Array) -> None:
-        """Put the arm somewhere."""
+        """Set positions and velocities, shape (n,) each, at time zero."""
         self.data.qpos[self._order], self.data.qvel[self._order] = q, v
         self.data.time = 0.0
 
@@ -103,18 +104,18 @@ class MujocoArm:
 
     @property
     def v(self) -> Array:
-        """Velocities, shape (n,)."""
+        """Velocities, shape (n,) [rad/s or m/s]."""
         return np.array(self.data.qvel[self._order])
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
-        """Torque for a motion at one instant, all shapes (n,)."""
+        """Inverse dynamics: torques at one instant, all shapes (n,) [N m or N]."""
         self.set_state(q, v)
         self.data.qacc[self._order] = a
         self.mujoco.mj_inverse(self.model, self.data)
         return np.array(self.data.qfrc_inverse[self._order])
 
     def masses(self, q: Array) -> Array:
-        """Inertia that each joint sees at a configuration, shape (n,)."""
+        """Diagonal of the mass matrix at a configuration, shape (n,) [kg m^2 or kg]."""
         self.set_state(q, np.zeros(self.robot.n))
         self.mujoco.mj_forward(self.model, self.data)
         full = np.zeros((self.robot.n, self.robot.n))
@@ -123,11 +124,12 @@ class MujocoArm:
         return np.array(np.diag(full)[self._order])
 
     def gains(self, q: Array, bandwidth: float) -> tuple[Array, Array]:
-        """Gains of position and velocity that bring errors to zero so fast [1/s].
+        """Gains of position and velocity for a bandwidth of the feedback.
 
         Args:
-            q: Configurations, of which the one of the largest inertia counts, (m, n).
-            bandwidth: How fast [1/s]: both poles of each joint are there.
+            q: Configurations, of which the largest inertia of each joint counts,
+                shape (m, n) [rad or m].
+            bandwidth: Bandwidth [1/s]: minus the double pole of each joint.
 
         Returns:
             Stiffnesses and dampings, shape (n,) each.
@@ -136,7 +138,7 @@ class MujocoArm:
         return bandwidth**2 * masses, 2.0 * bandwidth * masses
 
     def choose_integrator(self, step: float, q: Array) -> str:
-        """Fourth order, unless friction is stiff; returns its name."""
+        """Choose Runge-Kutta 4, or implicit if friction is stiff; return its name."""
         kinds = self.mujoco.mjtIntegrator
         damping = np.array(self.model.dof_damping[self._order])
         stiff = bool(np.any(damping * step > STIFF * self.masses(q)))
@@ -145,14 +147,14 @@ class MujocoArm:
         return "implicit" if stiff else "Runge-Kutta 4"
 
     def step(self, torque: Array, seconds: float) -> None:
-        """Move on under a constant torque."""
+        """Simulate one step with constant torques, shape (n,) [N m or N]."""
         self.model.opt.timestep = seconds
         self.data.qfrc_applied[self._order] = torque
         self.mujoco.mj_step(self.model, self.data)
 
 
 def _mjcf(robot: Robot) -> str:
-    """The robot in MuJoCo's language, without shapes; inertias are put in later."""
+    """The robot as MJCF, without shapes and with placeholders of inertias."""
     model = robot.model
     root = Element("mujoco", model=robot.name)
     SubElement(root, "compiler", angle="radian", autolimits="false")
@@ -166,13 +168,13 @@ def _mjcf(robot: Robot) -> str:
         kind = {"type": "hinge", "axis": _numbers(turn)}
         if not np.any(turn):
             kind = {"type": "slide", "axis": _numbers(slide)}
-        turned = np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)
+        quaternion = np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)
         body = SubElement(
             bodies[int(model.parents[joint])],
             "body",
             name=f"body{joint}",
             pos=_numbers(place.translation),
-            quat=_numbers(turned),
+            quat=_numbers(quaternion),
         )
         SubElement(body, "inertial", PLACEHOLDER)
         i = robot.joint_names.index(str(model.names[joint]))

@@ -1,4 +1,4 @@
-"""Motions replayed in MuJoCo: the torques alone, and with a feedback."""
+"""Replay of motions in MuJoCo, open loop and with feedback."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.problem.problem import Problem
 from tominpmp.verification.replay import cut
 
-# Steps of the simulator, unless something else is asked for [s].
+# Default step of the simulator [s].
 STEP = 2e-4
-# How fast the feedback brings errors to zero [1/s].
+# Default bandwidth of the feedback [1/s].
 BANDWIDTH = 30.0
 MOST_STEPS = 5_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Run(Record):
-    """A motion as the simulator saw it.
+    """A simulated motion.
 
     Attributes:
         feedback: Whether torques were corrected by errors of position and velocity.
         t: Times [s], shape (m,).
         q: Positions, shape (m, n) [rad or m].
-        v: Velocities, shape (m, n).
-        u: Torques from each time to the next, shape (m, n); the last row is that of
-            the end.
-        goal_error: Largest distance of a joint from where the motion ends [rad or m].
-        tracking_error: Largest distance of a joint from the motion, at any time.
-        excess: Largest share of its limit by which a torque is beyond it; zero if none.
+        v: Velocities, shape (m, n) [rad/s or m/s].
+        u: Torques from each time to the next, shape (m, n) [N m or N]; the last row has
+            the torques of the motion at its end.
+        goal_error: Largest distance of a joint from the end of the motion [rad or m].
+        tracking_error: Largest distance of a joint from the motion at any time
+            [rad or m].
+        excess: Largest violation of a torque limit, as a share of the limit; zero
+            without a violation.
     """
 
     feedback: bool
@@ -53,12 +55,12 @@ class PhysicsReplay(Record):
 
     Attributes:
         engine: Name and version of the simulator.
-        integrator: How it integrates, and its step [s].
-        open_loop: The torques alone.
-        with_feedback: The torques and a feedback.
+        integrator: Its integrator and step, in words.
+        open_loop: The simulation with the torques alone.
+        with_feedback: The simulation with torques and feedback.
         torque_difference: Largest difference of the two inverse dynamics along the
             motion, as a share of the largest torque of each joint.
-        tolerance: What either may be off by at the goal [rad or m].
+        tolerance: Largest tolerated error at the end with feedback [rad or m].
     """
 
     engine: str
@@ -70,16 +72,16 @@ class PhysicsReplay(Record):
 
     @property
     def ok(self) -> bool:
-        """Whether the motion with feedback ends where it is to.
+        """Whether the motion with feedback ends within the tolerance.
 
-        Torques alone may lead astray in long motions of unstable arms, in every
-        simulator; see :mod:`~tominpmp.verification.feedback`.
+        Without feedback, integration errors grow in long motions of unstable arms, in
+        every simulator; see :mod:`~tominpmp.verification.feedback`.
         """
         return self.with_feedback.goal_error <= self.tolerance
 
     @property
     def message(self) -> str:
-        """What was found, in a sentence."""
+        """The errors of both simulations, in a sentence."""
         alone, fed = self.open_loop, self.with_feedback
         return (
             f"{self.engine} ({self.integrator}): the torques alone end "
@@ -99,20 +101,20 @@ def replay(
     bandwidth: float = BANDWIDTH,
     tolerance: float = 1e-2,
 ) -> PhysicsReplay:
-    """Replay a motion in MuJoCo, with its torques alone and with a feedback.
+    """Replay a motion in MuJoCo, with its torques alone and with feedback.
 
     Args:
         problem: Robot and loads.
         trajectory: The motion, with torques.
         engine: The simulator: "mujoco" (extra ``mujoco``).
         step: Longest step of the simulator [s].
-        bandwidth: How fast the feedback brings errors to zero [1/s]: the gains are
-            those of two poles there, for the inertia that each joint sees.
-        tolerance: What the end may be off by [rad or m].
+        bandwidth: Bandwidth of the feedback [1/s]: the gains give each joint, with its
+            diagonal inertia, a double pole at minus the bandwidth.
+        tolerance: Largest tolerated error at the end with feedback [rad or m].
 
     Raises:
-        ProblemError: If the robot has joints that follow others, a load changes on the
-            way, or a value is wrong.
+        ProblemError: If the robot has mimic joints, a load changes during the motion,
+            or a value is wrong.
         MissingDependency: If MuJoCo is not installed.
     """
     choice(engine, ("mujoco",), "engine", "'mujoco'")
@@ -136,25 +138,25 @@ def replay(
 
 
 def check_one_load(problem: Problem) -> None:
-    """Check that the arm carries the same all the way.
+    """Check that the arm carries the same load during the whole motion.
 
     Raises:
-        ProblemError: If it does not.
+        ProblemError: If a segment has a payload.
     """
     if any(segment.payload is not None for segment in problem.segments):
         raise ProblemError(
-            "segments: a load changes on the way, expected one robot for the whole "
-            "motion; replay the segments by themselves",
+            "segments: a load changes during the motion, expected the same load for "
+            "the whole motion; replay each segment separately",
             "segments",
         )
 
 
 def _run(arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float) -> Run:
-    """Move an arm by the torques of a motion, and a feedback of some bandwidth."""
+    """Simulate an arm with the torques of a motion; bandwidth 0 is open loop."""
     times = cut(trajectory.t, step)
     gains = arm.gains(trajectory.q, bandwidth)
     q, v, u = follow(arm, trajectory, times, gains)
-    limits, wanted = arm.robot.limits, trajectory(times).q
+    limits, desired = arm.robot.limits, trajectory(times).q
     span = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
     beyond = np.maximum(u - limits.effort_upper, limits.effort_lower - u)
     share = beyond / np.where(span > 0.0, span, 1.0)
@@ -164,8 +166,8 @@ def _run(arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float) 
         q,
         v,
         u,
-        goal_error=float(np.abs(q[-1] - wanted[-1]).max()),
-        tracking_error=float(np.abs(q - wanted).max()),
+        goal_error=float(np.abs(q[-1] - desired[-1]).max()),
+        tracking_error=float(np.abs(q - desired).max()),
         excess=max(float(share.max()), 0.0),
     )
 
@@ -176,38 +178,40 @@ def follow(
     times: Array,
     gains: tuple[Array, Array],
     *,
-    most: tuple[Array, Array] | None = None,
-    late: int = 0,
+    cutoff: tuple[Array, Array] | None = None,
+    delay: int = 0,
     noise: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Move an arm by the torques of a motion, and a feedback.
+    """Simulate an arm with the torques of a motion as feed-forward, and feedback.
 
     Args:
         arm: The arm.
         trajectory: The motion.
         times: Instants of the controller [s], shape (m,).
         gains: Stiffnesses and dampings of the feedback, shape (n,) each.
-        most: Torques at which the motors cut off, shape (n,) each; None for none.
-        late: How many instants later what is measured acts.
-        noise: What is added to measured positions and velocities, shape (2, m, n).
+        cutoff: Least and largest torques of the motors, shape (n,) each [N m or N];
+            None for motors without limits.
+        delay: Number of instants between a measurement and its correction.
+        noise: Noise added to measured positions and velocities, shape (2, m, n); None
+            for exact measurements.
 
     Returns:
         Positions, velocities and torques from each instant on, shape (m, n) each.
     """
-    # A torque that is constant on a step is that of its middle.
-    plan, wanted = trajectory(times), trajectory(0.5 * (times[:-1] + times[1:])).u
+    # The constant torque of a step is the motion's torque at its middle.
+    plan, feedforward = trajectory(times), trajectory(0.5 * (times[:-1] + times[1:])).u
     stiffness, damping = gains
     q, v, u = (np.empty(plan.q.shape) for _ in range(3))
-    seen_q, seen_v = np.zeros((2, *q.shape)) if noise is None else noise
-    corrections = [np.zeros(arm.robot.n)] * late
+    noise_q, noise_v = np.zeros((2, *q.shape)) if noise is None else noise
+    corrections = [np.zeros(arm.robot.n)] * delay
     arm.set_state(plan.q[0], plan.v[0])
     for k, seconds in enumerate(np.diff(times).tolist()):
         q[k], v[k] = arm.q, arm.v
-        off, slow = plan.q[k] - q[k] - seen_q[k], plan.v[k] - v[k] - seen_v[k]
-        corrections.append(stiffness * off + damping * slow)
-        u[k] = wanted[k] + corrections[k]
-        if most is not None:
-            u[k] = np.clip(u[k], *most)
+        error, rate = plan.q[k] - q[k] - noise_q[k], plan.v[k] - v[k] - noise_v[k]
+        corrections.append(stiffness * error + damping * rate)
+        u[k] = feedforward[k] + corrections[k]
+        if cutoff is not None:
+            u[k] = np.clip(u[k], *cutoff)
         arm.step(u[k], seconds)
     q[-1], v[-1], u[-1] = arm.q, arm.v, plan.u[-1]
     return q, v, u
@@ -217,12 +221,12 @@ def torque_difference(arm: MujocoArm, trajectory: Trajectory) -> float:
     """Largest difference of MuJoCo's inverse dynamics from the torques of a motion.
 
     Returns:
-        As a share of the largest torque of each joint. Dry friction, which MuJoCo
-        makes smooth about rest, counts where the joints move.
+        The difference as a share of the largest torque of each joint. Joints with dry
+        friction, which MuJoCo smooths about rest, count only while they move.
     """
     share = (np.arange(100) + 0.5) / 100
     state = trajectory(share * trajectory.duration)
-    found = np.array([arm.inverse(*row) for row in zip(*state[:3], strict=True)])
+    torques = np.array([arm.inverse(*row) for row in zip(*state[:3], strict=True)])
     largest = np.maximum(np.abs(state.u).max(axis=0), 1e-9)
     moving = (np.abs(state.v) > 1e-2) | (arm.robot.friction == 0.0)
-    return float(np.max(np.abs(found - state.u) / largest * moving))
+    return float(np.max(np.abs(torques - state.u) / largest * moving))

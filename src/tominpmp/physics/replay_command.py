@@ -1,4 +1,4 @@
-"""The command ``replay``: a motion in MuJoCo."""
+"""Runs the command ``replay``: simulates a motion in MuJoCo, and reports."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tominpmp.motion.joining import join
 from tominpmp.physics.options import ReplayOptions
 from tominpmp.physics.replay import STEP, PhysicsReplay, replay
 from tominpmp.physics.robustness import (
-    WANTED,
+    REQUIRED,
     Disturbances,
     Robustness,
     robustness,
@@ -30,16 +30,16 @@ def run_replay(
     """Replay a motion in MuJoCo, or try motions with torque reserves, and report.
 
     Args:
-        problem_args: Whose motion it is.
-        motion: File that holds the motion; may be left out where reserves are tried.
-        args: How.
+        problem_args: Arguments that define the problem of the motion.
+        motion: File that holds the motion; None if reserves are tried.
+        args: Options of the command.
 
     Raises:
-        TominpmpError: If a file is wrong or they do not belong together.
+        TominpmpError: If a file is wrong, or the motion does not fit the problem.
     """
     problem, options = load_problem(problem_args)
     if args.robustness:
-        found = robustness(
+        trials = robustness(
             problem,
             options,
             disturbances=Disturbances(
@@ -53,8 +53,8 @@ def run_replay(
             bandwidth=args.bandwidth,
             seed=args.seed,
         )
-        say(json_text(plain(found)) if args.json else _reserves_text(found))
-        return PLANNED if found.reserve is not None else NO_PLAN
+        say(json_text(plain(trials)) if args.json else _reserves_text(trials))
+        return PLANNED if trials.reserve is not None else NO_PLAN
     if motion is None:
         raise OptionsError("a MOTION is missing; or give --robustness", "MOTION")
     trajectory = join(
@@ -65,45 +65,45 @@ def run_replay(
         start_velocity=problem.v_start,
     ).trajectory
     step = STEP if args.step is None else args.step
-    seen = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
-    say(json_text(_data(seen)) if args.json else _text(seen, motion))
-    return PLANNED if seen.ok else NO_PLAN
+    result = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
+    say(json_text(_data(result)) if args.json else _text(result, motion))
+    return PLANNED if result.ok else NO_PLAN
 
 
-def _data(found: PhysicsReplay) -> dict[str, Any]:
-    runs = {"open_loop": found.open_loop, "with_feedback": found.with_feedback}
+def _data(result: PhysicsReplay) -> dict[str, Any]:
+    runs = {"open_loop": result.open_loop, "with_feedback": result.with_feedback}
     numbers = ("goal_error", "tracking_error", "excess")
     return {
-        "ok": found.ok,
-        "engine": found.engine,
-        "integrator": found.integrator,
-        "torque_difference": found.torque_difference,
+        "ok": result.ok,
+        "engine": result.engine,
+        "integrator": result.integrator,
+        "torque_difference": result.torque_difference,
         **{k: {n: getattr(run, n) for n in numbers} for k, run in runs.items()},
     }
 
 
-def _text(found: PhysicsReplay, path: Path) -> str:
-    verdict = "ends where it is to" if found.ok else "does not end where it is to"
-    rows = [("engine", f"{found.engine}, {found.integrator}")]
+def _text(result: PhysicsReplay, path: Path) -> str:
+    verdict = "ends at its goal" if result.ok else "does not end at its goal"
+    rows = [("engine", f"{result.engine}, {result.integrator}")]
     for name, run in (
-        ("torques alone", found.open_loop),
-        ("with feedback", found.with_feedback),
+        ("torques alone", result.open_loop),
+        ("with feedback", result.with_feedback),
     ):
         errors = (
             f"{run.goal_error:.1e} off at the end, {run.tracking_error:.1e} at most"
         )
         rows.append((name, f"{errors} (rad or m)"))
-    rows.append(("torques differ", f"by {found.torque_difference:.1e} of the largest"))
+    rows.append(("torques differ", f"by {result.torque_difference:.1e} of the largest"))
     return rows_text(f"The motion in {path} {verdict}.", rows)
 
 
-def _reserves_text(found: Robustness) -> str:
-    rows = [("each trial", found.disturbances.message)]
-    for k, reserve in enumerate(found.reserves.tolist()):
-        kept = f"T = {found.T[k]:.4f} s, {found.kept[k]:.0%} within"
-        if np.isfinite(found.errors[k]):
-            kept += f", {WANTED:.0%} within {found.errors[k]:.2g}"
-        none = not np.isfinite(found.T[k])
-        rows.append((f"reserve {reserve:.0%}", "no motion" if none else kept))
-    message = found.message.replace("effort_scale=", "--effort-scale ")
+def _reserves_text(result: Robustness) -> str:
+    rows = [("each trial", result.disturbances.message)]
+    for k, reserve in enumerate(result.reserves.tolist()):
+        text = f"T = {result.T[k]:.4f} s, {result.kept[k]:.0%} within"
+        if np.isfinite(result.errors[k]):
+            text += f", {REQUIRED:.0%} within {result.errors[k]:.2g}"
+        failed = not np.isfinite(result.T[k])
+        rows.append((f"reserve {reserve:.0%}", "no motion" if failed else text))
+    message = result.message.replace("effort_scale=", "--effort-scale ")
     return rows_text(f"{message[:1].upper()}{message[1:]}.", rows)

@@ -1,9 +1,9 @@
-"""How much torque reserve keeps a motion on its way when the world is not as modelled.
+"""Torque reserves that let a feedback controller track a motion despite model errors.
 
-A motion in minimum time uses all of some torque most of the time, so that a feedback
-can correct one way only. Planned with a share of the torques (``effort_scale``), it
-takes longer and leaves room. Here random loads, friction, delays and noise are tried
-in MuJoCo for several reserves.
+A motion in minimum time has a saturated torque most of the time, so that feedback can
+correct in one direction only. A motion planned with a share of the torque limits
+(``effort_scale``) takes longer and leaves a reserve. Here random loads, friction,
+delays and noise are simulated in MuJoCo for several reserves.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from tominpmp.physics.replay import check_one_load, follow
 from tominpmp.problem.problem import Problem
 
 RESERVES = (0.0, 0.05, 0.1, 0.2, 0.3)
-# Share of the trials that are to keep the tolerance.
-WANTED = 0.99
+# Required share of the trials within the tolerance.
+REQUIRED = 0.99
 MOST_SAMPLES = 100_000
 
 
@@ -42,12 +42,12 @@ class Disturbances(Record):
     """Largest disturbances of the random trials.
 
     Attributes:
-        payload: Largest mass that is carried beside what is modelled [kg].
-        friction: Largest dry friction beside what is modelled, as a share of the torque
-            limit of each joint.
+        payload: Largest mass in addition to the modelled load [kg].
+        friction: Largest dry friction in addition to the modelled friction, as a share
+            of the torque limit of each joint.
         delay: Longest time from a measurement to the torque that follows from it [s].
-        noise: Standard deviation of measured positions [rad or m]; velocities are
-            measured with ten times that per second.
+        noise: Standard deviation of measured positions [rad or m]; the standard
+            deviation of measured velocities is ten times that number [rad/s or m/s].
     """
 
     payload: Amount = 0.2
@@ -72,19 +72,19 @@ class Disturbances(Record):
 
 @dataclass(frozen=True, eq=False)
 class Robustness(Record):
-    """What torque reserves bring, and cost.
+    """Tracking errors and durations for several torque reserves.
 
     Attributes:
         reserves: Shares of the torque limits that plans leave unused, shape (k,).
-        T: Durations of the plans [s], shape (k,); infinite where none was found.
+        T: Durations of the plans [s], shape (k,); infinite where no motion was found.
         kept: Shares of the trials that stayed within the tolerance, shape (k,).
-        errors: Distances from the motion that 99 % of the trials kept below, shape (k,)
-            [rad or m].
-        tolerance: Largest distance of a joint from the motion that is tolerated.
+        errors: Quantiles of 99 % of the largest distances of the trials from the
+            motion, shape (k,) [rad or m].
+        tolerance: Largest tolerated distance of a joint from the motion [rad or m].
         samples: Number of trials for each reserve.
-        disturbances: What was drawn at random for each trial.
-        effort_scale: Share of the torque limits that the problem itself lets motions
-            use; the reserves are shares of that.
+        disturbances: Largest random disturbances of a trial.
+        effort_scale: Share of the torque limits that the problem allows; the reserves
+            are shares of it.
     """
 
     reserves: FrozenArray
@@ -98,13 +98,13 @@ class Robustness(Record):
 
     @property
     def reserve(self) -> float | None:
-        """Least of the reserves that keeps 99 % within the tolerance; None if none."""
-        good = np.flatnonzero((self.kept >= WANTED) & np.isfinite(self.T))
+        """Least reserve with 99 % of the trials within the tolerance, or None."""
+        good = np.flatnonzero((self.kept >= REQUIRED) & np.isfinite(self.T))
         return float(self.reserves[good[0]]) if good.size else None
 
     @property
     def cost(self) -> float | None:
-        """What it costs: a share of the duration with the least one of a motion."""
+        """Increase of T by that reserve, over T of the least reserve with a motion."""
         if self.reserve is None:
             return None
         T = self.T[self.reserves == self.reserve][0]
@@ -112,19 +112,19 @@ class Robustness(Record):
 
     @property
     def message(self) -> str:
-        """What was found, in a sentence."""
+        """The least sufficient reserve and its cost, in a sentence."""
         if self.reserve is None:
             best = int(np.argmax(self.kept))
             return (
-                f"no reserve keeps {WANTED:.0%} of {self.samples} trials within "
+                f"no reserve keeps {REQUIRED:.0%} of {self.samples} trials within "
                 f"{self.tolerance:g} rad or m; {self.reserves[best]:.0%} keeps "
                 f"{self.kept[best]:.0%}"
             )
-        own, scale = self.effort_scale, self.effort_scale * (1.0 - self.reserve)
-        of = f" of the {own:.0%} that motions may use" if own < 1.0 else ""
+        allowed, scale = self.effort_scale, self.effort_scale * (1.0 - self.reserve)
+        share = f" of the {allowed:.0%} that motions may use" if allowed < 1.0 else ""
         return (
-            f"a torque reserve of {self.reserve:.0%}{of} (effort_scale={scale:g}) "
-            f"keeps {WANTED:.0%} of {self.samples} trials "
+            f"a torque reserve of {self.reserve:.0%}{share} (effort_scale={scale:g}) "
+            f"keeps {REQUIRED:.0%} of {self.samples} trials "
             f"within {self.tolerance:g} rad or m, for {self.cost:.1%} more time"
         )
 
@@ -142,29 +142,30 @@ def robustness(
     frame: str | None = None,
     seed: int = 0,
 ) -> Robustness:
-    """Plan with several torque reserves, and try each motion in a world that is off.
+    """Plan with several torque reserves, and simulate each motion with disturbances.
 
-    A feedback of position and velocity with the plan's torques as feed-forward follows
-    the motion; torques beyond the limits are cut off.
+    Feedback of position and velocity, with the plan's torques as feed-forward, tracks
+    the motion; torques are clipped to the torque limits of the robot.
 
     Args:
         problem: The problem.
-        options: How to plan.
-        disturbances: What is drawn at random; the defaults are those of an arm that is
-            known well.
+        options: Options of the plans.
+        disturbances: Largest random disturbances; the defaults suit an arm with a good
+            model.
         reserves: Shares to leave unused, from 0 to below 1, of the torques that the
-            problem lets motions use: of its torque limits times its ``effort_scale``,
-            segment by segment.
-        samples: Number of trials for each.
-        tolerance: Largest distance of a joint from the motion [rad or m].
-        bandwidth: How fast the feedback brings errors to zero [1/s].
+            problem allows: of its torque limits times its ``effort_scale``, segment by
+            segment.
+        samples: Number of trials for each reserve.
+        tolerance: Largest tolerated distance of a joint from the motion [rad or m].
+        bandwidth: Bandwidth of the feedback [1/s].
         period: Period of the controller, and step of the simulator [s].
-        frame: Frame that carries the load; None for that of the goal, or the last one.
-        seed: Of the random numbers; the trials are the same for each reserve.
+        frame: Frame that carries the added load; None for the frame of the goal, or the
+            last frame.
+        seed: Seed of the random numbers; the trials are the same for each reserve.
 
     Raises:
         ProblemError: If a value is wrong.
-        FrameNotFound: If there is no such frame.
+        FrameNotFound: If the frame is unknown.
         MissingDependency: If MuJoCo is not installed.
     """
     from tominpmp.planner.planning import plan
@@ -172,10 +173,10 @@ def robustness(
     shares = _checked_reserves(reserves)
     tolerance = positive(tolerance, "tolerance", "rad or m")
     bandwidth, period = positive(bandwidth, "bandwidth"), positive(period, "period")
-    world = Disturbances() if disturbances is None else disturbances
+    largest = Disturbances() if disturbances is None else disturbances
     instance(problem, Problem, "problem")
     check_one_load(problem)
-    instance(world, Disturbances, "disturbances", "Disturbances or None")
+    instance(largest, Disturbances, "disturbances", "Disturbances or None")
     whole(samples, "samples", 1, MOST_SAMPLES)
     whole(seed, "seed")
     arm = MujocoArm(problem.robot)  # a missing package is reported before planning
@@ -183,14 +184,14 @@ def robustness(
     T, kept, errors = [], [], []
     for reserve in shares.tolist():
         solution = plan(_with_reserve(problem, reserve), options)
-        found = np.full(samples, np.inf)
+        trials = np.full(samples, np.inf)
         if solution.success:
             rng, motion = np.random.default_rng(seed), solution.trajectory
-            how = carrier, arm.gains(motion.q, bandwidth), period, world, rng
-            found = np.array([_error(problem, motion, *how) for _ in range(samples)])
+            setting = carrier, arm.gains(motion.q, bandwidth), period, largest, rng
+            trials = [_error(problem, motion, *setting) for _ in range(samples)]
         T.append(solution.T)
-        kept.append(float(np.mean(found <= tolerance)))
-        errors.append(float(np.quantile(found, WANTED, method="higher")))
+        kept.append(float(np.mean(np.asarray(trials) <= tolerance)))
+        errors.append(float(np.quantile(trials, REQUIRED, method="higher")))
     return Robustness(
         reserves=shares,
         T=np.array(T),
@@ -198,7 +199,7 @@ def robustness(
         errors=np.array(errors),
         tolerance=float(tolerance),
         samples=samples,
-        disturbances=world,
+        disturbances=largest,
         effort_scale=(problem.motion_limits or MotionLimits()).effort_scale,
     )
 
@@ -212,9 +213,10 @@ def _checked_reserves(reserves: object) -> Array:
 
 
 def _with_reserve(problem: Problem, reserve: float) -> Problem:
-    """The problem with a share of the torques that it leaves to motions.
+    """The problem with its allowed torques reduced by a share.
 
-    Those of segments are shares, too, of which the smaller one counts: each is taken.
+    Problem and segments may both have an ``effort_scale``, of which the smaller counts,
+    so that both are reduced.
     """
     if reserve == 0.0:
         return problem
@@ -225,7 +227,7 @@ def _with_reserve(problem: Problem, reserve: float) -> Problem:
 
     changes: dict[str, Any] = {"motion_limits": reduced(problem.motion_limits)}
     if problem.segments:
-        changes["goal"] = None  # that of the last segment
+        changes["goal"] = None  # the last segment has the goal
         changes["segments"] = tuple(
             replace(item, motion_limits=reduced(item.motion_limits))
             for item in problem.segments
@@ -234,13 +236,13 @@ def _with_reserve(problem: Problem, reserve: float) -> Problem:
 
 
 def _carrier(problem: Problem, frame: str | None) -> tuple[int, Array]:
-    """Joint that moves the frame with the load, and where that is on it."""
+    """Joint that moves the frame with the added load, and its position on it [m]."""
     robot = problem.robot
     name = problem.goal.frame_name if frame is None else frame
     index = robot.model.nframes - 1 if name is None else robot.frame_id(name)
-    found: pin.Frame = robot.model.frames[index]
-    joint = int(found.parentJoint) or robot.model.njoints - 1
-    return joint, np.array(found.placement.translation)
+    item: pin.Frame = robot.model.frames[index]
+    joint = int(item.parentJoint) or robot.model.njoints - 1
+    return joint, np.array(item.placement.translation)
 
 
 def _error(
@@ -249,22 +251,22 @@ def _error(
     carrier: tuple[int, Array],
     gains: tuple[Array, Array],
     period: float,
-    world: Disturbances,
+    largest: Disturbances,
     rng: np.random.Generator,
 ) -> float:
-    """Largest distance of a joint from a motion that is followed in one trial."""
+    """Largest distance of a joint from a motion in one random trial [rad or m]."""
     limits, n = problem.robot.limits, problem.robot.n
-    most = limits.effort_lower, limits.effort_upper
+    low, high = limits.effort_lower, limits.effort_upper
     arm = MujocoArm(problem.robot)
-    arm.load(rng.uniform(0.0, world.payload), *carrier)
-    arm.add_friction(
-        rng.uniform(0.0, world.friction, n) * np.maximum(-most[0], most[1])
-    )
-    late = round(rng.uniform(0.0, world.delay) / period)
+    arm.load(rng.uniform(0.0, largest.payload), *carrier)
+    arm.add_friction(rng.uniform(0.0, largest.friction, n) * np.maximum(-low, high))
+    delay = round(rng.uniform(0.0, largest.delay) / period)
     count = max(int(np.ceil(trajectory.duration / period)), 1)
     times = np.linspace(0.0, trajectory.duration, count + 1)
     arm.choose_integrator(float(times[1]), trajectory.q[0])
-    noise = rng.normal(0.0, 1.0, (2, times.size, n)) * world.noise
+    noise = rng.normal(0.0, 1.0, (2, times.size, n)) * largest.noise
     noise[1] *= 10.0
-    q = follow(arm, trajectory, times, gains, most=most, late=late, noise=noise)[0]
-    return float(np.abs(q - trajectory(times).q).max())
+    disturbed = follow(
+        arm, trajectory, times, gains, cutoff=(low, high), delay=delay, noise=noise
+    )
+    return float(np.abs(disturbed[0] - trajectory(times).q).max())
