@@ -295,7 +295,7 @@ def _certified(solution: Solution) -> tuple[list[BindingLimit] | None, str]:
     if certificate is None:
         return None, ""
     with suppress(ProblemError):
-        # Motions of several segments have no sensitivities.
+        # Motions without multipliers have no sensitivities.
         gains = {
             (item.kind, item.subject): -item.value
             for item in solution.sensitivities

@@ -161,7 +161,7 @@ def loaded(choice: RobotChoice) -> Robot:
         JointNotFound: If a locked joint is unknown.
     """
     with warnings.catch_warnings():
-        # The page has no place for warnings about descriptions.
+        # The page does not show warnings about descriptions.
         warnings.simplefilter("ignore", TominpmpWarning)
         robot: Robot = choice.call().evaluate()
     if robot.n > MOST_JOINTS:

@@ -144,9 +144,9 @@ def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
             list has other keys.
     """
     path = checked_path(source, "source", ScenarioError)
-    folder, found = path.parent, list[Path]()
+    folder, scenarios = path.parent, list[Path]()
     if path.is_dir():
-        folder, found = path, sorted(path.rglob(f"*{ENDING}"))
+        folder, scenarios = path, sorted(path.rglob(f"*{ENDING}"))
     else:
         content = read_toml(path)
         if "problems" not in content and any(key in content for key in SECTIONS):
@@ -157,10 +157,10 @@ def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
             files = _matching(folder, item.text())
             if not files:
                 item.fail(f"is {item.text()!r}, which no file matches")
-            found += files
-    if not found:
+            scenarios += files
+    if not scenarios:
         raise ScenarioError(f"{path} holds no scenario ({ENDING})", path)
-    return [(_name(file, folder), file) for file in dict.fromkeys(found)]
+    return [(_name(file, folder), file) for file in dict.fromkeys(scenarios)]
 
 
 def _matching(folder: Path, pattern: str) -> list[Path]:

@@ -66,8 +66,8 @@ def robots(typed: CompletionContext) -> list[str]:
 
 def _files(incomplete: str) -> list[str]:
     """Robot files, scenario files and folders that begin with the typed text."""
-    found = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
-    names = (f"{name}/" if Path(name).is_dir() else name for name in found)
+    matches = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
+    names = (f"{name}/" if Path(name).is_dir() else name for name in matches)
     return [name for name in names if name.endswith(("/", *ENDINGS))]
 
 

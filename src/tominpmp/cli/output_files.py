@@ -130,9 +130,9 @@ class OutputFiles:
 
     def _saved(self, solution: Solution, path: Path) -> Path | None:
         """Write a motion to another folder; None if no folder is writable."""
-        tried = path.absolute().parent
+        failed = path.absolute().parent
         for folder in (Path.cwd(), Path(tempfile.gettempdir())):
-            if folder == tried and self.motion is not None:
+            if folder == failed and self.motion is not None:
                 continue
             try:
                 place = Path(tempfile.mkdtemp(prefix="tominpmp-", dir=folder))

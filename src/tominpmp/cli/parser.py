@@ -30,9 +30,9 @@ def dispatch(words: Sequence[str]) -> int:
     """
     app = new_app()
     if words[0] in COMMANDS.keys() - commands().keys():
-        room = COMMANDS[words[0]].split(".")[1]
+        add_on = COMMANDS[words[0]].split(".")[1]
         raise OptionsError(
-            f"{words[0]} is a command of the add-on {room}, which is not installed",
+            f"{words[0]} is a command of the add-on {add_on}, which is not installed",
             words[0],
         )
     if words[0] in commands():
@@ -47,11 +47,11 @@ def dispatch(words: Sequence[str]) -> int:
     try:
         return int(app(words, exit_on_error=False, print_error=False) or 0)
     except CycloptsError as error:
-        said = str(error)
+        message = str(error)
         if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
-            left = ", ".join(map(brief, error.unused_tokens))
-            said = f"{left}: neither an option nor a value of the option before"
-        complain("error", said)
+            unused = ", ".join(map(brief, error.unused_tokens))
+            message = f"{unused}: neither an option nor a value of the option before"
+        complain("error", message)
         chain = " ".join(("tominpmp", *(error.command_chain or ())))
         error_console().print(f"see {chain} --help", soft_wrap=True)
         return BAD_INPUT

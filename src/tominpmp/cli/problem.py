@@ -45,7 +45,7 @@ from tominpmp.scene.scene import Scene
 CONSTRAINT_FORM = "KIND:KEY=VALUE:..., for example tool_speed:frame=tip:limit=0.5"
 OBSTACLE_FORM = "KIND:NAME:KEY=VALUE:..., for example sphere:ball:r=0.1:at=0.5,0,0.3"
 # Abbreviations of fields of obstacles.
-FULL = {"r": "radius", "at": "position", "quat": "rotation", "l": "length"}
+ABBREVIATIONS = {"r": "radius", "at": "position", "quat": "rotation", "l": "length"}
 
 
 @dataclass(frozen=True)
@@ -227,8 +227,8 @@ def constraint(text: str) -> PathConstraint:
         table = _typed_record(f"--constraint {text!r}", kind, items, kinds)
         return cast("PathConstraint", from_table(table, kinds, "kind"))
     except TominpmpError as error:
-        said = f"{error}; expected {CONSTRAINT_FORM}"
-        raise ProblemError(said, "constraints") from error
+        message = f"{error}; expected {CONSTRAINT_FORM}"
+        raise ProblemError(message, "constraints") from error
 
 
 def _typed_record(
@@ -238,7 +238,7 @@ def _typed_record(
     table = Typed({"type": kind}, key=option)
     for item in items:
         word, _, value = item.partition("=")
-        key = FULL.get(word, word)
+        key = ABBREVIATIONS.get(word, word)
         if key in table.value:
             table.fail(f"{word} is given twice")
         declared = field_type(kinds.get(kind, object), key)
@@ -410,9 +410,9 @@ def _typed_problem(problem_args: ProblemArguments, extra: Mapping[str, Any]) -> 
     robot = load_changed_robot(problem_args.robot, args)
     goals = [_flag(name) for name in GOALS if getattr(args, name) is not None]
     if len(goals) != 1:
-        said = f"{' and '.join(goals)} are given" if goals else "there is no goal"
+        message = f"{' and '.join(goals)} are given" if goals else "there is no goal"
         flags = " or ".join(map(_flag, GOALS))
-        raise ProblemError(f"{said}: give {flags}", "goal")
+        raise ProblemError(f"{message}: give {flags}", "goal")
     scene = _obstacles(args, robot)
     q_start = positions(args.start, "--start", robot, degrees=args.degrees)
     v_start = velocities(args, "start_velocity", robot)
@@ -423,10 +423,10 @@ def _typed_problem(problem_args: ProblemArguments, extra: Mapping[str, Any]) -> 
         )
     except ProblemError as error:
         # The hint about radians is replaced by a hint about --degrees.
-        said = str(error).removesuffix(IN_RADIANS)
-        if "position limits" in said:
-            said += _degrees_hint(args, robot, q_start, goal)
-        raise ProblemError(said, error.field) from error
+        message = str(error).removesuffix(IN_RADIANS)
+        if "position limits" in message:
+            message += _degrees_hint(args, robot, q_start, goal)
+        raise ProblemError(message, error.field) from error
 
 
 def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> str:

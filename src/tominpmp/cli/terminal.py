@@ -78,8 +78,8 @@ def complain(prefix: str, message: str, style: str = "bold red") -> None:
     """Write a line like ``error: ...`` to standard error."""
     from rich.text import Text
 
-    said = " ".join(as_command_line_flags(message).split())
-    line = Text.assemble((f"{prefix}:", style), " ", said)
+    text = " ".join(as_command_line_flags(message).split())
+    line = Text.assemble((f"{prefix}:", style), " ", text)
     error_console().print(line, soft_wrap=True)
 
 
@@ -104,16 +104,16 @@ def guarded(debug: bool = False) -> Iterator[None]:
         complain("error", "interrupted")
         raise SystemExit(INTERRUPTED) from error
     except (TominpmpError, OSError) as error:
-        said = str(error)
+        message = str(error)
         if isinstance(error, OSError):
             where = "" if error.filename is None else f"{error.filename}: "
-            said = f"{where}{error.strerror or error}"
-        _explain(said, debug)
+            message = f"{where}{error.strerror or error}"
+        _explain(message, debug)
         raise SystemExit(BAD_INPUT) from error
     except Exception as error:
         hint = "" if debug else "; --debug shows where"
-        what = f"{type(error).__name__}: {error}"
-        _explain(f"{what} (this is a defect of tominpmp{hint})", debug)
+        defect = f"{type(error).__name__}: {error}"
+        _explain(f"{defect} (this is a defect of tominpmp{hint})", debug)
         raise SystemExit(DEFECT) from error
 
 

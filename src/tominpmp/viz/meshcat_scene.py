@@ -443,8 +443,8 @@ def _copies(path: str, bodies: Sequence[Body], opacity: float, poses: Array) -> 
         for k, place in enumerate(poses[:, body.joint] @ body.placement):
             # The viewer reads matrices column by column.
             matrix = place.T.ravel().tolist()
-            own = {"uuid": f"{path}#{i}.{k}", "matrix": matrix}
-            children.append({**mesh["object"], **own})
+            copy = {"uuid": f"{path}#{i}.{k}", "matrix": matrix}
+            children.append({**mesh["object"], **copy})
     group = {"uuid": path, "type": "Group", "children": children}
     metadata = {"version": 4.5, "type": "Object"}
     scene_object = {"metadata": metadata, **data, "object": group}

@@ -440,15 +440,15 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
     """Draw limits near to the values, and write the values of distant limits."""
     low, high = float(values.min()), float(values.max())
     reach = FAR_LIMIT * max(abs(low), abs(high), 1e-9)
-    near = [limit for limit in (lower, upper) if abs(limit) <= reach]
-    bottom, top = min([low, *near]), max([high, *near])
+    drawn = [limit for limit in (lower, upper) if abs(limit) <= reach]
+    bottom, top = min([low, *drawn]), max([high, *drawn])
     margin = 0.09 * (top - bottom) or 0.1
     panel.set_ylim(bottom - margin, top + margin)
     for limit, edge in zip((lower, upper), panel.get_ylim(), strict=True):
-        if limit in near:
+        if limit in drawn:
             _show_limit(panel, limit, edge)
     named = (("lower", lower), ("upper", upper))
-    far = [f"{k} limit {v:.3g}" for k, v in named if np.isfinite(v) and v not in near]
+    far = [f"{k} limit {v:.3g}" for k, v in named if np.isfinite(v) and v not in drawn]
     if len(far) == 2:
         both = f"{lower:.3g} and {upper:.3g}"
         far = [f"limits {both}" if lower != -upper else f"limits \u00b1{upper:.3g}"]

@@ -179,13 +179,13 @@ def tube(points: Array, radius: float, around: int = 8) -> Surface:
     angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rings = points[:, None] + circle @ frames
-    here = np.arange(around)
-    there = np.roll(here, -1)
+    this = np.arange(around)
+    after = np.roll(this, -1)
     faces = []
     for low in range(0, (len(points) - 1) * around, around):
         high = low + around
-        faces.append(np.stack([low + here, low + there, high + there], axis=1))
-        faces.append(np.stack([low + here, high + there, high + here], axis=1))
+        faces.append(np.stack([low + this, low + after, high + after], axis=1))
+        faces.append(np.stack([low + this, high + after, high + this], axis=1))
     return Surface(rings.reshape(-1, 3), np.concatenate(faces))
 
 

@@ -129,7 +129,7 @@ def _loads(
     for (name, shapes), carried in runs.items():
         places = np.empty((len(shapes), times.size, 4, 4))
         for number, (stage, payload) in enumerate(carried):
-            # Between runs the load rests at its last place, before them at its pick-up.
+            # A load rests at its pick-up before the first run, at its last place later.
             mine = (times >= stage.begin) | (number == 0)
             held = trajectory(np.clip(times[mine], stage.begin, stage.end)).q
             frames = frame_placements(problem.robot, held, payload.frame)

@@ -34,7 +34,7 @@ from tominpmp.solution import Solution
 from tominpmp.status import Status
 
 # Largest number of files in one folder below the folder of the results.
-FILES = 1000
+MOST_FILES = 1000
 ARRAYS = ("t", "q", "v", "u")
 # Arrays that only some motions have.
 OPTIONAL_ARRAYS = ("a", "segment_ends")
@@ -124,7 +124,7 @@ class Outcome(Record):
 def file_of(folder: Path, index: int, name: str) -> Path:
     """The file of the result of a problem."""
     plain = re.sub(r"[^A-Za-z0-9._-]", "_", name)[:80]
-    return folder / f"{index // FILES:05d}" / f"{index:07d}_{plain}.npz"
+    return folder / f"{index // MOST_FILES:05d}" / f"{index:07d}_{plain}.npz"
 
 
 def write_outcome(

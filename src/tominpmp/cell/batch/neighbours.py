@@ -22,15 +22,15 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 
 # Share of the problems with a cold start.
-FIRST = 0.125
+COLD_SHARE = 0.125
 # Problems farther than this from all before them [rad or m] have a cold start: a motion
 # of a distant problem does not help.
 FAR = 3.0
 # Weight of distances of obstacles relative to distances of joints [rad/m].
-LENGTH = 2.0
+OBSTACLE_WEIGHT = 2.0
 # Two motions take the same path if they differ at no sample by more than a constant
 # [rad or m] plus a multiple of the distance of their problems; number of samples.
-TURN, STRETCH, LOOKS = 0.3, 1.0, 7
+GAP, SLOPE, SAMPLES = 0.3, 1.0, 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +62,14 @@ class Rounds:
         (first, apart), *others = solved
         for second, away in others[:1]:
             paths = [_path(motions[k]) for k in (first, second)]
-            if np.max(np.abs(paths[0] - paths[1])) > TURN + STRETCH * (apart + away):
+            if np.max(np.abs(paths[0] - paths[1])) > GAP + SLOPE * (apart + away):
                 return None
         return first
 
 
 def _path(motion: Trajectory) -> Array:
     """Configurations of a motion, at equal shares of its time, shape (k, n)."""
-    return motion(np.linspace(0.0, motion.duration, LOOKS)).q
+    return motion(np.linspace(0.0, motion.duration, SAMPLES)).q
 
 
 def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
@@ -88,7 +88,7 @@ def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
     for members in groups.values():
         table = np.array([places[index] for index in members])
         order = _spread(table)
-        size = max(int(np.ceil(FIRST * len(order))), 1)
+        size = max(int(np.ceil(COLD_SHARE * len(order))), 1)
         for place, k in enumerate(order.tolist()):
             # Each round is as large as all before it, from the second one on.
             number = (place // size).bit_length()
@@ -99,10 +99,10 @@ def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
 
 
 def _nearest(
-    table: Array, own: int, before: IntArray, members: list[int]
+    table: Array, index: int, before: IntArray, members: list[int]
 ) -> list[tuple[int, float]]:
     """The nearest of the earlier problems, three at most, with their distances."""
-    away = np.linalg.norm(table[before] - table[own], axis=1)
+    away = np.linalg.norm(table[before] - table[index], axis=1)
     order = np.argsort(away, kind="stable")[:3]
     nearest = [(members[before[k]], float(away[k])) for k in order.tolist()]
     return [item for item in nearest if item[1] <= FAR]
@@ -129,8 +129,8 @@ def _place(problem: Problem | None) -> tuple[Any, Array]:
     if goal.configuration is not None:
         parts.append(goal.configuration)
     elif goal.ball is not None:
-        parts.append(LENGTH * goal.ball.centre)
-    parts += [LENGTH * item.position for item in problem.scene]
+        parts.append(OBSTACLE_WEIGHT * goal.ball.centre)
+    parts += [OBSTACLE_WEIGHT * item.position for item in problem.scene]
     obstacles = tuple(item.name for item in problem.scene)
     key = robot.joint_names, robot.name, type(goal).__name__, goal.frame_name, obstacles
     return key, np.concatenate(parts)

@@ -212,17 +212,17 @@ def _in_rounds(
     executor: Executor, settings: Settings, tasks: Iterable[BatchTask]
 ) -> Iterator[Outcome]:
     """Outcomes of tasks that are warm-started with the motions of their neighbours."""
-    every = list(tasks)
-    problems: list[Problem | None] = [None] * len(every)
-    for k, task in enumerate(every):
+    all_tasks = list(tasks)
+    problems: list[Problem | None] = [None] * len(all_tasks)
+    for k, task in enumerate(all_tasks):
         with suppress(TominpmpError):
             problems[k] = _problem(task.source, Options())[0]
     rounds = rounds_of(problems)
     motions: dict[int, Trajectory] = {}
     for numbers in rounds.rounds:
-        chosen = [every[k] for k in numbers.tolist()]
-        near = {task.index: rounds.start(task.index, motions) for task in chosen}
-        starts = {k: (j, motions[j]) for k, j in near.items() if j is not None}
+        chosen = [all_tasks[k] for k in numbers.tolist()]
+        neighbours = {task.index: rounds.start(task.index, motions) for task in chosen}
+        starts = {k: (j, motions[j]) for k, j in neighbours.items() if j is not None}
         for outcome in _outcomes(executor, settings, chosen, starts):
             solution = outcome.solution
             if outcome.success and solution is not None and solution.trajectory:
@@ -247,11 +247,11 @@ def _watched(
     total: int | None,
 ) -> Iterator[Outcome]:
     """Outcomes; each is reported to the progress callback before it is yielded."""
-    begin, found = time.perf_counter(), 0
+    begin, planned = time.perf_counter(), 0
     for done, outcome in enumerate(outcomes, start=1):
-        found += outcome.success
+        planned += outcome.success
         seconds = time.perf_counter() - begin
-        progress(Progress(done, found, total, seconds, outcome))
+        progress(Progress(done, planned, total, seconds, outcome))
         yield outcome
 
 

@@ -231,28 +231,28 @@ class Configurations:
         Returns:
             Configurations by station, shape (k, n) each; k is zero if none was found.
         """
-        found: list[Array] = [np.zeros((0, self.problem.robot.n)) for _ in self.goals]
+        pools: list[Array] = [np.zeros((0, self.problem.robot.n)) for _ in self.goals]
         searched = []
         for g, goal in enumerate(self.goals):
             fixed = [item.configuration for item in goal.alternatives]
             rows = [q for q in fixed if q is not None]
             if rows:
-                found[g] = np.stack(rows)
+                pools[g] = np.stack(rows)
                 # A single configuration was checked with the goals of all stations.
                 if len(rows) > 1 or g in self.leaving:
-                    found[g] = found[g][self.free(found[g], g)]
+                    pools[g] = pools[g][self.free(pools[g], g)]
             if len(rows) < len(fixed):
                 searched.append(g)
-        self._from_starts(found, searched, STARTS, rng)
-        self._from_neighbours(found, searched)
-        empty = [g for g in searched if not len(found[g])]
-        self._from_starts(found, empty, MORE_STARTS, rng)
-        return [self.spread(rows, count) for rows in found]
+        self._from_starts(pools, searched, STARTS, rng)
+        self._from_neighbours(pools, searched)
+        empty = [g for g in searched if not len(pools[g])]
+        self._from_starts(pools, empty, MORE_STARTS, rng)
+        return [self.spread(rows, count) for rows in pools]
 
     def _from_starts(
-        self, found: list[Array], which: list[int], count: int, rng: np.random.Generator
+        self, pools: list[Array], which: list[int], count: int, rng: np.random.Generator
     ) -> None:
-        """Add solutions from random starts, and from the start of the tour."""
+        """Add solutions from random starts to the pools of stations."""
         home, starts, aims = self.problem.q_start, [], []
         for g in which:
             # Alternatives are aimed at in turn.
@@ -263,7 +263,7 @@ class Configurations:
             starts.append(np.where(self._idle[aim], home, q))
             aims.append(aim)
         if starts:
-            self._add(found, np.concatenate(starts), np.concatenate(aims))
+            self._add(pools, np.concatenate(starts), np.concatenate(aims))
 
     def _random(self, rng: np.random.Generator, g: int, count: int) -> Array:
         """Random configurations within half a turn of the start, shape (count, n)."""
@@ -273,14 +273,14 @@ class Configurations:
         high = np.minimum(limits.position_upper, home + around)
         return rng.uniform(low, high, (count, home.size))
 
-    def _from_neighbours(self, found: list[Array], which: list[int]) -> None:
-        """Add solutions from starts at the configurations of nearby stations."""
-        near = self._nearest()
-        pairs = [(g, self.spread(found[o], 12)) for g in which for o in near[g]]
+    def _from_neighbours(self, pools: list[Array], which: list[int]) -> None:
+        """Add solutions from configurations in the pools of nearby stations."""
+        nearby = self._nearest()
+        pairs = [(g, self.spread(pools[o], 12)) for g in which for o in nearby[g]]
         if pairs:
             starts = np.concatenate([rows for _, rows in pairs])
             owner = np.repeat([g for g, _ in pairs], [len(rows) for _, rows in pairs])
-            self._add(found, starts, self._nearest_alternatives(starts, owner))
+            self._add(pools, starts, self._nearest_alternatives(starts, owner))
 
     def _nearest(self) -> list[list[int]]:
         """By station, the nearest stations whose goals have a known place in space."""
@@ -296,15 +296,15 @@ class Configurations:
             out.append(order[np.isfinite(apart[order])].tolist())
         return out
 
-    def _add(self, found: list[Array], starts: Array, aim: IntArray) -> None:
-        """Project starts onto alternatives, and add results that are new and free."""
+    def _add(self, pools: list[Array], starts: Array, aim: IntArray) -> None:
+        """Project starts onto alternatives; add new, free results to the pools."""
         (q, good), problem = self._solved(starts, aim), self.problem
         owner = np.searchsorted(self._first, aim, side="right") - 1
         for g in np.unique(owner[good]).tolist():
             rows = q[good & (owner == g)]
             mine = np.array(nearest_turns(problem.robot, rows, problem.q_start))
-            new = distinct(np.concatenate([found[g], mine]))[len(found[g]) :]
-            found[g] = np.concatenate([found[g], new[self.free(new, g)]])
+            new = distinct(np.concatenate([pools[g], mine]))[len(pools[g]) :]
+            pools[g] = np.concatenate([pools[g], new[self.free(new, g)]])
 
     def spread(self, rows: Array, count: int) -> Array:
         """Choose configurations far from each other, by farthest-point sampling."""
@@ -358,12 +358,12 @@ def _keeps(problem: Problem, q: Array) -> bool:
 
 def distinct(rows: Array) -> Array:
     """Remove configurations that are near to an earlier one."""
-    kept: list[int] = []
+    chosen: list[int] = []
     for i in range(len(rows)):
-        if kept and np.min(np.max(np.abs(rows[kept] - rows[i]), axis=1)) < DISTINCT:
+        if chosen and np.min(np.max(np.abs(rows[chosen] - rows[i]), axis=1)) < DISTINCT:
             continue
-        kept.append(i)
-    return rows[kept]
+        chosen.append(i)
+    return rows[chosen]
 
 
 # Rounds of the refinement, random trials of a station in each round, and the radius of
@@ -373,9 +373,9 @@ TRIALS = 4
 RADIUS = 0.4
 # Factor by which the radius shrinks, and the gain of a round, as a share of the time,
 # below which it does.
-SHRINK, LITTLE = 0.6, 2e-3
+SHRINK, LEAST_GAIN = 0.6, 2e-3
 # Radius at which the refinement ends [rad].
-SMALLEST = 2e-3
+LEAST_RADIUS = 2e-3
 
 
 def refined(
@@ -403,15 +403,15 @@ def refined(
         for k, g in enumerate(map(table.station, nodes))
         if g is not None and goals[g].configuration is None
     }
-    way, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
+    route, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
     for _ in range(ROUNDS if searched else 0):
-        starts = [_around(way, k, radius, rng) for k in searched]
+        starts = [_around(route, k, radius, rng) for k in searched]
         place = np.repeat([*searched], [len(rows) for rows in starts])
         which: IntArray = np.array([searched[k] for k in place.tolist()])
         q, good = configurations.projected(np.concatenate(starts), which)
         q, place = q[good], place[good]
         choices = [
-            np.concatenate([row[None], q[place == k]]) for k, row in enumerate(way)
+            np.concatenate([row[None], q[place == k]]) for k, row in enumerate(route)
         ]
         now, bad = 0.0, [(0, 0)]
         while bad:
@@ -425,23 +425,23 @@ def refined(
             ]
             for k, c in bad:
                 choices[k] = np.delete(choices[k], c, axis=0)
-        way = [choices[k][c] for k, c in enumerate(chosen)]
-        if now > before * (1.0 - LITTLE):
+        route = [choices[k][c] for k, c in enumerate(chosen)]
+        if now > before * (1.0 - LEAST_GAIN):
             radius *= SHRINK
-        if radius < SMALLEST:
+        if radius < LEAST_RADIUS:
             break
         before = now
-    return way
+    return route
 
 
 def _around(
-    way: Sequence[Array], k: int, radius: float, rng: np.random.Generator
+    route: Sequence[Array], k: int, radius: float, rng: np.random.Generator
 ) -> Array:
     """Starts for other configurations of a place of a tour, shape (m, n)."""
-    here, before = way[k], way[k - 1]
+    here, before = route[k], route[k - 1]
     aims = [before, before]
-    if k + 1 < len(way):
-        aims = [before, way[k + 1], 0.5 * (before + way[k + 1])]
+    if k + 1 < len(route):
+        aims = [before, route[k + 1], 0.5 * (before + route[k + 1])]
     # Steps are at most twice the radius, so that the arm keeps its branch.
     steps = np.stack(aims) - here
     longest = np.max(np.abs(steps), axis=1, keepdims=True, initial=0.0)

@@ -291,27 +291,27 @@ def direct_motion(problem: Problem) -> Trajectory | None:
     limits, goal = problem.motion_limits, problem.goal.configuration
     if goal is None or problem.segments or (limits is not None and limits.continuous):
         return None
-    times, way = JointTimes.of(problem), goal - problem.q_start
-    far = np.abs(way)
-    moves = far > ZERO_LENGTH
+    times, displacement = JointTimes.of(problem), goal - problem.q_start
+    distance = np.abs(displacement)
+    moves = distance > ZERO_LENGTH
     T = float(times.between(problem.q_start, goal))
     sudden = moves & ~np.isfinite(times.acceleration)
     if not np.any(moves) or np.any(sudden) or not 0.0 < T < np.inf:
         return None
     # Longest ramp of each joint, at most half of T, for the least acceleration.
-    ramp = np.minimum(T - far / times.velocity, 0.5 * T)
+    ramp = np.minimum(T - distance / times.velocity, 0.5 * T)
     alike = float(np.min(ramp))
-    if np.all(far <= alike * (T - alike) * times.acceleration * (1.0 + 1e-9)):
+    if np.all(distance <= alike * (T - alike) * times.acceleration * (1.0 + 1e-9)):
         # With equal ramps the path is a straight line.
-        ramp = np.full_like(far, alike)
+        ramp = np.full_like(distance, alike)
     t = np.unique(np.concatenate([[0.0, T], ramp, T - ramp]))
     t = t[np.append(True, np.diff(t) > SAME * T)]
     t[-1] = T
-    speed = way / (T - ramp)
+    speed = displacement / (T - ramp)
     middle, dt = 0.5 * (t[1:] + t[:-1])[:, None], np.diff(t)[:, None]
     a = np.where(middle < ramp, 1.0, np.where(middle > T - ramp, -1.0, 0.0))
     a = a * speed / ramp
-    q, v = np.tile(problem.q_start, (t.size, 1)), np.zeros((t.size, way.size))
+    q, v = np.tile(problem.q_start, (t.size, 1)), np.zeros((t.size, displacement.size))
     v[1:-1] = np.cumsum(a * dt, axis=0)[:-1]
     q[1:] += np.cumsum((v[:-1] + 0.5 * a * dt) * dt, axis=0)
     q[-1] = goal
@@ -463,9 +463,9 @@ class Legs:
             q: Configurations there, shape (n,) each; at the nodes in between the motion
                 may meet the goals at other configurations.
         """
-        way = [self.table.station(node) for node in nodes]
+        indices = [self.table.station(node) for node in nodes]
         goals: list[Goal] = [JointGoal(there, wrap=False) for there in q[1:]]
-        for place, k in enumerate(way[1:-1]):
+        for place, k in enumerate(indices[1:-1]):
             if k is not None:
                 goals[place] = self.stations[k].goal
 
@@ -476,7 +476,7 @@ class Legs:
                     payload=self._load(begin),
                     may_touch=self._setting(begin, end).may_touch,
                 )
-                for goal, (begin, end) in zip(goals, pairwise(way), strict=True)
+                for goal, (begin, end) in zip(goals, pairwise(indices), strict=True)
             ]
             begin, end = q[0], goals[-1]
             return replace(self.problem, q_start=begin, goal=end, segments=segments)

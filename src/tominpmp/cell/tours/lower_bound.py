@@ -32,7 +32,7 @@ from tominpmp.problem.problem import Problem
 # Steps of the ascent on the multipliers of the 1-tree.
 ASCENT = 300
 # Largest number of stations for which the best order of the bounds is found.
-FEW = 11
+MOST_EXACT = 11
 # Largest numbers of legs between configurations, and from configurations to frames, for
 # which the lower bound of a single motion is computed; for a frame it takes 0.3 s.
 MOST_LEGS, MOST_FRAMES = 400, 8
@@ -57,7 +57,7 @@ def tour_bound(
     least = _least_times(problem, stations, q_end)
     stays = least_stays(problem.robot, [(s.goal, s.dwell) for s in stations])
     ends = q_end is not None
-    if len(stations) <= FEW:
+    if len(stations) <= MOST_EXACT:
         reason, sizes = "the best order", [1] * len(stations)
         total = exact_order(
             sizes, lambda i, j: least[i : i + 1, j : j + 1], rules, ends
@@ -83,14 +83,14 @@ def _least_times(
     goals: list[Goal] = [JointGoal(problem.q_start), *(s.goal for s in stations), *end]
     rests = [True, *(station.stop for station in stations), *(True for _ in end)]
     loaded = {k for k, s in enumerate(stations, 1) if s.payload is not None}
-    given, times = [goal.configuration for goal in goals], JointTimes.of(problem)
+    fixed, times = [goal.configuration for goal in goals], JointTimes.of(problem)
     # Ranges of the joints of each alternative of a goal.
     ranges = [
         [g.joint_ranges(problem.robot) for g in goal.alternatives] for goal in goals
     ]
     low, high = ([np.stack([r[k] for r in some]) for some in ranges] for k in (0, 1))
     ranged = [bool(np.any(np.isfinite(rows))) for rows in low]
-    known = sum(q is not None for q in given)
+    known = sum(q is not None for q in fixed)
     # Between configurations, limits of acceleration alone give nearly the whole bound.
     limited = bool(np.all(np.isfinite(times.acceleration)))
     few_joints = not limited and known**2 <= MOST_LEGS
@@ -100,13 +100,13 @@ def _least_times(
     for i, j in permutations(range(len(goals)), 2):
         if i == last or j == 0:
             continue  # no tour leaves its end or enters its start
-        begin, resting = given[i], int(rests[i]) + int(rests[j])
+        begin, resting = fixed[i], int(rests[i]) + int(rests[j])
         if ranged[i] and ranged[j]:
-            way = np.maximum(low[j][None] - high[i][:, None], 0.0)
-            way = np.maximum(way, low[i][:, None] - high[j][None])
-            out[i, j] = np.min(np.max(times.of_joints(way, resting), axis=-1))
+            distance = np.maximum(low[j][None] - high[i][:, None], 0.0)
+            distance = np.maximum(distance, low[i][:, None] - high[j][None])
+            out[i, j] = np.min(np.max(times.of_joints(distance, resting), axis=-1))
         # Loads change the accelerations that torques allow.
-        few = few_frames if given[j] is None else few_joints
+        few = few_frames if fixed[j] is None else few_joints
         if few and begin is not None and resting == 2 and i not in loaded:
             with suppress(ProblemError), warnings.catch_warnings():
                 # The tour has warned of goals at limits already.

@@ -71,7 +71,7 @@ MOST_ROUNDS = 60
 AS_ESTIMATED = 1e-9
 
 # Nodes of a tour in their order, each with the index of one of its configurations.
-Way = list[tuple[int, int]]
+Route = list[tuple[int, int]]
 
 
 class TourSearch:
@@ -123,8 +123,8 @@ class TourSearch:
         }
         goals = tuple(station.goal for station in stations)
         self.configurations = Configurations(problem, goals, times.weights, leaving)
-        found = self.configurations.search(count, self.rng)
-        for number, rows in enumerate(found):
+        by_station = self.configurations.search(count, self.rng)
+        for number, rows in enumerate(by_station):
             if not len(rows):
                 raise ProblemError(
                     f"{label_of(number + 1, stations[number].name)} cannot be reached: "
@@ -132,37 +132,37 @@ class TourSearch:
                     f"stations[{number}]",
                 )
         if not exact:
-            most = np.minimum(times.acceleration, _torque_limited(problem, found))
+            most = np.minimum(times.acceleration, _torque_limited(problem, by_station))
             times = replace(times, acceleration=most)
         last = [] if q_end is None else [q_end[None]]
-        nodes = [problem.q_start[None], *found, *last]
+        nodes = [problem.q_start[None], *by_station, *last]
         rests = [True, *(station.stop for station in stations), *(True for _ in last)]
         self.table = LegTable(nodes, rests, times, q_end is not None)
         self.legs = Legs(problem, stations, options, self.table)
 
     def run(self) -> Tour:
         """Search for the tour."""
-        way = self._order()
+        route = self._order()
         for _ in range(TURNS):
-            if way is None or not self._refine(way):
+            if route is None or not self._refine(route):
                 break
-            way = self._order(way)
-        best: Way | None = None
+            route = self._order(route)
+        best: Route | None = None
         rounds = 10_000 if self.exact else ROUNDS[self.legs.options.effort]
         status, least, number = Status.CONVERGED, np.inf, 0
         try:
-            while way is not None:
-                complete = self._plan_legs(way)
+            while route is not None:
+                complete = self._plan_legs(route)
                 # Legs without a stop at both ends keep their estimates.
-                length = sum(self.table.time(leg) for leg in _legs(way))
+                length = sum(self.table.time(leg) for leg in _legs(route))
                 if length < least:
-                    least, best = length, way
+                    least, best = length, route
                 number += 1
                 logger.info("round %d: %.4f s", number, length)
                 most = max(rounds, MOST_ROUNDS) if best is None else rounds
                 if complete or number >= most:
                     break
-                way = self._order(way)
+                route = self._order(route)
         except (Stop, KeyboardInterrupt) as stop:
             status = _status(stop)
             if best is None:
@@ -171,7 +171,7 @@ class TourSearch:
 
     # -- order and configurations ------------------------------------------------------
 
-    def _order(self, before: Way | None = None) -> Way | None:
+    def _order(self, before: Route | None = None) -> Route | None:
         """Best order found with known and estimated times; None if none is allowed."""
         table = self.table
         begin = [node - 1 for node, _ in (before or [])[1 : table.stations + 1]]
@@ -180,11 +180,11 @@ class TourSearch:
             return None
         return list(zip(table.way(order), chosen, strict=True))
 
-    def _refine(self, way: Way) -> bool:
+    def _refine(self, route: Route) -> bool:
         """Add better configurations for an order; return whether there are any."""
         nodes, improved = self.table.nodes, False
-        better = refined(self.configurations, self.table, way, self.rng)
-        for (node, _), new in zip(way, better, strict=True):
+        better = refined(self.configurations, self.table, route, self.rng)
+        for (node, _), new in zip(route, better, strict=True):
             if np.min(np.max(np.abs(nodes[node] - new), axis=1)) > APART:
                 nodes[node] = np.concatenate([nodes[node], new[None]])
                 improved = True
@@ -192,13 +192,13 @@ class TourSearch:
 
     # -- legs --------------------------------------------------------------------------
 
-    def _plan_legs(self, way: Way) -> bool:
+    def _plan_legs(self, route: Route) -> bool:
         """Plan the legs of a tour; return whether all times equal their estimates.
 
         If so, no other order is better by these estimates.
         """
         table, off = self.table, 0.0
-        for leg in _legs(way):
+        for leg in _legs(route):
             if table.known_time(leg) is None and table.resting(leg[0], leg[2]) == 2:
                 before, seconds = table.time(leg), self.legs.seconds(leg)
                 table.learn(leg, seconds)
@@ -209,10 +209,10 @@ class TourSearch:
 
     # -- the tour ----------------------------------------------------------------------
 
-    def _assembled(self, way: Way, status: Status) -> Tour:
+    def _assembled(self, route: Route, status: Status) -> Tour:
         """Assemble the tour from the motions of its legs."""
-        legs, table, nodes = self.legs, self.table, [node for node, _ in way]
-        q = [table.nodes[node][c] for node, c in way]
+        legs, table, nodes = self.legs, self.table, [node for node, _ in route]
+        q = [table.nodes[node][c] for node, c in route]
         motions, visits = list[Solution](), list[Visit]()
         kinematics = RobotKinematics(legs.problem.robot)
         # Halts: the time at which the robot comes to rest [s], and the dwells of its
@@ -234,10 +234,10 @@ class TourSearch:
             visits.append(Visit(station.name, there, arrival, arrival + stay))
 
         for first, last in pairwise(_stops(table, nodes)):
-            found = _run(legs, way, q, first, last)
-            if found is None:
+            runs = _run(legs, route, q, first, last)
+            if runs is None:
                 return self._failed()
-            for motion, reached in found:
+            for motion, reached in runs:
                 if motion is None:
                     visit(reached[0], q[reached[0]])  # the arm is there already
                     continue
@@ -248,13 +248,13 @@ class TourSearch:
                         halts.pop()
                     halts.append((begin + part.arrival, []))
                     visit(k, motion.trajectory(part.arrival).q)
-        what = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
+        subject = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
         count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
         return Tour(
             legs.problem,
             legs.stations,
             status,
-            f"{what} over {count} was found, each motion of it verified.",
+            f"{subject} over {count} was found, each motion of it verified.",
             tuple(visit.station for visit in visits),
             tuple(visits),
             tuple(motions),
@@ -275,8 +275,8 @@ class TourSearch:
         return Tour(legs.problem, legs.stations, status, text, legs_planned=planned)
 
 
-def _legs(way: Way) -> list[Leg]:
-    return [(*a, *b) for a, b in pairwise(way)]
+def _legs(route: Route) -> list[Leg]:
+    return [(*a, *b) for a, b in pairwise(route)]
 
 
 def _status(stop: BaseException) -> Status:
@@ -301,7 +301,7 @@ def _stops(table: LegTable, nodes: Sequence[int]) -> list[int]:
 
 def _run(
     legs: Legs,
-    way: Way,
+    route: Route,
     q: Sequence[Array],
     first: int,
     last: int,
@@ -315,12 +315,12 @@ def _run(
     places = list(range(first + 1, last + 1))
     if len(places) > 1:
         stretch = slice(first, last + 1)
-        passing = legs.passing([node for node, _ in way[stretch]], q[stretch])
+        passing = legs.passing([node for node, _ in route[stretch]], q[stretch])
         if passing is not None:
             return [(passing, places)]
     motions: list[tuple[Solution | None, list[int]]] = []
     for place in places:
-        leg = (*way[place - 1], *way[place])
+        leg = (*route[place - 1], *route[place])
         if legs.stays(leg):
             motions.append((None, [place]))
             continue
@@ -468,8 +468,8 @@ def _problem(
     anywhere = q_end is None or isinstance(q_end, str)
     name, end = ("q_start", q_start) if anywhere else ("q_end", q_end)
     try:
-        given = joint_vector(robot, end, name)
-        q, snapped = onto_limits(robot, "position", given, name)
+        position = joint_vector(robot, end, name)
+        q, snapped = onto_limits(robot, "position", position, name)
         for message in snapped:
             warn_caller(message)
         problem = Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)
@@ -490,7 +490,7 @@ def _checked_goals(
     Returns:
         The stations, with goals in the order of the joints of the robot.
     """
-    robot, found, places = problem.robot, list[Station](), dict[object, int]()
+    robot, checked, places = problem.robot, list[Station](), dict[object, int]()
     known, needed = known_names(robot, problem.scene), rules.all_needs
     for k, station in enumerate(stations):
         label = label_of(k + 1, station.name)
@@ -501,15 +501,15 @@ def _checked_goals(
                 loaded = robot.with_payload(station.payload)
                 known |= known_names(loaded, problem.scene)
             goal = problem.with_ends(problem.q_start, goal, f"{label}: ").goal
-        found.append(replace(station, goal=goal))
+        checked.append(replace(station, goal=goal))
         other = places.setdefault(place_of(goal), k)
         if other != k and k not in needed[other] and other not in needed[k]:
             raise ProblemError(
-                f"{label_of(other + 1, found[other].name)} and {label} are in one "
+                f"{label_of(other + 1, checked[other].name)} and {label} are in one "
                 "place; expected one station, or a precedence between the two",
                 "stations",
             )
-    for k, station in enumerate(found):
+    for k, station in enumerate(checked):
         for name in itertools.chain.from_iterable(station.may_touch):
             if name not in known:
                 raise ProblemError(
@@ -518,4 +518,4 @@ def _checked_goals(
                     f"station: one of {brief(', '.join(sorted(known)))}",
                     f"stations[{k}].may_touch",
                 )
-    return tuple(found)
+    return tuple(checked)

@@ -96,29 +96,29 @@ class Visit:
     departure: float
 
 
-def checked_stations(given: object) -> tuple[Station, ...]:
+def checked_stations(stations: object) -> tuple[Station, ...]:
     """Check a caller's stations.
 
     Args:
-        given: Stations, or goals (which are called "station 1", ...), or goals by name.
+        stations: Stations, or goals (called "station 1", ...), or goals by name.
 
     Raises:
         ProblemError: If an item is no station, two stations have the same name, or a
             name in their rules is unknown.
     """
     expected = "a list of Station or of goals, or goals by name"
-    if isinstance(given, Mapping):
-        given = [_named(k, *item) for k, item in enumerate(given.items(), 1)]
-    if isinstance(given, str | Goal | Station) or not isinstance(given, Sequence):
-        raise wrong(given, "stations", expected)
-    if not 0 < len(given) <= MOST_STATIONS:
+    if isinstance(stations, Mapping):
+        stations = [_named(k, *item) for k, item in enumerate(stations.items(), 1)]
+    if isinstance(stations, str | Goal | Station) or not isinstance(stations, Sequence):
+        raise wrong(stations, "stations", expected)
+    if not 0 < len(stations) <= MOST_STATIONS:
         raise ProblemError(
-            f"stations has {len(given)} items, expected {expected}, 1 to "
+            f"stations has {len(stations)} items, expected {expected}, 1 to "
             f"{MOST_STATIONS}",
             "stations",
         )
-    found: list[Station] = []
-    for k, item in enumerate(given, 1):
+    checked: list[Station] = []
+    for k, item in enumerate(stations, 1):
         if isinstance(item, Goal):
             item = _named(k, f"station {k}", item)
         if not isinstance(item, Station):
@@ -126,15 +126,15 @@ def checked_stations(given: object) -> tuple[Station, ...]:
                 f"stations: number {k} is {brief(item)}, expected {expected}",
                 f"stations[{k - 1}]",
             )
-        found.append(item)
-    _check_names(found)
-    return tuple(found)
+        checked.append(item)
+    _check_names(checked)
+    return tuple(checked)
 
 
 def label_of(number: int, name: str) -> str:
     """The label of a station in messages: its number, from 1, and its name."""
-    own = f"station {number}"
-    return own if name == own else f"{own} ({brief(name)})"
+    label = f"station {number}"
+    return label if name == label else f"{label} ({brief(name)})"
 
 
 def _named(number: int, name: Any, item: Any) -> Station:
@@ -204,15 +204,15 @@ class Rules:
         index = {station.name: i for i, station in enumerate(stations)}
         pairs = {(index[a], index[s.name]) for s in stations for a in s.after}
         expected = 'pairs of names of stations, as [("drill", "tap")]'
-        given = checked_pairs(precedence, "precedence", expected)
-        for name in itertools.chain.from_iterable(given):
+        ordered = checked_pairs(precedence, "precedence", expected)
+        for name in itertools.chain.from_iterable(ordered):
             if name not in index:
                 raise ProblemError(
                     f"precedence names {brief(name)}, expected one of the stations "
                     f"{brief(', '.join(index))}",
                     "precedence",
                 )
-        pairs |= {(index[earlier], index[later]) for earlier, later in given}
+        pairs |= {(index[earlier], index[later]) for earlier, later in ordered}
         then = {
             i: frozenset(index[name] for name in station.then)
             for i, station in enumerate(stations)
@@ -234,7 +234,7 @@ class Rules:
 
     @cached_property
     def needs(self) -> tuple[frozenset[int], ...]:
-        """By station, the stations that precede it by a rule of their own."""
+        """By station, the stations that a pair of ``before`` puts before it."""
         return tuple(
             frozenset(i for i, j in self.before if j == station)
             for station in range(self.count)

@@ -173,15 +173,15 @@ class Tour:
         for before, after, stay in pairs:
             end += before.T
             first, until = end - SAME, end + stay + SAME
-            here = [v.station for v in self.visits if first <= v.arrival <= until]
+            visited = [v.station for v in self.visits if first <= v.arrival <= until]
             end += stay
             alone = not before.problem.segments and not after.problem.segments
-            if len(here) == 1 and alone:
-                place = _place(self.problem, last, named[here[0]], before, after)
+            if len(visited) == 1 and alone:
+                place = _place(self.problem, last, named[visited[0]], before, after)
                 if place is not None:
                     share = (before.T + after.T) / self.cycle_time
                     places.append(place.scaled(share))
-            last = named[here[-1]] if here else last
+            last = named[visited[-1]] if visited else last
         return places
 
     def raise_if_failed(self) -> Tour:
@@ -392,8 +392,8 @@ def _place(
     if sensitivities.promise > MOST_PROMISE:
         return None
     places = [r for r in sensitivities if r.kind == "goal" and r.joint is None]
-    own = [r for r in places if r.subject.endswith("of segment 1")]
-    return replace(own[0], subject=station.name) if own else None
+    matching = [r for r in places if r.subject.endswith("of segment 1")]
+    return replace(matching[0], subject=station.name) if matching else None
 
 
 def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
@@ -409,8 +409,8 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
     if home > least:
         axes.barh(len(bars), home, left=before, color=MOTION_COLOR)
         names.append("end")
-    every = 1 + len(names) // MOST_NAMES
-    shown = list(range(0, len(names), every))
+    stride = 1 + len(names) // MOST_NAMES
+    shown = list(range(0, len(names), stride))
     axes.set_yticks(shown, [names[row] for row in shown])
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(False, axis="y")

@@ -73,7 +73,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
     options, start = document.get("options"), document.need("start")
     start.only("q", "state")
     q_start = scenario.positions(start, robot, None)
-    found = {
+    arguments = {
         "robot": robot,
         "q_start": q_start,
         **scenario.read_conditions(document, robot),
@@ -83,15 +83,15 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         tour.only("end", "precedence", "configurations")
         end, count = tour.get("end"), tour.get("configurations")
         if end.value is not None:
-            found["q_end"] = _read_end(end, robot)
-        found["precedence"] = scenario.read_pairs(
+            arguments["q_end"] = _read_end(end, robot)
+        arguments["precedence"] = scenario.read_pairs(
             tour.get("precedence"), "of a station and of one that comes later"
         )
         if count.value is not None:
-            found["configurations"] = count.value
+            arguments["configurations"] = count.value
     items = document.need("stations").items()
-    found["stations"] = [_read_station(item, robot, q_start) for item in items]
-    return found | {
+    arguments["stations"] = [_read_station(item, robot, q_start) for item in items]
+    return arguments | {
         "options": scenario.read_options(options) if options.given else None
     }
 
