@@ -187,10 +187,10 @@ def robustness(
         trials = np.full(samples, np.inf)
         if solution.success:
             rng, motion = np.random.default_rng(seed), solution.trajectory
-            setting = carrier, arm.gains(motion.q, bandwidth), period, largest, rng
-            trials = [_error(problem, motion, *setting) for _ in range(samples)]
+            case = carrier, arm.gains(motion.q, bandwidth), period, largest, rng
+            trials = np.array([_error(problem, motion, *case) for _ in range(samples)])
         T.append(solution.T)
-        kept.append(float(np.mean(np.asarray(trials) <= tolerance)))
+        kept.append(float(np.mean(trials <= tolerance)))
         errors.append(float(np.quantile(trials, REQUIRED, method="higher")))
     return Robustness(
         reserves=shares,
