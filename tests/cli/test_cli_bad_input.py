@@ -51,7 +51,7 @@ BAD = {
     "sensitivities of energy": (
         "plan planar3r --start start --goal 1,1,1 --energy-weight 1e-4 "
         "--sensitivities held.svg",
-        "--sensitivities are those of the least time",
+        "--sensitivities apply to the minimum time",
     ),
     "unknown frame": (
         "plan planar3r --start start --goal-position nose 1 1 0",

@@ -258,7 +258,7 @@ def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
         os.kill(worker._process.pid, signal.SIGKILL)
         assert final.wait(300.0)
         assert not outcomes[-1].ok
-        assert "ended by itself" in outcomes[-1].message
+        assert "ended unexpectedly" in outcomes[-1].message
         final.clear()
         worker.plan(2, NEAR)
         assert final.wait(600.0)

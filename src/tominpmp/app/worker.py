@@ -125,7 +125,7 @@ class Worker:
             process.join()
             if not self._closing and self._last is not None:
                 message = (
-                    "the planning process has ended by itself (code "
+                    "the planning process has ended unexpectedly (code "
                     f"{process.exitcode}); the next change starts another one"
                 )
                 self._on_outcome(Outcome(*self._last, message))

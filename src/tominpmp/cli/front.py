@@ -9,10 +9,10 @@ Options:
 Commands:
   plan    Plan the fastest motion to a goal and write it to a file.
   batch   Plan many scenarios and keep the results in a folder.
-  verify  Judge a motion from a file, whoever planned it.
+  verify  Judge a motion from a file, of any planner.
   replay  Replay a motion in MuJoCo, or find the torque reserve that it needs.
   play    Show a motion from a file in the browser.
-  app     Open a page in the browser where motions are planned while one drags.
+  app     Open a page in the browser that plans motions while goals are dragged.
   tour    Plan a tour over stations, in the order that takes least time.
   info    Show the joints, limits and frames of a robot.
   robots  List the robots known by name.

@@ -66,12 +66,12 @@ class RobotOptions:
         gravity (X Y Z): Gravity (m/s^2) instead of the robot's.
         effort (VALUES): Torque limits (N m or N) instead of the URDF's: one number for
             all joints; or one for each; or JOINT=VALUE,...
-        velocity (VALUES): Velocity limits (rad/s or m/s), likewise.
-        position_lower (VALUES): Lower position limits (rad or m), likewise.
-        position_upper (VALUES): Upper position limits (rad or m), likewise.
-        damping (VALUES): Viscous friction (N m s/rad or N s/m), likewise.
-        armature (VALUES): Rotor inertia at the joint (kg m^2), likewise.
-        friction (VALUES): Dry friction (N m or N), likewise.
+        velocity (VALUES): Velocity limits (rad/s or m/s), in the same form.
+        position_lower (VALUES): Lower position limits (rad or m), in the same form.
+        position_upper (VALUES): Upper position limits (rad or m), in the same form.
+        damping (VALUES): Viscous friction (N m s/rad or N s/m), in the same form.
+        armature (VALUES): Rotor inertia at the joint (kg m^2), in the same form.
+        friction (VALUES): Dry friction (N m or N), in the same form.
         joint_limits (FILE): MoveIt's joint_limits.yaml: limits of velocity, effort and
             position instead of the URDF's, and of acceleration and jerk.
         kinematic: Leave out torques, so that the URDF needs no inertias and no torque
@@ -124,7 +124,7 @@ class ProblemOptions(SceneOptions):
         start (POSITIONS): Joint positions at the start: numbers in joint order; or the
             name of a group state; or JOINT=VALUE,... for all joints or after the name
             of a group state.
-        goal (POSITIONS): Joint positions at the end, likewise; joints that
+        goal (POSITIONS): Joint positions at the end, in the same form; joints that
             JOINT=VALUE,... leaves out end at their start positions.
         wrap (JOINT,...): Joints of the goal, in addition to continuous joints, whose
             positions are angles modulo a whole turn: the nearest equivalent within the

@@ -77,8 +77,8 @@ def _solve(
         problem, chosen = load_problem(problem_args, options)
         if args.sensitivities is not None and chosen.energy_weight > 0.0:
             raise OptionsError(
-                "--sensitivities are those of the least time, but energy has a weight "
-                f"of {chosen.energy_weight:g}; expected one of them alone",
+                "--sensitivities apply to the minimum time, but the energy has a "
+                f"weight of {chosen.energy_weight:g}; expected only one of the two",
                 "sensitivities",
             )
         if args.save_scenario is not None:

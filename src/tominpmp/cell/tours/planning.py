@@ -344,8 +344,8 @@ def _torque_limited(problem: Problem, by_station: Sequence[Array]) -> Array:
     rest = np.zeros_like(rows)
     weight = np.abs(dynamics.inverse(rows, rest, rest))
     inertia = np.diagonal(dynamics.mass(rows), axis1=1, axis2=2)
-    room = np.maximum(half - weight, 0.1 * half)
-    most = np.median(room / np.maximum(inertia, 1e-9), axis=0)
+    spare = np.maximum(half - weight, 0.1 * half)
+    most = np.median(spare / np.maximum(inertia, 1e-9), axis=0)
     return np.where(most > 0.0, most, np.inf)
 
 
