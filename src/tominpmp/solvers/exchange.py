@@ -1,10 +1,10 @@
 """Row exchange: rows between the nodes join the running iteration.
 
 Constraints hold at all times but are rows at chosen instants only. Once the objective
-nearly settles, the motion is checked between these instants, for the first time at a
-loose tolerance, and violated constraints become rows of the next program (exchange
-method of semi-infinite programming, Hettich and Kortanek, 1993). The trust region and
-the penalty weights are kept. An iteration that is about to end is always checked, and
+settles, the motion is checked between these instants, for the first time while it is
+still rough, and violated constraints become rows of the next program (exchange method
+of semi-infinite programming, Hettich and Kortanek, 1993). The trust region and the
+penalty weights are kept. An iteration that is about to end is always checked, and
 continues if rows are missing.
 """
 
@@ -101,7 +101,7 @@ class RowExchange:
             return False
         if status is not None:
             return loop.best is not None or state.violation <= FAR
-        # Without an accepted step a check would find the same rows again.
+        # Without an accepted step a check would find nothing new.
         moved = loop.outcome is not None and loop.outcome.accepted
         if not (moved and state.gains) or state.violation > FAR:
             return False
