@@ -25,14 +25,13 @@ from tominpmp.options import Tolerances
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.base import Transcription
-from tominpmp.transcription.bends import to_be_split
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.layout import SHORTEST, Gridded, split_intervals
+from tominpmp.transcription.layout import SHORTEST
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.stages import with_segments
@@ -69,8 +68,6 @@ class WarmStart(Guess):
         cubics: Polynomials added to the positions of the segments: coefficients of the
             powers 0 to 3 of the share of the duration, shape (4, k, n).
         limits: Lower and upper position limits, shape (n,) each.
-        halved: Whether intervals are halved at once where the controls bend, unless the
-            grid is finer than requested.
     """
 
     trajectory: Trajectory
@@ -80,7 +77,6 @@ class WarmStart(Guess):
     begins: Array
     cubics: Array
     limits: tuple[Array, Array]
-    halved: bool = False
 
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n)."""
@@ -157,11 +153,7 @@ class WarmStart(Guess):
             return _program(transcription, z)
         transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
         z = transcription.interpolated(np.array([T]), self.position)
-        gridded: Gridded = transcription
-        z = transcription.within_limits(z)
-        if self.halved and nodes.size - 1 <= intervals:
-            gridded, z = split_intervals(gridded, z, to_be_split(gridded, z))
-        return _program(gridded, z)
+        return _program(transcription, transcription.within_limits(z))
 
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
