@@ -252,7 +252,7 @@ class Court:
 def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
     """Plan with the library, with default options but for effort, time and starts."""
     import tominpmp as tm
-    from tominpmp.constraints import ClearanceConstraint
+    from tominpmp.constraints.clearance import ClearanceConstraint
     from tominpmp.files.moveit import load_moveit
     from tominpmp.linear_programs.highs import HighsSolver
     from tominpmp.linear_programs.piqp import PiqpSolver

@@ -27,7 +27,7 @@ import numpy as np
 import tominpmp as tm
 from benchmarks.cell_cases import TOOLS
 from benchmarks.random_goals import load_arm, sample_problems
-from tominpmp.goals import FrameGoal
+from tominpmp.goals.frames import FrameGoal
 from tominpmp.initial_guess.inverse_kinematics import find_configurations
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions

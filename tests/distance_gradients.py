@@ -6,7 +6,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.checker import CollisionChecker
-from tominpmp.constraints import ClearanceConstraint
+from tominpmp.constraints.clearance import ClearanceConstraint
 
 
 def gradients(

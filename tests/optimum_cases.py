@@ -23,7 +23,7 @@ from reference_optima import (
 )
 from sample_arms import DOWNWARD, GRAVITY, make_arm, rod, slide
 
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 

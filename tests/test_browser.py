@@ -22,7 +22,7 @@ import pytest
 from matplotlib.image import imread
 
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.goals import PoseGoal, PositionGoal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot

@@ -12,9 +12,11 @@ from distance_gradients import gradients
 from numpy.typing import NDArray
 
 from tominpmp.collision.checker import CollisionChecker
-from tominpmp.constraints import ClearanceConstraint
+from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere

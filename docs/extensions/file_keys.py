@@ -10,10 +10,10 @@ from tables import entries, field_rows, kinds
 import tominpmp as tm
 from tominpmp.cell.tours import tour_file
 from tominpmp.cell.tours.station import Station
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.files import scenario
 from tominpmp.files.records import classes
-from tominpmp.goals import Goal
+from tominpmp.goals.base import Goal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.payload import Payload

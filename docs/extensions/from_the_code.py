@@ -22,10 +22,10 @@ import tominpmp as tm
 from tominpmp import exceptions
 from tominpmp.cli.app import run
 from tominpmp.cli.front import COMMANDS
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.datasheets import datasheets
 from tominpmp.files.records import classes
-from tominpmp.goals import Goal
+from tominpmp.goals.base import Goal
 from tominpmp.scene.motion import Motion
 from tominpmp.scene.obstacles import Obstacle
 

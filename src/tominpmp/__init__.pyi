@@ -10,21 +10,27 @@ from .bounds.result import LowerBound as LowerBound
 from .certificate.certificate import Certificate as Certificate
 from .certificate.minimum_principle import certify as certify
 from .combined_robots import combine_robots as combine_robots
-from .constraints import (
+from .constraints.coupling import JointCoupling as JointCoupling
+from .constraints.held_load import FirmGrasp as FirmGrasp
+from .constraints.orientation import (
     AxisFixed as AxisFixed,
-    FirmGrasp as FirmGrasp,
-    JointCoupling as JointCoupling,
-    KeepAway as KeepAway,
     KeepOrientation as KeepOrientation,
     KeepUpright as KeepUpright,
-    PathConstraint as PathConstraint,
-    StableContact as StableContact,
-    ToolAcceleration as ToolAcceleration,
+)
+from .constraints.path import PathConstraint as PathConstraint
+from .constraints.stable_contact import StableContact as StableContact
+from .constraints.tool_path import (
     ToolArc as ToolArc,
     ToolLine as ToolLine,
     ToolPolyline as ToolPolyline,
-    ToolSpeed as ToolSpeed,
+)
+from .constraints.tool_region import (
+    KeepAway as KeepAway,
     WithinRegion as WithinRegion,
+)
+from .constraints.tool_speed import (
+    ToolAcceleration as ToolAcceleration,
+    ToolSpeed as ToolSpeed,
 )
 from .exceptions import (
     FrameNotFound as FrameNotFound,
@@ -40,16 +46,20 @@ from .exceptions import (
     TominpmpError as TominpmpError,
     TominpmpWarning as TominpmpWarning,
 )
-from .goals import (
-    AllGoals as AllGoals,
-    AnyGoal as AnyGoal,
+from .goals.base import Goal as Goal
+from .goals.frames import (
     AxisGoal as AxisGoal,
-    Goal as Goal,
-    JointGoal as JointGoal,
-    JointRegionGoal as JointRegionGoal,
     PoseGoal as PoseGoal,
     PositionGoal as PositionGoal,
     RegionGoal as RegionGoal,
+)
+from .goals.joints import (
+    JointGoal as JointGoal,
+    JointRegionGoal as JointRegionGoal,
+)
+from .goals.sets import (
+    AllGoals as AllGoals,
+    AnyGoal as AnyGoal,
 )
 from .files.export import load_motion as load_motion
 from .files.export_check import (

@@ -9,7 +9,7 @@ from cli_samples import PLAN, SCENARIO, Planner, Run
 
 import tominpmp as tm
 from tominpmp.cli.problem import constraint
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.files.records import classes
 from tominpmp.files.scenario import load_scenario
 

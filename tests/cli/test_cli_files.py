@@ -21,7 +21,7 @@ from cli_samples import (
 
 from tominpmp.files.export import load_motion
 from tominpmp.files.scenario import load_scenario
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem.problem import Problem

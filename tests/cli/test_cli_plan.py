@@ -19,7 +19,8 @@ from cli_samples import (
 )
 
 from tominpmp.files.export import load_motion
-from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem

@@ -30,7 +30,7 @@ from tominpmp.exceptions import (
     TominpmpWarning,
 )
 from tominpmp.files.export import load_motion
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem

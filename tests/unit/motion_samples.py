@@ -11,7 +11,8 @@ from robot_samples import INERTIAL, joint, link, load
 from robot_samples import robot as description
 
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.goals import Goal, PositionGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import PositionGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot, load_robot

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 import tominpmp as tm
 from tests.sample_arms import Link, make_arm
-from tominpmp.constraints import States
+from tominpmp.constraints.base import States
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.solvers.trust_region_step import first_weight

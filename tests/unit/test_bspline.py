@@ -10,7 +10,7 @@ from scipy.interpolate import BSpline
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.constraints import Partials
+from tominpmp.constraints.base import Partials
 from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.transcription.bspline import BSplineTranscription

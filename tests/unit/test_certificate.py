@@ -26,10 +26,14 @@ from tominpmp.certificate.motion import (
     Perturbations,
     certificate_grid,
 )
-from tominpmp.constraints import KeepUpright, Partials, States, ToolSpeed
+from tominpmp.constraints.base import Partials, States
+from tominpmp.constraints.orientation import KeepUpright
+from tominpmp.constraints.tool_speed import ToolSpeed
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import AnyGoal, JointGoal, PositionGoal
+from tominpmp.goals.frames import PositionGoal
+from tominpmp.goals.joints import JointGoal
+from tominpmp.goals.sets import AnyGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options

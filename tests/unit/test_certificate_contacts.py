@@ -9,7 +9,7 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.limits import LimitRows, limits_of
 from tominpmp.certificate.motion import Motion
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import load_robot

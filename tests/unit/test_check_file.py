@@ -11,7 +11,7 @@ from motion_samples import END, START, quintic
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.files.export import export, load_motion
 from tominpmp.files.export_check import check_file
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.options import Tolerances
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot, load_robot

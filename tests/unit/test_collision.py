@@ -27,7 +27,7 @@ from scipy.spatial import ConvexHull
 from tominpmp.collision import narrow, shapes
 from tominpmp.collision.bodies import obstacle_shape
 from tominpmp.collision.checker import CollisionChecker, Contact
-from tominpmp.constraints import ClearanceConstraint
+from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.exceptions import SceneError
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere

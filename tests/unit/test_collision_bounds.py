@@ -13,7 +13,7 @@ from tominpmp.collision.broad import BALLS, Enclosure
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.placements import Placements
 from tominpmp.collision.shapes import Outline
-from tominpmp.constraints import ClearanceConstraint
+from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.motion import ConstantVelocity
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere

@@ -12,7 +12,7 @@ from robot_samples import INERTIAL, joint, link, load, robot
 
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Sphere

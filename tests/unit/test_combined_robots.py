@@ -14,7 +14,9 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.combined_robots import combine_robots
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import AllGoals, JointGoal, JointRegionGoal, PositionGoal
+from tominpmp.goals.frames import PositionGoal
+from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.sets import AllGoals
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem

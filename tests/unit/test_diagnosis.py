@@ -10,7 +10,8 @@ from optimum_cases import ROD
 from sample_arms import DOWNWARD, make_arm
 
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.goals import JointGoal, PositionGoal
+from tominpmp.goals.frames import PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment

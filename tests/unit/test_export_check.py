@@ -15,7 +15,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, TominpmpWarning
 from tominpmp.files.export import export, load_motion
 from tominpmp.files.export_check import check_export
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem

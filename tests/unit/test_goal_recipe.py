@@ -9,7 +9,8 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.arrays import Array, Record
-from tominpmp.goals import Goal, Label, Place
+from tominpmp.goals.base import Goal
+from tominpmp.goals.place import Label, Place
 from tominpmp.kinematics import RobotKinematics
 
 Q_START = np.array([0.3, 0.5, -0.4])

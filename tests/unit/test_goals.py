@@ -10,7 +10,9 @@ import pinocchio as pin
 import pytest
 
 from tominpmp.exceptions import FrameNotFound, ProblemError
-from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot.robot import Robot
 

@@ -16,17 +16,10 @@ from tominpmp.exceptions import (
     ProblemError,
     TominpmpWarning,
 )
-from tominpmp.goals import (
-    AllGoals,
-    AnyGoal,
-    AxisGoal,
-    Goal,
-    JointGoal,
-    JointRegionGoal,
-    PoseGoal,
-    PositionGoal,
-    RegionGoal,
-)
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import AxisGoal, PoseGoal, PositionGoal, RegionGoal
+from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.sets import AllGoals, AnyGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan

@@ -18,7 +18,7 @@ from tominpmp.cli.options import ProblemArguments, ProblemOptions, RobotOptions
 from tominpmp.cli.problem import load_changed_robot, load_problem
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
 from tominpmp.files.scenario import load_scenario, save_scenario
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import load_robot
 

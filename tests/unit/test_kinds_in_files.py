@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import tominpmp as tm
-from tominpmp.constraints import PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.files.records import classes
 from tominpmp.scene.obstacles import Obstacle
 

@@ -11,7 +11,7 @@ from constraint_samples import check_terms_against_differences
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tominpmp.constraints import States
+from tominpmp.constraints.base import States
 from tominpmp.exceptions import ProblemError
 
 G = 9.81

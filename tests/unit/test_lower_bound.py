@@ -18,17 +18,10 @@ from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
 from tominpmp.collision.placements import Placements
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import (
-    AllGoals,
-    AnyGoal,
-    AxisGoal,
-    Goal,
-    JointGoal,
-    JointRegionGoal,
-    PoseGoal,
-    PositionGoal,
-    RegionGoal,
-)
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import AxisGoal, PoseGoal, PositionGoal, RegionGoal
+from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.sets import AllGoals, AnyGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits

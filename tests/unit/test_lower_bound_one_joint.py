@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp, trapezoid
 from scipy.optimize import brentq, linprog
 
 from tominpmp.bounds.lower_bound import lower_bound
-from tominpmp.goals import JointGoal, JointRegionGoal
+from tominpmp.goals.joints import JointGoal, JointRegionGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem

@@ -15,7 +15,7 @@ import pytest
 
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
 from tominpmp.files.moveit import load_moveit
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot, load_robot
 

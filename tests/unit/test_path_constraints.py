@@ -12,7 +12,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import Link, make_arm
-from tominpmp.constraints import States
+from tominpmp.constraints.base import States
 from tominpmp.exceptions import FrameNotFound, ProblemError, ScenarioError
 
 # The search for the best motion is looked at elsewhere.

@@ -13,7 +13,7 @@ from robot_samples import chain, load, placement, write_tetrahedron
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import FrameNotFound, ProblemError
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot, load_robot

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem

@@ -41,7 +41,8 @@ from tominpmp.exceptions import (
     SceneError,
     TominpmpWarning,
 )
-from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import load_robot

@@ -33,7 +33,8 @@ from tominpmp.exceptions import (
     ProblemError,
     ScenarioError,
 )
-from tominpmp.goals import JointGoal, PoseGoal
+from tominpmp.goals.frames import PoseGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.status import IterationRecord

@@ -19,7 +19,8 @@ from tominpmp.exceptions import (
     TominpmpError,
     TominpmpWarning,
 )
-from tominpmp.goals import JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import SNAP

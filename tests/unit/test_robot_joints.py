@@ -28,7 +28,7 @@ from tominpmp.exceptions import (
     RobotLoadError,
     TominpmpWarning,
 )
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import load_robot
 

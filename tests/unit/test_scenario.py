@@ -19,7 +19,9 @@ from tominpmp.exceptions import ScenarioError
 from tominpmp.files.records import classes
 from tominpmp.files.scenario import load_scenario, save_scenario, tomllib
 from tominpmp.files.writing import toml_text
-from tominpmp.goals import Goal, JointGoal, PoseGoal, PositionGoal
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem

@@ -22,16 +22,9 @@ from scenario_samples import (
 
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.files.moveit import load_moveit, load_moveit_scene
-from tominpmp.goals import (
-    AllGoals,
-    AnyGoal,
-    AxisGoal,
-    JointGoal,
-    JointRegionGoal,
-    PoseGoal,
-    PositionGoal,
-    RegionGoal,
-)
+from tominpmp.goals.frames import AxisGoal, PoseGoal, PositionGoal, RegionGoal
+from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.sets import AllGoals, AnyGoal
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Cylinder, Sphere

@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.cli.problem import constraint
-from tominpmp.constraints import States
+from tominpmp.constraints.base import States
 from tominpmp.exceptions import ProblemError
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.inverse import InverseTranscription

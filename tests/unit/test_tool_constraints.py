@@ -11,7 +11,7 @@ from constraint_samples import check_terms_against_differences
 
 import tominpmp as tm
 from tominpmp.cli.problem import constraint
-from tominpmp.constraints import States
+from tominpmp.constraints.base import States
 from tominpmp.exceptions import JointNotFound, ProblemError
 
 HALF = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))

@@ -9,7 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import Link, make_arm, rod, slide
-from tominpmp.constraints import States
+from tominpmp.constraints.base import States
 
 # The search for the best motion is looked at elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)

@@ -13,7 +13,7 @@ from tominpmp.cell.tours.lower_bound import _one_tree
 from tominpmp.cell.tours.orders import Order, exact_order, search_order
 from tominpmp.cell.tours.station import Rules, Station, checked_stations
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import JointGoal
+from tominpmp.goals.joints import JointGoal
 
 LIMITS = JointTimes(np.array([2.0, 3.0]), np.array([5.0, 4.0]), np.full(2, np.inf))
 ANY = JointGoal([0.0])

@@ -12,7 +12,9 @@ from two_link_cases import RODS
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals import AnyGoal, JointGoal, JointRegionGoal, PositionGoal
+from tominpmp.goals.frames import PositionGoal
+from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.sets import AnyGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits

@@ -10,15 +10,10 @@ import pytest
 from robot_samples import placement
 
 from tominpmp.exceptions import FrameNotFound, ProblemError
-from tominpmp.goals import (
-    AllGoals,
-    AnyGoal,
-    Goal,
-    JointGoal,
-    JointRegionGoal,
-    PoseGoal,
-    PositionGoal,
-)
+from tominpmp.goals.base import Goal
+from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal, JointRegionGoal
+from tominpmp.goals.sets import AllGoals, AnyGoal
 from tominpmp.options import Options, Tolerances
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem

@@ -5,31 +5,6 @@ and have to end within bounds, which are zero unless the goal has a tolerance. A
 ends at rest unless a final velocity is given.
 """
 
-from tominpmp.goals.base import Goal
-from tominpmp.goals.frames import (
-    AxisGoal,
-    FrameGoal,
-    PoseGoal,
-    PositionGoal,
-    RegionGoal,
-)
-from tominpmp.goals.joints import JointGoal, JointRegionGoal
-from tominpmp.goals.place import Label, Place, Scales
-from tominpmp.goals.sets import AllGoals, AnyGoal, passed
+import lazy_loader
 
-__all__ = [
-    "AllGoals",
-    "AnyGoal",
-    "AxisGoal",
-    "FrameGoal",
-    "Goal",
-    "JointGoal",
-    "JointRegionGoal",
-    "Label",
-    "Place",
-    "PoseGoal",
-    "PositionGoal",
-    "RegionGoal",
-    "Scales",
-    "passed",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

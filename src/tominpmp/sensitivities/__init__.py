@@ -1,8 +1,5 @@
 """Sensitivities of the duration of a motion to the limits of its problem."""
 
-from __future__ import annotations
+import lazy_loader
 
-from tominpmp.sensitivities.analysis import analyse
-from tominpmp.sensitivities.records import Sensitivities, Sensitivity
-
-__all__ = ["Sensitivities", "Sensitivity", "analyse"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
