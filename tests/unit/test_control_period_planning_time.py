@@ -19,11 +19,12 @@ from scipy.interpolate import BSpline
 import tominpmp as tm
 from tominpmp.planner import candidate as attempts
 from tominpmp.planner import control_period as clock
-from tominpmp.planner.control_period import ReachesTicks, layout_on_clock
+from tominpmp.planner.control_period import ReachesTicks
 from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.curve import KnotVector, SplineMotion
 from tominpmp.transcription.grid import ticks_of
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
 from tominpmp.verification.limit_violations import LimitViolation
@@ -66,7 +67,7 @@ def not_right(verification):
 def clocked_program(problem, motion, period):
     system = ProblemFunctions.of(problem).without_self_collision
     count = ticks_of(motion.duration, period) + 1
-    layout = layout_on_clock(motion, spans_of(motion, ()), period, [count], 0)
+    layout = Layout.on_clock(motion, spans_of(motion, ()), period, [count], 0)
     of, z = layout.represented(system, motion)
     program = NonlinearProgram.of(of).at(z)
     return replace(program, least_duration=float(layout.eta[0])), z

@@ -23,7 +23,6 @@ from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify
 from tominpmp.certificate.stays import stays_where_it_moves, with_stays
 from tominpmp.exceptions import OptionsError
-from tominpmp.motion.samples import multiples
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS, Options
 from tominpmp.planner.automatic_options import minimum_time, warm_start_options
@@ -40,8 +39,8 @@ from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
-from tominpmp.transcription.grid import at_ticks, knots_near, ticks_of, whole_periods
-from tominpmp.transcription.layout import QUADRATIC, Layout
+from tominpmp.transcription.grid import ticks_of, whole_periods
+from tominpmp.transcription.layout import Layout, on_ticks
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
 from tominpmp.verification.verification import Verification
@@ -70,8 +69,6 @@ MOVING = 0.1
 EXACT = 0.1 * TRACE
 # Intervals are halved if a motion needs more periods than the trial has by this share.
 MANY_MORE = 0.01
-# Most intervals, if a trial does not show how many periods are needed.
-MOST_INTERVALS = 400
 # A motion on the clock is certified again if it is slower than rounding to the clock
 # explains by more than this share of the tolerance.
 TESTED_AGAIN = 0.5
@@ -332,7 +329,7 @@ class Trial:
     def layout(self) -> Layout:
         """Layout with the knots of the trial: ticks near the nodes of the motion."""
         grid = self.motion, self.spans, self.period, self.periods
-        return layout_on_clock(*grid, self.halvings)
+        return Layout.on_clock(*grid, self.halvings)
 
     @property
     def count(self) -> int:
@@ -450,42 +447,6 @@ class Trial:
         ends = np.rint(np.cumsum(self.periods) * (count / self.count))
         longer = np.maximum(np.diff(ends, prepend=0.0), self.periods)
         return self.within_windows(longer.astype(np.int64).tolist())
-
-
-def layout_on_clock(
-    motion: Trajectory,
-    spans: Sequence[Span],
-    period: float,
-    periods: Sequence[int],
-    halvings: int,
-) -> Layout:
-    """Layout of a motion with its nodes moved to ticks of a clock, without dwells.
-
-    Args:
-        motion: The motion.
-        spans: When its segments begin, meet their goals, and end.
-        period: The period [s].
-        periods: Number of periods of each segment.
-        halvings: How often its intervals are halved, up to :data:`MOST_INTERVALS` in
-            each segment.
-    """
-    knots, ends = np.zeros(1, dtype=np.int64), []
-    for (begin, arrival, _), count in zip(spans, periods, strict=True):
-        nodes = motion.t[(motion.t >= begin) & (motion.t <= arrival)]
-        intervals = nodes.size - 1
-        finer = min(2**halvings * intervals, max(intervals, MOST_INTERVALS))
-        knots = np.append(knots, knots[-1] + knots_near(nodes, count, finer)[1:])
-        ends.append(knots.size - 1)
-    degree = QUADRATIC if motion.inverse_dynamics is None else motion.degree
-    shares = np.diff(knots)[:, None] / knots[-1]
-    return Layout(degree, shares, multiples(knots[-1:], period), tuple(ends))
-
-
-def on_ticks(motion: Trajectory, period: float) -> Trajectory:
-    """A motion with its nodes rounded to ticks, exact to the last bit."""
-    ends = motion.segment_ends
-    ends = None if ends is None else at_ticks(ends, period)
-    return replace(motion, t=at_ticks(motion.t, period), segment_ends=ends)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ from tominpmp.arrays import Array
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.control_period import on_ticks
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, REPAIRS, Work, make_and_repair
 from tominpmp.solution import Solution
@@ -37,7 +36,7 @@ from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.transcription.bspline import DEGREES
-from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout
+from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout, on_ticks
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 

@@ -10,7 +10,6 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.motion.measures import roughness, way_of
-from tominpmp.planner.control_period import layout_on_clock
 from tominpmp.planner.energy import reoptimised, run_stage
 from tominpmp.problem.segments import spans_of
 from tominpmp.solution import Solution
@@ -86,7 +85,7 @@ def _quietest(solution: Solution, slack: float) -> Solution | str:
     def layout(halvings: int) -> Layout:
         if period is not None:
             whole, counts = spans_of(former, ()), [ticks_of(T, period)]
-            return layout_on_clock(former, whole, period, counts, halvings)
+            return Layout.on_clock(former, whole, period, counts, halvings)
         grid = Layout.of_motion(former) or Layout.of_torques(former)
         return grid.with_intervals(2**halvings * len(grid.shares))
 

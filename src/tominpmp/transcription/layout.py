@@ -15,12 +15,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.motion.samples import multiples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque
 from tominpmp.transcription.curve import nodes_of
+from tominpmp.transcription.grid import at_ticks, knots_near
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -29,6 +31,8 @@ Gridded = BSplineTranscription | CollocationTranscription
 LIFTED, QUADRATIC = 0, 2
 # Intervals shorter than this share of the mean are no grid.
 SHORTEST = 1e-3
+# Most intervals of a segment after halving on a clock, unless its motion has more.
+MOST_INTERVALS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +102,36 @@ class Layout:
         lengths = np.diff(motion.t[np.concatenate([[True], apart, [True]])])
         T = motion.duration
         return cls(LIFTED, lengths[:, None] / T, np.array([T]), (lengths.size,))
+
+    @classmethod
+    def on_clock(
+        cls,
+        motion: Trajectory,
+        spans: Sequence[Span],
+        period: float,
+        periods: Sequence[int],
+        halvings: int,
+    ) -> Layout:
+        """Layout of a motion with its nodes moved to ticks of a clock, without dwells.
+
+        Args:
+            motion: The motion.
+            spans: When its segments begin, meet their goals, and end.
+            period: The period [s].
+            periods: Number of periods of each segment.
+            halvings: How often its intervals are halved, up to :data:`MOST_INTERVALS`
+                in each segment.
+        """
+        knots, ends = np.zeros(1, dtype=np.int64), []
+        for (begin, arrival, _), count in zip(spans, periods, strict=True):
+            nodes = motion.t[(motion.t >= begin) & (motion.t <= arrival)]
+            intervals = nodes.size - 1
+            finer = min(2**halvings * intervals, max(intervals, MOST_INTERVALS))
+            knots = np.append(knots, knots[-1] + knots_near(nodes, count, finer)[1:])
+            ends.append(knots.size - 1)
+        degree = QUADRATIC if motion.inverse_dynamics is None else motion.degree
+        shares = np.diff(knots)[:, None] / knots[-1]
+        return cls(degree, shares, multiples(knots[-1:], period), tuple(ends))
 
     def halved(self, split: BoolArray) -> Layout:
         """The layout with some of its intervals halved.
@@ -207,3 +241,10 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
     inside = of.trajectory(z)(0.5 * (t[halved] + t[halved + 1]))
     states[first[halved] + 1] = np.hstack([inside.q, inside.v])
     return finer, finer.pack(states, np.repeat(u, parts, axis=0), layout.eta)
+
+
+def on_ticks(motion: Trajectory, period: float) -> Trajectory:
+    """A motion with its nodes rounded to ticks, exact to the last bit."""
+    ends = motion.segment_ends
+    ends = None if ends is None else at_ticks(ends, period)
+    return replace(motion, t=at_ticks(motion.t, period), segment_ends=ends)

@@ -61,7 +61,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         path: TOML file; paths in it are relative to its folder.
 
     Returns:
-        The arguments of :func:`~tominpmp.cell.tours.plan_tour` by name.
+        The arguments of :func:`~tominpmp.plan_tour` by name.
 
     Raises:
         ScenarioError: If the file or its content is wrong, with the key.
@@ -97,7 +97,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
 
 
 def _read_end(end: Field, robot: Robot) -> Any:
-    """The end of a tour, as ``q_end`` of :func:`~tominpmp.cell.tours.plan_tour`."""
+    """The end of a tour, as ``q_end`` of :func:`~tominpmp.plan_tour`."""
     if not isinstance(end.value, str):
         return scenario.vector(end, robot)
     if end.value not in ("start", "last"):
