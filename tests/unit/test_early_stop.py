@@ -9,11 +9,11 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess, initial_guesses
-from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import descent_work
 from tominpmp.planner.first_program import first_program
-from tominpmp.planner.plan_state import KeptIterate, PlanState
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import _slowed_down, make_and_repair, use_fallback
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import Deadline, Stop
