@@ -348,7 +348,7 @@ def test_programs_tell_the_same_whatever_they_were_asked_before(
     # Nor does it matter what was made of it: a program of another motion is another.
     blocks, transcription = used.blocks, used.transcription
     NonlinearProgram.of(began).at(others[0])
-    used.at(others[0]).near(others[1]).evaluate(z)
+    used.at(others[0]).centred_at(others[1]).evaluate(z)
     assert used.blocks is blocks and used.transcription is transcription
     identical(asked(used, z), fresh)
     # The Jacobian may be asked for first, of values that are known.
@@ -363,7 +363,7 @@ def test_programs_tell_the_same_whatever_they_were_asked_before(
 def test_integrations_that_begin_near_by_differ_by_rounding(name: str) -> None:
     program, z, _ = build("adjoint", name)
     other = z + 1e-3 * np.random.default_rng(11).normal(size=z.size)
-    found, expected = program.near(other).evaluate(z), program.evaluate(z)
+    found, expected = program.centred_at(other).evaluate(z), program.evaluate(z)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=NEWTON)
 
 

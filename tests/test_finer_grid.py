@@ -15,7 +15,7 @@ from tominpmp.planner import candidate
 from tominpmp.planner.finer_grid import (
     STANDARD_BUDGET,
     RoundStop,
-    to_be_split,
+    intervals_to_halve,
 )
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
@@ -157,7 +157,7 @@ def test_rides_at_a_speed_limit_are_left_as_they_are():
     system = ProblemFunctions.of(problem)
     layout = Layout.of_motion(solution.trajectory)
     of, z = layout.represented(system, solution.trajectory)
-    split, speed = to_be_split(of, z), solution.trajectory.v[:, 0]
+    split, speed = intervals_to_halve(of, z), solution.trajectory.v[:, 0]
     rides = (speed[1:] > 0.4999) & (speed[:-1] > 0.4999)
     assert rides.any()
     assert not split[rides].any()
@@ -200,7 +200,7 @@ def test_intervals_are_halved_where_constant_accelerations_leave_torque():
     motion, problem = solution.trajectory, solution.problem
     system = ProblemFunctions.of(problem)
     of, z = Layout.of_motion(motion).represented(system, motion)
-    split, h = to_be_split(of, z), np.diff(motion.t)
+    split, h = intervals_to_halve(of, z), np.diff(motion.t)
     # Torques where intervals begin and end, by the dynamics of the robot alone.
     ends = (slice(0, -1), slice(1, None))
     limit = problem.robot.limits.effort_upper

@@ -254,10 +254,10 @@ def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
     y = program.pack()
     first = program.shoot(y)
     assert first is not None
-    program.watch(program.look(first.motion, 2.0))
+    program.watch(program.nearby(first.motion, 2.0))
     shot, step = program.shoot(y), 1e-6
     assert shot is not None
-    assert shot.room.size > 10
+    assert shot.margin.size > 10
     for column in range(program.size):
         ends = []
         for sign in (1, -1):
@@ -265,9 +265,9 @@ def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
             z[column] += sign * step
             other = program.shoot(z)
             assert other is not None
-            ends.append(np.concatenate([other.equal, other.room]))
+            ends.append(np.concatenate([other.equal, other.margin]))
         slope = (ends[0] - ends[1]) / (2.0 * step)
-        found = np.concatenate([shot.by_equal, shot.by_room])[:, column]
+        found = np.concatenate([shot.by_equal, shot.by_margin])[:, column]
         np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-6)
 
 
@@ -285,13 +285,13 @@ def test_switching_functions_heed_clearances_and_goal_regions(
     y = program.pack()
     first = program.shoot(y)
     assert first is not None
-    program.watch(program.look(first.motion, 2.0))
+    program.watch(program.nearby(first.motion, 2.0))
     shot = program.shoot(y)
     assert shot is not None
-    assert shot.room.size > program.watched.kind.size > 10
+    assert shot.margin.size > program.watched.kind.size > 10
     assert CLEARANCE in program.watched.kind
-    weights = rng.normal(size=shot.equal.size + shot.room.size)
-    by_unknowns = weights @ np.concatenate([shot.by_equal, shot.by_room])
+    weights = rng.normal(size=shot.equal.size + shot.margin.size)
+    by_unknowns = weights @ np.concatenate([shot.by_equal, shot.by_margin])
     slopes = torque_slopes(program, shot, weights) / program.duration
     by_arcs = np.add.reduceat(slopes, [0, 4, 9])
     np.testing.assert_allclose(by_arcs.ravel(), by_unknowns[3:], rtol=1e-9, atol=1e-9)

@@ -100,7 +100,7 @@ def test_another_torque_takes_over_before_an_arc_or_behind_it() -> None:
     held = np.array([[1, 0]])
     arcs = Arcs(np.array([2.0]), np.array([[0.0, 1.0]]), held == 2, held)
     for new in (0, 1):
-        found = arcs.lean(0, 0, -1.0, 1, last=new == 1)
+        found = arcs.hold_by(0, 0, -1.0, 1, last=new == 1)
         assert found.lengths[new] == 0.0
         assert found.lengths[1 - new] == 2.0
         np.testing.assert_array_equal(found.held, [[1, 0], [1, 0]])

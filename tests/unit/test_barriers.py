@@ -98,12 +98,12 @@ def test_goals_on_a_frame_bar_nothing(arm: tm.Robot) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "planar3r", "ur5"])
-def test_lone_joints_alone_decide_distances(name: str) -> None:
+def test_single_joints_alone_decide_distances(name: str) -> None:
     """Another joint never changes them, and this one does."""
     robot = tm.load_robot(name)
     scene = tm.Scene([tm.Box("box", size=[0.2, 0.3, 0.4], position=[0.6, 0.7, 0.3])])
     checker = CollisionChecker(robot, scene, self_collision=True)
-    lone = checker.lone_joints
+    lone = checker.single_joints
     rng = np.random.default_rng(7)
     low = np.maximum(robot.limits.position_lower, -np.pi)
     high = np.minimum(robot.limits.position_upper, np.pi)

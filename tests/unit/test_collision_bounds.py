@@ -188,7 +188,7 @@ def test_distances_along_a_fine_motion(panda: Robot, rng: np.random.Generator) -
         check(found, exact, cutoff)
         assert np.any(exact < cutoff)
     broad, placed = checker.broad, checker._place(panda.expand(q), times)
-    least = broad._along(placed, broad._centres(placed))
+    least = broad._grouped(placed, broad._centres(placed))
     assert least is not None
     assert np.all(least <= np.min(broad.by_balls(placed), axis=0))
     assert np.mean(least > cutoff) > 0.5
@@ -345,10 +345,10 @@ def test_pairs_come_no_closer_within_a_box_than_their_bound(
     checker = CollisionChecker(panda, Scene(obstacles), self_collision=True)
     q, swing = configurations(panda, 6, rng), rng.uniform(0.0, 0.2, (6, panda.n))
     begin, end = np.full(6, 0.2), np.full(6, 0.3)
-    bound = checker.closing(q, swing, begin, end)
+    bound = checker.decrease(q, swing, begin, end)
     some = np.array([len(checker.pairs) - 1, 0, 7])
     np.testing.assert_allclose(
-        checker.closing(q, swing, begin, end, some), bound[:, some], rtol=1e-13
+        checker.decrease(q, swing, begin, end, some), bound[:, some], rtol=1e-13
     )
     middle = checker.distances(q, times=np.full(6, 0.25))
     for _ in range(20):

@@ -11,7 +11,7 @@ from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.options import Options
 from tominpmp.planner.first_program import first_program
 from tominpmp.transcription.blocks import SampledRows
-from tominpmp.transcription.exchange import ROOM, excess_at, exchanged, jumping
+from tominpmp.transcription.exchange import ROOM, excess_at, exchanged, violated_jumps
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -95,7 +95,7 @@ def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
     program, z = whipping(control, pace)
     of, block = program.transcription, torques(program)
     motion, tolerance = of.motion(z), 1e-3
-    found = jumping(block.constraint, of, motion, tolerance, None)
+    found = violated_jumps(block.constraint, of, motion, tolerance, None)
     worst = {}
     for shares in of.inspected:
         at = Instants.spread(of.intervals, shares)

@@ -234,7 +234,7 @@ def test_the_one_wrong_argument_is_named(
         ),
         (
             lambda _: tm.ToolSpeed("tip", 1.0).excess_at_rest(np.zeros(3)),
-            "the constraint is on no robot, expected one that",
+            "the constraint has no robot, expected the result of",
         ),
         (
             lambda r: (

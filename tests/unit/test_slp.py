@@ -43,7 +43,7 @@ class Program:
         self.size = self.low.size
         self.cost = np.eye(self.size)[-1]
 
-    def evaluate(self, z, room=np.inf):
+    def evaluate(self, z, attention=np.inf):
         return np.array(self.function(z))
 
     def linearize(self, z, values, steps):
@@ -61,7 +61,7 @@ class Program:
     def attention(self, steps):
         return np.inf
 
-    def near(self, z):
+    def centred_at(self, z):
         return self
 
     def variation(self, z):

@@ -113,7 +113,7 @@ def test_the_command_line_knows_them():
         (lambda: tm.JointCoupling(("a", "b"), (1.0,), 1.0), "weights"),
         (lambda: tm.JointCoupling(("a",), (1.0,), 1.0, 2.0), "lower is 2 and upper 1"),
         (lambda: tm.JointCoupling(("a",), (1.0,), math.nan), "lower is"),
-        (lambda: tm.JointCoupling(("a",), (1.0,), math.inf), "nothing is asked for"),
+        (lambda: tm.JointCoupling(("a",), (1.0,), math.inf), "both are infinite"),
     ],
 )
 def test_wrong_values_are_named(make, words):

@@ -208,7 +208,7 @@ def limits_of(motion: Motion, near: bool = True) -> LimitRows:
 
 def limits_of_joints(part: Motion) -> list[JointLimit | MotorLimit]:
     """Limits of the joints on a segment of a motion."""
-    system = replace(part.system, watched=None)  # distances take time
+    system = replace(part.system, clearance_rows=None)  # distances take time
     every = system.constraints
     return [item for item in every if isinstance(item, JointLimit | MotorLimit)]
 
@@ -442,7 +442,7 @@ def _along_the_way(part: Motion, item: PathConstraint, index: int) -> LimitRows:
     found = SampledConstraint.of(part, item, part.instants(*shares.tolist()))
     excess = found.excess
     if item.window is not None:
-        asked = item.window.asked(found.states.t)
+        asked = item.window.contains(found.states.t)
         excess = np.where(asked[:, None], excess, -np.inf)
     peaks = local_maxima(excess)
     chosen = peaks | np.isin(found.at.share, (0.0, *REGULAR))[:, None]

@@ -1,9 +1,9 @@
 """Distances between a robot, its surroundings and itself.
 
-Distances are signed: negative in penetration, where the value is the depth. Links are
-taken as convex pieces, which makes a query about a hundred times faster than with the
-triangles of their meshes. Pairs that are surely far apart are found by bounds, without
-a query.
+Distances are signed: in penetration they are negative, with the depth as magnitude.
+Links are represented by convex pieces, which makes a query about a hundred times faster
+than with the triangles of their meshes. The broad phase excludes pairs that are
+certainly far apart by bounds; the narrow phase queries the other pairs.
 """
 
 import lazy_loader

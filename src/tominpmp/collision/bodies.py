@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from tominpmp.robot.robot import Robot
     from tominpmp.scene.scene import Scene
 
-# Representation of meshes: convex pieces, one hull each, or triangles.
+# Representation of meshes: convex pieces, a single convex hull, or triangles.
 Geometry = Literal["convex", "hull", "mesh"]
-# The representation by the option of an obstacle.
+# Representation for each value of the option ``convex`` of an obstacle.
 MESHES: dict[str, Geometry] = {"auto": "convex", "hull": "hull", "none": "mesh"}
 
 
 def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:
-    """Shapes of one of the geometries of a robot."""
+    """Bodies of one of the collision geometries of a robot."""
     item = robot.collision_model.geometryObjects[part]
     name, joint = part_link(robot, part), int(item.parentJoint)
     shapes = _pieces(item.geometry, geometry, name)
@@ -43,12 +43,13 @@ def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:
 
 
 def part_link(robot: Robot, part: int) -> str:
-    """Name of the link that one of the geometries of a robot belongs to."""
+    """Name of the link to which one of the collision geometries of a robot belongs."""
     item = robot.collision_model.geometryObjects[part]
     return str(robot.model.frames[item.parentFrame].name)
 
 
 def _pieces(shape: Any, geometry: Geometry, name: str) -> list[Any]:
+    """Shapes that represent a shape; meshes as the geometry requires."""
     if geometry == "mesh" or not is_mesh(shape):
         return [shape]
     pieces = pieces_of(shape, name) if geometry == "convex" else None
@@ -57,14 +58,14 @@ def _pieces(shape: Any, geometry: Geometry, name: str) -> list[Any]:
     return list(_hulls(pieces))
 
 
-# All checkers of a robot have the same pieces, and a hull takes milliseconds.
+# All checkers of a robot share the same pieces, and building a hull takes milliseconds.
 @lru_cache(maxsize=256)
 def _hulls(pieces: Pieces) -> tuple[Any, ...]:
     return tuple(hull_of(corners) for corners in pieces.corners)
 
 
 def scene_bodies(scene: Scene, first: int) -> list[Body]:
-    """Shapes of the obstacles; moving obstacles are joints from ``first`` on."""
+    """Bodies of the obstacles; moving obstacles are joints from ``first`` on."""
     bodies = []
     for obstacle in scene:
         place = pin.SE3(np.array(obstacle.rotation), np.array(obstacle.position))
@@ -78,10 +79,10 @@ def scene_bodies(scene: Scene, first: int) -> list[Body]:
 
 
 def _obstacle_parts(obstacle: Obstacle) -> list[tuple[Array, Any]]:
-    """Shapes that make up an obstacle, each with its position on it [m].
+    """Shapes of which an obstacle consists, each with its position on it [m].
 
-    Coal measures no distance to its own height fields, and no depth in its octrees:
-    their convex cells have both.
+    Coal computes no distances to its own height fields, and no depths in its octrees;
+    the convex cells of both give distances and depths.
     """
     origin = np.zeros(3)
     if isinstance(obstacle, HeightField):
@@ -93,8 +94,8 @@ def _obstacle_parts(obstacle: Obstacle) -> list[tuple[Array, Any]]:
         ]
     shape = obstacle_shape(obstacle)
     if isinstance(obstacle, Mesh):
-        taken_as = MESHES[obstacle.convex]
-        return [(origin, piece) for piece in _pieces(shape, taken_as, obstacle.name)]
+        geometry = MESHES[obstacle.convex]
+        return [(origin, piece) for piece in _pieces(shape, geometry, obstacle.name)]
     return [(origin, shape)]
 
 
@@ -102,7 +103,7 @@ def obstacle_shape(obstacle: Obstacle) -> Any:
     """Shape of an obstacle for Coal.
 
     Raises:
-        SceneError: If the type of the obstacle has no shape.
+        SceneError: If Coal has no shape for the type of the obstacle.
     """
     if isinstance(obstacle, Sphere):
         return coal.Sphere(obstacle.radius)

@@ -1,8 +1,9 @@
 """Broad phase: lower bounds of distances from balls and boxes around bodies.
 
 Every bound is rigorous: the balls and boxes contain their bodies. Most pairs stay far
-apart all along a motion. A few of its configurations, and a bound on the displacements
-between them, prove this; only the other pairs are bounded at each configuration.
+apart throughout a motion. Bounds at a few configurations, and on the displacements
+between these and the other configurations, prove this; only for the remaining pairs,
+bounds are computed at each configuration.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from scipy.spatial import ConvexHull, QhullError
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.shapes import Body, Outline, outline
 
-# Configurations between which no ball moves farther than this [m] are grouped; with
-# fewer configurations than the second number grouping does not pay.
+# Successive configurations between which no ball moves farther than this [m] form a
+# group. Grouping does not pay for fewer configurations than the second number.
 TOGETHER, FEWEST = 0.06, 24
-# Pairs whose bounds are computed at once, which limits the memory.
+# Number of pairs whose bounds are computed at once, which limits the memory.
 SOME_PAIRS = 1_000
 # Rounding of a bound for grouped configurations [m].
 ROUNDING = 1e-9
@@ -33,12 +34,13 @@ ROUNDING = 1e-9
 Joints = tuple[Array, Array]
 # First and second body of each pair, shape (pairs, 2).
 Pairs = IntArray
-# Balls that cover a body, side by side along its longest axis. Four leave 1 to 3 cm
-# between bound and distance on the links of a Panda.
+# Number of balls that cover a body, side by side along its longest axis. With four, the
+# bounds for links of a Panda are 1 to 3 cm below the distances.
 BALLS = 4
-# Steps towards the centre of the smallest ball (Badoiu and Clarkson, 2003).
+# Number of steps towards the centre of the smallest ball (Badoiu and Clarkson, 2003).
 CENTRING = 12
-# Up to this number of points all are connected; for more, the edges of the hull are.
+# Up to this number of points, all pairs count as edges; for more points, the edges of
+# their hull are computed.
 FEW = 24
 
 
@@ -49,11 +51,12 @@ class Enclosure:
     Attributes:
         R: Rotation box_to_body, shape (3, 3).
         t: Centre of the box in the axes of the body [m], shape (3,).
-        half: Half of its edges [m], shape (3,).
+        half: Half the edge lengths of the box [m], shape (3,).
         swell: Radius by which the box is inflated [m].
         centre: Centre of a ball around the body [m], shape (3,).
         radius: Radius of this ball [m].
-        cover: Centres of balls that cover the body [m], shape (BALLS, 3).
+        cover: Centres of several balls that together cover the body [m], shape
+            (BALLS, 3).
         cover_radius: Radii of these balls [m], shape (BALLS,).
     """
 
@@ -68,11 +71,11 @@ class Enclosure:
 
     @classmethod
     def of(cls, shape: Outline) -> Enclosure:
-        """Enclose an outline."""
+        """Enclosure of an outline."""
         return _enclose(np.ascontiguousarray(shape.points).tobytes(), shape.radius)
 
 
-# Enclosures depend on outlines alone, and the same links recur in every problem.
+# Cached, as enclosures depend on outlines alone and the same links recur in problems.
 @lru_cache(maxsize=512)
 def _enclose(data: bytes, swell: float) -> Enclosure:
     points = np.frombuffer(data).reshape(-1, 3)
@@ -103,7 +106,7 @@ def _enclose(data: bytes, swell: float) -> Enclosure:
 
 
 def _slices(points: Array, axis: int, cuts: Array) -> list[Array]:
-    """Corners of the slices of a convex hull between parallel planes."""
+    """Corners of the slices of a convex hull between planes across an axis."""
     first, second = _edges(points)
     a, b = points[first], points[second]
     rise = b[:, axis] - a[:, axis]
@@ -121,9 +124,9 @@ def _slices(points: Array, axis: int, cuts: Array) -> list[Array]:
 
 
 def _edges(points: Array) -> tuple[IntArray, IntArray]:
-    """Pairs of points, a superset of the edges of the convex hull."""
+    """First and second points of a superset of the edges of the convex hull."""
     if len(points) > FEW:
-        with suppress(QhullError):  # flat
+        with suppress(QhullError):  # points in a plane
             simplices = ConvexHull(points).simplices
             return simplices.ravel(), np.roll(simplices, 1, axis=1).ravel()
     first, second = np.triu_indices(len(points), 1)
@@ -131,7 +134,7 @@ def _edges(points: Array) -> tuple[IntArray, IntArray]:
 
 
 def _ball(points: Array) -> tuple[Array, float]:
-    """A small ball around one point or more."""
+    """Centre and radius of an almost smallest ball around points."""
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     best, radius = centre, np.inf
     for step in range(CENTRING):
@@ -153,8 +156,8 @@ class BroadPhase:
         centre: Centre of a ball around each body in the axes of its joint [m], shape
             (bodies, 3).
         radius: Radius of this ball [m], shape (bodies,).
-        farthest: Largest distance of points of each body from the origin of its joint
-            [m], shape (bodies,).
+        farthest: Upper bound on the distance of the points of each body from the origin
+            of its joint [m], shape (bodies,).
     """
 
     def __init__(self, bodies: Sequence[Body], pairs: Pairs) -> None:
@@ -177,7 +180,6 @@ class BroadPhase:
         self.centre = self._t + np.einsum("bij,bj->bi", self._R, centre)
         self._cover = self._t[:, None] + cover @ np.swapaxes(self._R, 1, 2)
         self._origin = np.einsum("bij,bi->bj", self._R, self._t)
-        # No point of a body is farther than this from the origin of its joint.
         self.farthest = self.radius + np.linalg.norm(self.centre, axis=1)
         fixed = self.joint[self.second] == 0
         self._fixed, self._moving = np.flatnonzero(fixed), np.flatnonzero(~fixed)
@@ -195,20 +197,21 @@ class BroadPhase:
         every = np.arange(self.first.size)
         return self._bounds(joints, self._centres(joints), every)
 
-    def near(self, joints: Joints, limit: Array) -> tuple[Array, IntArray, IntArray]:
+    def below(self, joints: Joints, limit: Array) -> tuple[Array, IntArray, IntArray]:
         """Bounds, and the configurations and pairs at which they are below a limit.
 
         Args:
             joints: Placements of the joints.
-            limit: A limit for each pair, shape (pairs,) [m].
+            limit: Limit of each pair, shape (pairs,) [m].
 
         Returns:
-            Bounds, shape (m, pairs) [m]: those of ``by_balls`` where they are below the
-            limits, else these or lower ones that are not below; and the configuration
-            and the pair of each bound below its limit, in this order.
+            Bounds, shape (m, pairs) [m], and the configuration and the pair of each
+            bound below its limit, in this order. Bounds below their limits are the
+            bounds of ``by_balls``; other bounds may be lower than these, but not below
+            the limits.
         """
         centre = self._centres(joints)
-        least = self._along(joints, centre)
+        least = self._grouped(joints, centre)
         out, some = np.empty((centre.shape[1], limit.size)), np.arange(limit.size)
         if least is not None:
             out[:], some = least, np.flatnonzero(least < limit)
@@ -227,10 +230,14 @@ class BroadPhase:
             out[bodies] = turned.transpose(2, 0, 1)
         return out
 
-    def _along(self, joints: Joints, centre: Array) -> Array | None:
-        """Bounds that hold at all configurations, shape (pairs,) [m].
+    def _grouped(self, joints: Joints, centre: Array) -> Array | None:
+        """Bounds that hold at all configurations, from groups of them, (pairs,) [m].
 
         None if the configurations are too few, or too far apart, for useful bounds.
+
+        Args:
+            joints: Placements of the joints.
+            centre: Centres of the balls around the bodies, shape (bodies, m, 3) [m].
         """
         m = centre.shape[1]
         if m < FEWEST or not self.first.size:
@@ -258,7 +265,7 @@ class BroadPhase:
         return np.asarray(np.min(out, axis=0))
 
     def _bounds(self, joints: Joints, centre: Array, pair: IntArray) -> Array:
-        """Bounds of some pairs, shape (m, k)."""
+        """Bounds of some pairs from balls and boxes, shape (m, k) [m]."""
         R, t = joints
         out = np.empty((centre.shape[1], pair.size))
         for begin in range(0, pair.size, SOME_PAIRS):
@@ -267,8 +274,8 @@ class BroadPhase:
             away, carrier = centre[a], self.joint[b]
             for joint in np.unique(carrier[carrier > 0]).tolist():
                 mine = np.flatnonzero(carrier == joint)
-                beside = away[mine] - t[:, joint]
-                away[mine] = np.einsum("kmi,mij->kmj", beside, R[:, joint])
+                offset = away[mine] - t[:, joint]
+                away[mine] = np.einsum("kmi,mij->kmj", offset, R[:, joint])
             length = self._from_boxes(away, b)
             out[:, some] = (length - (self.radius[a] + self._swell[b])[:, None]).T
         return out
@@ -278,7 +285,7 @@ class BroadPhase:
 
         Args:
             points: Points in the axes of the joints of the bodies [m], (k, s, 3).
-            body: The bodies, shape (k,).
+            body: Indices of the bodies, shape (k,).
         """
         away = points @ self._R[body]
         away -= self._origin[body][:, None]
@@ -288,7 +295,7 @@ class BroadPhase:
         return np.asarray(np.sqrt(np.einsum("ksi,ksi->ks", away, away)))
 
     def by_covers(self, joints: Joints, instant: IntArray, pair: IntArray) -> Array:
-        """Bounds from several balls that cover the first body, shape (k,) [m].
+        """Bounds from the balls that cover the first body, shape (k,) [m].
 
         Args:
             joints: Placements of the joints.

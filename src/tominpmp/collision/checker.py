@@ -23,7 +23,7 @@ from tominpmp.scene.scene import Scene
 
 
 class Contact(NamedTuple):
-    """The pair that comes closest in a configuration.
+    """The collision pair that is closest at a configuration.
 
     Attributes:
         link: Name of the link.
@@ -41,12 +41,12 @@ class Contact(NamedTuple):
 
     @property
     def lack(self) -> float:
-        """Missing clearance [m]; negative where the margin is kept."""
+        """Missing clearance [m]; negative if the margin is kept."""
         return self.margin - self.distance
 
     @property
     def pair(self) -> str:
-        """The pair, in words."""
+        """Description of the pair for messages."""
         if self.own:
             return f"links {self.link!r} and {self.obstacle!r}"
         return f"link {self.link!r} and obstacle {self.obstacle!r}"
@@ -56,23 +56,24 @@ class Contact(NamedTuple):
 class CollisionChecker(PairDistances):
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
-    Pairs are made when they are first used, as cutting meshes may take long.
+    The collision pairs are set up when they are first used, as the decomposition of
+    meshes may take long.
 
     Attributes:
         robot: The robot.
         scene: The obstacles.
         self_collision: Whether pairs of links, and pairs of links and bodies fixed to
             the base, are checked.
-        geometry: Representation of the meshes of the links: "convex" takes them as
-            convex pieces, "hull" as one hull each; "mesh" takes their triangles, which
-            is slow and gives no depth of overlaps.
-        cut: Names of the links whose meshes have that representation; None for all. The
-            meshes of other links are taken as one hull each, for which distances are
-            never larger; they are not cut into pieces.
+        geometry: Representation of the meshes of the links: "convex" for convex pieces,
+            "hull" for one convex hull each, "mesh" for their triangles, which is slow
+            and gives no depth of overlaps.
+        cut: Names of the links whose meshes have this representation; None for all
+            links. The meshes of other links are represented by one convex hull each,
+            with which distances are never larger, and are not decomposed.
         may_touch: Pairs of names of bodies that are not checked.
 
     Raises:
-        SceneError: If there are obstacles, but no geometry on moving links.
+        SceneError: If there are obstacles, but no collision geometry on moving links.
     """
 
     robot: Robot
@@ -84,30 +85,30 @@ class CollisionChecker(PairDistances):
     may_touch: frozenset[frozenset[str]] = frozenset()
 
     def __post_init__(self) -> None:
-        """Look for geometry, and prepare the pairs."""
+        """Check that moving links have geometry, and prepare the pairs."""
         robot, scene = self.robot, self.scene
         super().__init__(robot, MovingObstacles(scene.moving, robot.model.njoints))
         shapes = robot.collision_model.geometryObjects
         if len(scene) and not any(item.parentJoint for item in shapes):
             raise SceneError(
                 f"the robot {robot.name!r} has no collision geometry on its moving "
-                "links, so that its clearance from the scene cannot be told"
+                "links, so that its clearance from the scene is unknown"
             )
         self._guard: tuple[float | Array, Guard] | None = None
         self._variants: dict[frozenset[str], CollisionChecker] = {}
         if len(scene):
-            _ = self.broad, self.narrow  # every plan uses them
+            _ = self.broad, self.narrow  # set up now, as every plan uses them
 
     @cached_property
     def links(self) -> tuple[Body, ...]:
-        """Shapes of the links."""
+        """Bodies of the links; empty if no pairs are checked."""
         if not (self.self_collision or len(self.scene)):
             return ()
         return links_of(self.robot, self.geometry, self.cut)
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:
-        """Links and obstacles, and their collision pairs."""
+        """Bodies of links and obstacles, and their collision pairs."""
         bodies = [*self.links, *scene_bodies(self.scene, self.robot.model.njoints)]
         pairs = scene_pairs(bodies, len(self.links))
         if self.self_collision:
@@ -116,23 +117,23 @@ class CollisionChecker(PairDistances):
         return bodies, without(self.may_touch, bodies, pairs)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        """Pickle without the geometry, which is built again."""
+        """Pickle without the geometry, which is rebuilt when it is used."""
         given = {item.name: getattr(self, item.name) for item in fields(self)}
         return partial(CollisionChecker, **given), ()
 
     @property
     def single_arm(self) -> bool:
-        """Whether all pairs are of links of a single robot, as convex pieces."""
-        alone = not len(self.scene) and len(self.robot.parts) <= 1
+        """Whether it checks only the links of a single robot, as convex pieces."""
+        single = not len(self.scene) and len(self.robot.parts) <= 1
         pieces = self.geometry == "convex" and self.cut is None
-        return alone and pieces and self.self_collision
+        return single and pieces and self.self_collision
 
-    def taken_as(self, geometry: Geometry) -> CollisionChecker:
+    def using(self, geometry: Geometry) -> CollisionChecker:
         """The checker with another representation of the meshes of its links."""
         return replace(self, geometry=geometry)
 
     def with_cut(self, cut: frozenset[str]) -> CollisionChecker:
-        """The checker with only some links cut into pieces, the others as hulls."""
+        """The checker with some links decomposed into pieces, and hulls of others."""
         if cut not in self._variants:
             self._variants[cut] = replace(self, cut=cut)
         return self._variants[cut]
@@ -140,8 +141,8 @@ class CollisionChecker(PairDistances):
     def hulls_clear(self, q: Array, margin: float = 0.0) -> bool:
         """Whether the links of a single robot are clear even as one hull each.
 
-        Then they are clear as convex pieces, too, which need not be made. False does
-        not imply a collision.
+        In this case they are clear as convex pieces, too, and need no decomposition.
+        False does not imply a collision.
 
         Args:
             q: Configuration, shape (n,) [rad or m].
@@ -156,55 +157,55 @@ class CollisionChecker(PairDistances):
 
     @property
     def moving(self) -> bool:
-        """Whether distances depend on time, as obstacles move."""
+        """Whether obstacles move, so that distances depend on time."""
         return self.obstacles.count > 0
 
     @property
     def kinks(self) -> Array:
-        """Times at which an obstacle changes its velocity at once [s], ascending."""
+        """Times at which the velocity of an obstacle jumps [s], ascending."""
         return self.obstacles.kinks
 
     @cached_property
-    def lone_joints(self) -> IntArray:
-        """The only joint that the distance of each pair depends on, shape (pairs,).
+    def single_joints(self) -> IntArray:
+        """The only joint on which the distance of each pair depends, shape (pairs,).
 
         An example is the first link of an arm with an obstacle at rest. The entry is -1
-        where the distance depends on no joint, on several joints, or on time.
+        if the distance depends on no joint, on several joints, or on time.
         """
         moves = self._moves
         if self.robot.expansion_matrix is not None:
             moves = moves @ (self.robot.expansion_matrix != 0.0)
-        alone = (moves.sum(axis=1) == 1) & ~self.moving_pairs
-        return np.where(alone, np.argmax(moves, axis=1), -1)
+        single = (moves.sum(axis=1) == 1) & ~self.moving_pairs
+        return np.where(single, np.argmax(moves, axis=1), -1)
 
     def is_free(self, q: Array, margin: float | Array = 0.0, time: float = 0.0) -> bool:
         """Whether all pairs are farther apart than a margin at one configuration.
 
-        The result agrees with the distances, and is ten times faster: the first pair
-        that is too near ends the query.
+        The result agrees with the distances, and is ten times faster: the query ends at
+        the first pair that violates its margin.
 
         Args:
             q: Configuration, shape (n,) [rad or m].
-            margin: Distance to keep [m], one for all pairs or by pair.
-            time: Time [s], for obstacles that move.
+            margin: Distance to keep [m], a number for all pairs or an array by pair.
+            time: Time [s], for moving obstacles.
         """
         return next(self.each_free(np.asarray(q)[None], margin, time))
 
     def each_free(
         self, q: Array, margin: float | Array = 0.0, time: float = 0.0
     ) -> Iterator[bool]:
-        """The same for several configurations, one after the other.
+        """Results of :meth:`is_free` for several configurations, evaluated lazily.
 
         Args:
             q: Configurations, shape (m, n) [rad or m].
-            margin: Distance to keep [m], one for all pairs or by pair.
-            time: Time [s], for obstacles that move.
+            margin: Distance to keep [m], a number for all pairs or an array by pair.
+            time: Time [s], for moving obstacles.
 
         Yields:
-            Whether each is free; a configuration is checked when it is asked for.
+            Whether each configuration is free.
         """
         rows = self.robot.expand(q)
-        # A sampler asks ten thousands of times with the very same margin.
+        # A sampler calls this tens of thousands of times with the same margin object.
         if self._guard is None or self._guard[0] is not margin:
             limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
             self._guard = margin, Guard(self.narrow, limit)
@@ -213,10 +214,10 @@ class CollisionChecker(PairDistances):
             yield guard.is_free(row, time)
 
     def margins(self, margin: float) -> Array:
-        """A margin by pair, shape (pairs,) [m].
+        """Margin of each pair, shape (pairs,) [m].
 
-        The margin holds for obstacles and between combined robots; it is zero between
-        links of one robot.
+        The given margin is for pairs with obstacles and pairs of links of different
+        combined robots; the margin between links of the same robot is zero.
         """
         out = np.zeros(len(self.pairs))
         out[: self.obstacle_pairs] = margin
@@ -234,9 +235,9 @@ class CollisionChecker(PairDistances):
 
         Args:
             q: Configuration, shape (n,) [rad or m].
-            margin: Distance that is subtracted from the clearance [m], one for all
-                pairs or by pair.
-            time: Time [s], for obstacles that move; None leaves them out.
+            margin: Distance to keep [m], which is subtracted from the distances; a
+                number for all pairs or an array by pair.
+            time: Time [s], for moving obstacles; None ignores moving obstacles.
         """
         if not self.pairs:
             return None
@@ -248,6 +249,6 @@ class CollisionChecker(PairDistances):
         return self.contact(index, float(row[index]), float(limit[index]))
 
     def contact(self, index: int, distance: float, margin: float) -> Contact:
-        """A pair with its distance and the distance to keep [m]."""
+        """The contact of a pair, from its distance and the distance to keep [m]."""
         own = index >= self.obstacle_pairs
         return Contact(*self.pairs[index], distance, own=own, margin=margin)

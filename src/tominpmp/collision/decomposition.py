@@ -1,11 +1,12 @@
 """Convex decomposition of meshes that are not convex.
 
-A mesh is cut by planes, one cut after the other through the piece that is farthest from
-it, where the hulls of both halves have the least volume. The hulls of the halves cover
-the whole interior of a closed mesh, so that pieces are never too small: V-HACD left up
-to 7 mm of a UR5's links uncovered. CoACD (1.0.14) covers them too, but took 15 s for
-the forearm of a UR5 and 160 s for its shoulder, where this module takes less than a
-second each, and gave 3 to 24 times as many corners.
+A mesh is cut by planes, one after the other. Each plane cuts the piece whose hull
+protrudes farthest from the mesh, such that the hulls of both halves have the least
+volume. The hulls of all pieces cover the whole interior of a closed mesh, so that
+pieces are never too small: V-HACD left up to 7 mm of a UR5's links uncovered. CoACD
+(1.0.14) covers them as well, but took 15 s for the forearm of a UR5 and 160 s for its
+shoulder, where this module takes less than a second each, and returned 3 to 24 times as
+many corners.
 """
 
 from __future__ import annotations
@@ -21,34 +22,36 @@ from tominpmp.arrays import Array
 from tominpmp.collision.shapes import mesh_arrays
 from tominpmp.stopping import check
 
-# A mesh is cut until the pieces are this close to it [m].
+# A mesh is cut until its pieces protrude from it by no more than this [m].
 CLOSE_PIECES = 5e-3
-# Largest number of pieces; fewer are taken if they are within this factor of the best.
+# Largest number of pieces. The fewest pieces are chosen whose largest protrusion is
+# within the factor NEARLY of the smallest one.
 MOST_PIECES = 8
 NEARLY = 1.2
-# Cuts that are tried: at these shares of the extent, across six axes.
+# Positions of the cuts that are tried across up to six axes, in shares of the extent.
 CUTS = (0.12, 0.25, 0.38, 0.5, 0.62, 0.75, 0.88)
-# This number of further cuts must reduce the distance to this share of it.
+# Cutting stops if PATIENCE further cuts do not reduce the protrusion to the share
+# PROGRESS of the previous one.
 PATIENCE = 3
 PROGRESS = 0.9
-# Axes of inertia this near to the axes of the mesh are not tried.
+# Axes of inertia whose cosine with an axis of the mesh is larger are not tried.
 ALIGNED = 0.99
-# Points of each surface that are measured.
+# Number of sample points on each surface.
 SAMPLES = 400
-# Nearer points are on the surface [m]; farther ones may be inside.
+# Points closer than this count as points on the surface [m].
 TOUCHING = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """A mesh as convex pieces.
+    """Convex pieces of a mesh.
 
     Attributes:
         corners: Corners of each piece [m], shapes (k, 3).
-        outward: Largest distance by which the pieces protrude from the mesh [m],
-            sampled.
-        inward: Largest distance by which the mesh protrudes from the pieces [m],
-            sampled.
+        outward: Largest distance by which the pieces protrude from the mesh [m], on
+            sample points.
+        inward: Largest distance by which the mesh protrudes from the pieces [m], on
+            sample points.
     """
 
     corners: tuple[Array, ...]
@@ -58,7 +61,7 @@ class Pieces:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Triangles between cuts, shape (k, 3, 3), with their hull."""
+    """A part of a mesh: triangles (k, 3, 3), their hull, and its protrusion [m]."""
 
     triangles: Array
     hull: Any
@@ -66,7 +69,7 @@ class _Part:
 
 
 def decompose(mesh: Any) -> Pieces | None:
-    """Cut a mesh of Coal into convex pieces; None if it is flat."""
+    """Cut a mesh of Coal into convex pieces; None if the mesh is flat."""
     vertices, corners = mesh_arrays(mesh)
     measure = Measure(mesh, vertices[corners])
     whole = measure.part(vertices[corners])
@@ -91,11 +94,12 @@ def decompose(mesh: Any) -> Pieces | None:
 
 
 def _worst(parts: list[_Part]) -> float:
+    """Largest protrusion of the hulls of parts [m]."""
     return max(part.excess for part in parts)
 
 
 def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
-    """Cut the part that is farthest from the mesh, if a cut helps."""
+    """Cut the part with the largest protrusion, if it can be cut."""
     index = max(range(len(parts)), key=lambda i: parts[i].excess)
     triangles, hull = parts[index].triangles, parts[index].hull
     points, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
@@ -103,8 +107,8 @@ def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
     sides = np.sort(np.concatenate([corner[:, [i, i - 1]] for i in range(3)]), axis=1)
     edges = points[np.unique(sides, axis=0)]
     cuts = []
-    own = np.linalg.eigh(np.cov(points.T))[1].T
-    for axis in (*np.eye(3), *own[np.abs(own).max(axis=1) < ALIGNED]):
+    main = np.linalg.eigh(np.cov(points.T))[1].T
+    for axis in (*np.eye(3), *main[np.abs(main).max(axis=1) < ALIGNED]):
         level = hull.points[hull.vertices] @ axis
         for share in CUTS:
             height = float(level.min() + share * np.ptp(level))
@@ -121,9 +125,10 @@ def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
 
 
 def _hull(points: Array) -> Any:
+    """Convex hull of points; None if they have no volume."""
     try:
         return ConvexHull(points)
-    except (QhullError, ValueError):  # flat, or too few points
+    except (QhullError, ValueError):  # points in a plane, or too few points
         return None
 
 
@@ -150,7 +155,7 @@ def _clip(triangles: Array, normal: Array, height: float) -> Array:
         chosen = np.flatnonzero(inside == count)
         if not chosen.size:
             continue
-        # Rotate the single corner on its side to the front.
+        # Rotate the corner that is alone on its side of the plane to the front.
         alone = (above[chosen] >= 0.0) == (count == 1)
         order = (np.argmax(alone, axis=1)[:, None] + np.arange(3)) % 3
         rows = np.arange(chosen.size)[:, None]
@@ -170,33 +175,33 @@ def _clip(triangles: Array, normal: Array, height: float) -> Array:
 
 
 class Measure:
-    """Distances between convex hulls and a mesh, on sampled points.
+    """Distances between convex hulls and a mesh, on sample points.
 
     Args:
         mesh: The mesh, for Coal.
-        triangles: Its triangles, shape (k, 3, 3) [m].
+        triangles: Triangles of the mesh, shape (k, 3, 3) [m].
     """
 
     def __init__(self, mesh: Any, triangles: Array) -> None:
-        # Coal does not keep its arguments alive.
+        # Keep references, as Coal does not keep its arguments alive.
         self._shapes = mesh, coal.Sphere(1e-9)
         self._distance = coal.ComputeDistance(*self._shapes)
         self._triangles = triangles
-        # Corner by corner and axis by axis, shape (3, 3, k), and likewise (3, k).
+        # Corners by corner, axis and triangle, shape (3, 3, k); normals, shape (3, k).
         self._corners = np.ascontiguousarray(triangles.transpose(1, 2, 0))
         first, second, third = self._corners
         self._normals = np.cross(second - first, third - first, axis=0)
         self._rng = np.random.default_rng(0)
 
     def part(self, triangles: Array) -> _Part | None:
-        """Hull of triangles; None if they are flat."""
+        """Part of a mesh from its triangles; None if the triangles are flat."""
         hull = _hull(triangles.reshape(-1, 3)) if len(triangles) else None
         if hull is None:
             return None
         return _Part(triangles, hull, self._outward(hull))
 
     def _outward(self, hull: Any) -> float:
-        """Largest distance to the mesh of points on a hull that are outside of it."""
+        """Largest distance to the mesh of sample points on a hull, outside the mesh."""
         points = self._sample(hull.points[hull.simplices])
         away = self._to_mesh(points)
         for index in np.argsort(-away).tolist():
@@ -206,7 +211,7 @@ class Measure:
         return 0.0
 
     def inward(self, hulls: list[Any]) -> float:
-        """Largest distance by which the mesh is outside of all hulls."""
+        """Largest distance by which sample points of the mesh are outside all hulls."""
         points = self._sample(self._triangles)
         beyond = [
             np.max(points @ hull.equations[:, :3].T + hull.equations[:, 3], axis=1)
@@ -215,6 +220,7 @@ class Measure:
         return max(float(np.min(beyond, axis=0).max()), 0.0)
 
     def _sample(self, triangles: Array) -> Array:
+        """Points uniformly distributed on triangles, shape (SAMPLES, 3) [m]."""
         a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         chosen = self._rng.choice(len(area), SAMPLES, p=area / area.sum())
@@ -224,6 +230,7 @@ class Measure:
         return np.asarray(a[chosen] + along)
 
     def _to_mesh(self, points: Array) -> Array:
+        """Distances of points from the surface of the mesh, shape (k,) [m]."""
         request, origin = coal.DistanceRequest(), coal.Transform3s.Identity()
         place = coal.Transform3s.Identity()
         out = np.empty(len(points))
@@ -237,7 +244,7 @@ class Measure:
     def _inside(self, point: Array) -> bool:
         """Whether a point is inside the mesh, by the solid angle of the surface.
 
-        The solid angle seen from a point inside is nearly 4 pi, even if the mesh has
+        Seen from a point inside, the solid angle is nearly 4 pi, even if the mesh has
         small holes (Jacobson, Kavan and Sorkine-Hornung, 2013).
         """
         seen = self._corners - point[:, None]

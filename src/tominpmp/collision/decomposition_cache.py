@@ -1,4 +1,4 @@
-"""Decomposition cache: convex pieces on disk, by the content of their mesh."""
+"""Decomposition cache: convex pieces on disk, keyed by the content of the mesh."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from tominpmp.exceptions import brief
 
 logger = logging.getLogger(__name__)
 
-# Environment variable with a folder that replaces the user's cache folder.
+# Environment variable that names a folder to use instead of the user's cache folder.
 FOLDER_VARIABLE = "TOMINPMP_CACHE"
-# Version of the algorithm; a change invalidates the cache.
+# Version of the decomposition algorithm; changing it invalidates the cache.
 VERSION = 2
-# Larger files are rejected [bytes], before and after decompression.
+# Largest size of a cache file, before and after decompression [bytes].
 MAX_BYTES = 20_000_000
 
 
 def cache_folder() -> Path:
-    """Folder in which convex pieces are kept."""
+    """Folder of the cache."""
     given = os.environ.get(FOLDER_VARIABLE)
     if given:
-        # Unlike Path.expanduser, this leaves the home of an unknown user unexpanded.
+        # Unlike Path.expanduser, this does not fail for the home of an unknown user.
         return Path(os.path.expanduser(given))
     if os.name == "nt" and os.environ.get("LOCALAPPDATA"):
         return Path(os.environ["LOCALAPPDATA"]) / "tominpmp" / "cache"
@@ -42,7 +42,7 @@ def cache_folder() -> Path:
 
 
 class Content:
-    """A mesh with a key that is a hash of its vertices and triangles."""
+    """A mesh with a key, the hash of its vertices and triangles."""
 
     def __init__(self, mesh: Any, name: str = "") -> None:
         self.mesh, self.name = mesh, name
@@ -63,7 +63,7 @@ class Content:
 
 
 def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
-    """Convex pieces of a mesh of Coal, from the disk if the mesh was cut before.
+    """Convex pieces of a mesh of Coal, from the cache if it was decomposed before.
 
     Returns:
         The pieces; None if the mesh is flat.
@@ -71,7 +71,7 @@ def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
     return _known_pieces(Content(mesh, name), cache_folder())
 
 
-# A mesh that cannot be kept on disk is still cut only once.
+# Cached in memory, too: a mesh that cannot be stored on disk is decomposed only once.
 @lru_cache(maxsize=256)
 def _known_pieces(content: Content, folder: Path) -> Pieces | None:
     path = folder / f"{content.key}.npz"
@@ -96,17 +96,17 @@ def _known_pieces(content: Content, folder: Path) -> Pieces | None:
 
 
 def _read(path: Path) -> Pieces | None:
-    """Pieces of a mesh from a file; None if the file is missing, or damaged."""
+    """Pieces of a mesh from a file; None if the file is missing or damaged."""
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
             return None
         with zipfile.ZipFile(path) as archive:
             if sum(item.file_size for item in archive.infolist()) > MAX_BYTES:
-                raise ValueError("it is larger than ours")
+                raise ValueError(f"it is larger than {MAX_BYTES} bytes")
         with np.load(path, allow_pickle=False) as data:
             points, counts = data["points"], data["counts"]
             deviation, checksum = data["deviation"], data["checksum"]
-    except Exception as error:  # whatever a broken file may raise
+    except Exception as error:  # a damaged file may raise any exception
         logger.warning("the cached pieces %s cannot be read: %s", path, brief(error))
         return None
     if bytes(checksum.tobytes()) != _checksum(points, counts, deviation):
@@ -117,7 +117,7 @@ def _read(path: Path) -> Pieces | None:
 
 
 def _checksum(*parts: Any) -> bytes:
-    """Digest of arrays, with their shapes and types."""
+    """Digest of arrays, their shapes and their types."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(f"{part.dtype.str} {part.shape} ".encode())
@@ -134,7 +134,7 @@ def _write(path: Path, pieces: Pieces) -> None:
     content["checksum"] = np.frombuffer(_checksum(*content.values()), np.uint8)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # What fails leaves nothing: closing a file may, too, where the disk is full.
+        # A failed write, as on a full disk when the file is closed, leaves no file.
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             draft = Path(folder, path.name)
             with draft.open("wb") as file:

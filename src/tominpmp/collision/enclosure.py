@@ -1,4 +1,4 @@
-"""Enclosure: points at which a frame cannot be without a collision of its link."""
+"""Enclosure: points that a frame cannot reach without a collision of its link."""
 
 from __future__ import annotations
 
@@ -22,32 +22,39 @@ TOUCHING = 1e-5
 def enclosure(
     robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float = 0.0
 ) -> Contact | None:
-    """The obstacle that a link certainly overlaps when a frame is at a point.
+    """Obstacle that a link certainly overlaps when a frame is at a point.
 
-    The nearest point of the link is at a known distance from the frame. Where a ball of
-    that radius is within an obstacle, the link overlaps it in every orientation. The
-    frame is at most ``tolerance`` from the point [m]; moving obstacles are left out.
+    The nearest point of the link is at a known distance from the frame. If a ball of
+    this radius around the point is inside an obstacle, the link overlaps the obstacle
+    in every orientation. Moving obstacles are ignored.
+
+    Args:
+        robot: The robot.
+        scene: The obstacles.
+        frame: Name of the frame.
+        point: The point in the world, shape (3,) [m].
+        tolerance: Largest distance of the frame from the point [m].
 
     Returns:
         Link and obstacle, with the depth of the point; None if no overlap is certain.
     """
     item = robot.model.frames[robot.frame_id(frame)]
-    mine = [
+    carried = [
         body
         for body in links_of(robot, "convex")
         if body.joint == item.parentJoint and is_convex(body.shape)
     ]
-    if not mine or not item.parentJoint:
+    if not carried or not item.parentJoint:
         return None
     origin = np.asarray(item.placement.translation)
-    away = [max(_distance(body, origin), 0.0) for body in mine]
+    away = [max(_distance(body, origin), 0.0) for body in carried]
     nearest = int(np.argmin(away))
     for body in scene_bodies(scene, robot.model.njoints):
         if body.joint or not is_convex(body.shape):
             continue
         depth = -_distance(body, point)
         if depth > away[nearest] + tolerance + TOUCHING:
-            return Contact(mine[nearest].name, body.name, -depth)
+            return Contact(carried[nearest].name, body.name, -depth)
     return None
 
 

@@ -1,4 +1,4 @@
-"""Narrow phase: exact distances of pairs of shapes, by Coal."""
+"""Narrow phase: exact distances of collision pairs, by Coal."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ FAILED = 1e100
 
 
 class NarrowPhase:
-    """Distances of pairs at one configuration after the other.
+    """Exact distances of pairs, at one configuration at a time.
 
-    Results do not depend on former queries: each query starts cold. A warm start from
-    the query before is no faster, even along a motion.
+    Results do not depend on former queries: each query is a cold start. A warm start
+    from the previous query is not faster, even along a motion.
 
     Attributes:
         model: The model.
@@ -51,10 +51,10 @@ class NarrowPhase:
         for index, body in enumerate(bodies):
             shape = body.shape
             if round_pairs and isinstance(shape, coal.Sphere):
-                # Coal measures the depth of a ball in a cylinder only radially.
+                # Coal computes the depth of a sphere in a cylinder only radially.
                 shape = coal.Capsule(shape.radius, 0.0)
             joint = body.joint if body.joint < model.njoints else 0
-            # By number, as a link and an obstacle may have the same name.
+            # Named by number, as a link and an obstacle may have the same name.
             geometry.addGeometryObject(
                 pin.GeometryObject(str(index), joint, body.placement, shape)
             )
@@ -81,16 +81,17 @@ class NarrowPhase:
         Args:
             q: Configuration of the model, shape (nv,).
             time: Time [s], for moving obstacles.
-            obstacles: Placements of these obstacles at the time, shapes (count, 3, 3)
-                and (count, 3); computing them for many instants at once is faster.
+            obstacles: Rotations and positions of moving obstacles at this time, shapes
+                (count, 3, 3) and (count, 3); computing placements for many instants at
+                once is faster.
         """
-        self.shift(time, obstacles)
+        self.set_time(time, obstacles)
         pin.updateGeometryPlacements(
             self.model, self.data, self.geometry, self._results, q
         )
 
-    def shift(self, time: float, known: tuple[Array, Array] | None = None) -> None:
-        """Place moving obstacles at a time [s]; placements are computed if unknown."""
+    def set_time(self, time: float, known: tuple[Array, Array] | None = None) -> None:
+        """Place moving obstacles at a time [s]; None computes their placements."""
         check()
         if self._obstacles is None or not self._moving or time == self._time:
             return
@@ -106,11 +107,11 @@ class NarrowPhase:
         return [self._measure(index).min_distance for index in pairs]
 
     def witnesses(self, pairs: Sequence[int]) -> Array:
-        """Witness points of some pairs.
+        """Normals and witness points of some pairs.
 
         Returns:
-            Unit normals from the first bodies to the second, and the nearest points of
-            the first and of the second bodies in the world [m], shape (3, k, 3).
+            Unit normals from the first body to the second, and the nearest points of
+            the first and of the second body, in the world [m], shape (3, k, 3).
         """
         found = np.empty((3, len(pairs), 3))
         for k, index in enumerate(pairs):
@@ -120,7 +121,7 @@ class NarrowPhase:
         return found
 
     def _measure(self, index: int) -> Any:
-        """Result of a pair; after a failure, with the default tolerances of Coal."""
+        """Query of a pair; a failed one is repeated with Coal's default tolerances."""
         geometry, results = self.geometry, self._results
         result = pin.computeDistance(geometry, results, index)
         if abs(result.min_distance) > FAILED:
@@ -130,11 +131,11 @@ class NarrowPhase:
         return result
 
     def overlaps(self, q: Array, trace: float = 0.0) -> list[bool]:
-        """Whether each pair overlaps, or nearly, at a configuration of the model.
+        """Whether each pair overlaps, or almost, at a configuration of the model.
 
         Args:
-            q: The configuration.
-            trace: Distance that counts as an overlap, too [m].
+            q: Configuration of the model, shape (nv,).
+            trace: Distance up to which a pair counts as overlapping [m].
         """
         for request in self._results.collisionRequests:
             request.security_margin = trace
@@ -148,7 +149,8 @@ class NarrowPhase:
         normal = np.array(result.normal)
         if normal @ normal > 0.5:
             return normal
-        # Coal gives no normal if axes cross. Moving the centres apart ends the overlap.
+        # Coal returns no normal if the axes of two shapes cross; use the direction
+        # between their centres, along which the overlap ends.
         first, second = (
             self._results.oMg[body].translation for body in self._pairs[index].tolist()
         )
@@ -159,18 +161,18 @@ class NarrowPhase:
 
 
 def _request(request: Any) -> Any:
-    """A request of Coal, with the tolerances of all queries."""
+    """A request of Coal with the tolerances that all queries use."""
     request.gjk_tolerance = GJK_TOLERANCE
     request.epa_tolerance = EPA_TOLERANCE
     return request
 
 
 def _results(geometry: pin.GeometryModel) -> pin.GeometryData:
-    """Data with cold-started requests, unlike the warm-started ones of Pinocchio.
+    """Data with requests that start cold, unlike the default requests of Pinocchio.
 
-    Whether a pair keeps a margin is decided by its signed distance too, which Coal
-    computes if a contact is requested. Else it takes cylinders as free that overlap by
-    millimetres, where the residual distance of GJK is not quite zero.
+    Collision requests ask for a contact, so that Coal decides by the signed distance
+    whether a pair keeps its margin. Without this, it takes cylinders that overlap by
+    millimetres as free, if the residual distance of GJK is not exactly zero.
     """
     results = geometry.createData()
     distance = _request(coal.DistanceRequest())
@@ -184,8 +186,8 @@ def _results(geometry: pin.GeometryModel) -> pin.GeometryData:
 class Guard:
     """Check whether all pairs keep their margins, in agreement with the distances.
 
-    Boxes decide most pairs, GJK stops where a pair is surely farther apart than its
-    margin, and the first pair below its margin ends the query.
+    Bounding boxes decide most pairs, GJK stops as soon as a pair is certainly farther
+    apart than its margin, and the first pair that violates its margin ends the query.
     """
 
     def __init__(self, narrow: NarrowPhase, margin: Array) -> None:
@@ -196,15 +198,15 @@ class Guard:
             self._results.collisionRequests, margin.tolist(), strict=True
         ):
             request.security_margin = value
-        # The plain list of boxes: trees cost more to update than they save here.
+        # A plain list of boxes: the update of a tree costs more than it saves here.
         self._manager = pin.BroadPhaseManager_NaiveCollisionManager(
             narrow.model, narrow.geometry, self._results
         )
 
     def is_free(self, q: Array, time: float = 0.0) -> bool:
-        """Whether the margins are kept at a configuration of the model."""
+        """Whether all margins are kept at a configuration of the model."""
         narrow = self._narrow
-        narrow.shift(time)
+        narrow.set_time(time)
         return not pin.computeCollisions(
             narrow.model, narrow.data, self._manager, q, True
         )

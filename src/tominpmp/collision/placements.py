@@ -1,4 +1,4 @@
-"""Placements of the carriers of bodies: joints, and moving obstacles."""
+"""Placements of joints and moving obstacles, which carry the bodies."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tominpmp.scene.obstacles import Obstacle
 
 
 class Placements:
-    """Forward kinematics of joints with one coordinate each, vectorised.
+    """Vectorised forward kinematics of joints with one coordinate each.
 
     Attributes:
-        moves: Whether coordinates move a joint, shape (joints, nv); joint 0 is the
-            world.
+        moves: Whether each coordinate moves each joint, shape (joints, nv); joint 0 is
+            the world.
     """
 
     def __init__(self, model: pin.Model) -> None:
@@ -24,9 +24,9 @@ class Placements:
         count = len(self._parents)
         self._turn, self._slide = np.zeros((count, 3)), np.zeros((count, 3))
         self._column = np.full(count, -1, dtype=np.int64)
-        # For each joint: its position on its parent, its direction of sliding there,
-        # and the matrices whose sum weighted by the sine and the versed sine of its
-        # angle is its rotation (Rodrigues).
+        # For each joint, relative to its parent: its position, its sliding direction,
+        # and three matrices whose sum, weighted by 1, the sine and the versed sine of
+        # the angle, is its rotation (Rodrigues).
         self._offset = np.array([place.translation for place in model.jointPlacements])
         self._way, self._basis = np.zeros((count, 3)), np.zeros((count, 3, 9))
         self.moves: BoolArray = np.zeros((count, model.nv), dtype=bool)
@@ -59,7 +59,7 @@ class Placements:
         angle = q[:, self._column].T
         parts = np.ones((count, m, 3))
         parts[:, :, 1], parts[:, :, 2] = np.sin(angle), 1.0 - np.cos(angle)
-        # All configurations of a joint are contiguous, for vectorised operations.
+        # Joints come first, so that all configurations of a joint are contiguous.
         place = np.empty((count, m, 3, 4))
         place[..., :3] = (parts @ self._basis).reshape(count, m, 3, 3)
         place[..., 3] = self._offset[:, None]
@@ -74,7 +74,7 @@ class Placements:
         return np.moveaxis(place[..., :3], 0, 1), np.moveaxis(place[..., 3], 0, 1)
 
     def axes(self, joint: int) -> tuple[Array, Array, int]:
-        """Axes of sliding and rotation of a joint, and its coordinate."""
+        """Sliding axis and rotation axis of a joint, and its coordinate."""
         return self._slide[joint], self._turn[joint], int(self._column[joint])
 
     def jacobian_rows(
@@ -84,7 +84,7 @@ class Placements:
         point: Array,
         normal: Array,
     ) -> Array:
-        """Speeds of points along directions, per unit speed of each coordinate.
+        """Jacobian rows: speeds of points along directions per unit coordinate speed.
 
         Args:
             placed: Placements of all joints, shapes (k, joints, 3, 3) and (k, joints,
@@ -94,7 +94,7 @@ class Placements:
             normal: Directions in the world, shape (k, 3).
 
         Returns:
-            Shape (k, nv).
+            One row for each point, shape (k, nv).
         """
         R, t = placed
         out = np.zeros((point.shape[0], self.moves.shape[1]))
@@ -118,20 +118,21 @@ class Placements:
     ) -> Array:
         r"""Bounds on displacements of points of balls while coordinates are in a box.
 
-        In the middle of the box a point of a ball is no farther from the axis of joint
-        i than the far side of the ball. Within the box that distance changes by the
-        displacements of the joints between i and the ball: from the tip on,
+        At the middle of the box, the distance :math:`r_i^0` of a point of a ball from
+        the axis of joint i is at most the distance of the far side of the ball. Within
+        the box, this distance grows by at most the displacements due to the joints
+        between i and the ball. Starting at the tip,
         :math:`r_i = r_i^0 + \sum_{k > i} r_k |\Delta q_k|`.
 
         Args:
             q: Middles of boxes of coordinates, shape (m, nv) [rad or m].
-            half: Half of the edges of the boxes, shape (m, nv).
+            half: Half the edge lengths of the boxes, shape (m, nv).
             joint: Joint that carries each ball, 0 for the world, shape (k,).
-            centre: Centres of the balls in the axes of that joint [m], shape (k, 3).
+            centre: Centres of the balls in the axes of their joints [m], shape (k, 3).
             radius: Radii of the balls [m], shape (k,).
 
         Returns:
-            Displacements by each coordinate, shape (m, k, nv) [m].
+            Displacements due to each coordinate, shape (m, k, nv) [m].
         """
         R, t = self.joints(q)
         place = t[:, joint] + np.einsum("mbij,bj->mbi", R[:, joint], centre)
@@ -139,29 +140,30 @@ class Placements:
         drift = np.zeros((q.shape[0], joint.size))
         for i in range(self._column.size - 1, 0, -1):
             column = self._column[i]
-            hang = np.flatnonzero(self.moves[joint, column])
-            if not hang.size:
+            moved = np.flatnonzero(self.moves[joint, column])
+            if not moved.size:
                 continue
-            rate = np.full((q.shape[0], hang.size), np.linalg.norm(self._slide[i]))
+            rate = np.full((q.shape[0], moved.size), np.linalg.norm(self._slide[i]))
             if np.any(self._turn[i]):
                 axis = (R[:, i] @ self._turn[i])[:, None]
-                lever = np.cross(place[:, hang] - t[:, i, None], axis)
-                rate += np.linalg.norm(lever, axis=2) + radius[hang] + drift[:, hang]
-            out[:, hang, column] = rate * half[:, column, None]
-            drift[:, hang] += out[:, hang, column]
+                lever = np.cross(place[:, moved] - t[:, i, None], axis)
+                rate += np.linalg.norm(lever, axis=2) + radius[moved] + drift[:, moved]
+            out[:, moved, column] = rate * half[:, column, None]
+            drift[:, moved] += out[:, moved, column]
         return out
 
 
 class MovingObstacles:
     """Placements and velocities of moving obstacles, in addition to joints.
 
-    For the placement of bodies moving obstacles are further joints, whose placements
+    Moving obstacles count as additional joints that carry bodies, with placements that
     depend on time instead of the configuration.
 
     Attributes:
-        first: Index of the first moving obstacle: the number of joints of the model.
+        first: Joint index of the first moving obstacle: the number of joints of the
+            model.
         count: Number of moving obstacles.
-        kinks: Times at which an obstacle changes its velocity at once [s], ascending.
+        kinks: Times at which the velocity of an obstacle jumps [s], ascending.
     """
 
     def __init__(self, obstacles: Sequence[Obstacle], first: int) -> None:
@@ -185,7 +187,7 @@ class MovingObstacles:
     def approach(
         self, joint: IntArray, times: Array, point: Array, normal: Array
     ) -> Array:
-        """Speeds along directions of points on moving obstacles; zero elsewhere.
+        """Speeds of points on moving obstacles along directions; zero for other points.
 
         Args:
             joint: Joint or obstacle that carries each point, shape (k,).
@@ -194,7 +196,7 @@ class MovingObstacles:
             normal: Directions in the world, shape (k, 3).
 
         Returns:
-            Shape (k,) [m/s].
+            Speeds, shape (k,) [m/s].
         """
         out = np.zeros(joint.size)
         for number, item in enumerate(self._obstacles):
@@ -210,7 +212,7 @@ class MovingObstacles:
         """Largest speeds between times [s], shape (m,) each.
 
         Returns:
-            Speeds of the origins [m/s] and rotations [rad/s], shapes (m, count).
+            Speeds of the origins [m/s] and of the rotations [rad/s], shapes (m, count).
         """
         linear, angular = np.empty((2, begin.size, self.count))
         for number, item in enumerate(self._obstacles):

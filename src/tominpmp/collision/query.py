@@ -1,4 +1,4 @@
-"""Distances of pairs at many configurations: bounds where they suffice, else exact."""
+"""Distances of pairs at many configurations, exact only where bounds do not suffice."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tominpmp.collision.shapes import Body
     from tominpmp.robot.robot import Robot
 
-# Configurations whose distances are computed at once, which limits the memory.
+# Number of configurations that are processed at once, which limits the memory.
 CHUNK = 1024
 
 
@@ -27,7 +27,7 @@ class Derivatives(NamedTuple):
 
     Attributes:
         gradients: Derivatives by the configuration, shape (k, n) [m/rad or m/m].
-        rates: Derivatives by time, where obstacles move, shape (k,) [m/s].
+        rates: Derivatives by time, due to moving obstacles, shape (k,) [m/s].
     """
 
     gradients: Array
@@ -35,11 +35,11 @@ class Derivatives(NamedTuple):
 
 
 class PairDistances:
-    """Collision pairs, and the steps from coarse bounds to their exact distances.
+    """Collision pairs and their distances, by a broad and a narrow phase.
 
     Attributes:
         robot: The robot.
-        obstacles: Moving obstacles.
+        obstacles: Placements of the moving obstacles.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class PairDistances:
         obstacles: MovingObstacles | None = None,
         watched: tuple[Sequence[Body], Pairs] | None = None,
     ) -> None:
-        """Set up bodies and collision pairs, unless a subclass provides them."""
+        """Set the bodies and their collision pairs; None if a subclass has them."""
         self.robot = robot
         self.obstacles = obstacles or MovingObstacles((), robot.model.njoints)
         if watched is not None:
@@ -56,31 +56,31 @@ class PairDistances:
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:
-        """The bodies, and the pairs of them."""
+        """The bodies, and the collision pairs of bodies."""
         raise NotImplementedError
 
     @cached_property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Names (link, other) of the pairs; pairs with obstacles come first.
 
-        A link has a pair for each of its convex pieces.
+        A link has a separate pair for each of its convex pieces.
         """
         bodies, pairs = self.watched
         return tuple((bodies[i].name, bodies[k].name) for i, k in pairs.tolist())
 
     @cached_property
     def placements(self) -> Placements:
-        """Forward kinematics."""
+        """Forward kinematics of the robot."""
         return Placements(self.robot.model)
 
     @cached_property
     def broad(self) -> BroadPhase:
-        """Bounds from balls and boxes."""
+        """Broad phase: bounds from balls and boxes."""
         return BroadPhase(*self.watched)
 
     @cached_property
     def narrow(self) -> NarrowPhase:
-        """Exact distances."""
+        """Narrow phase: exact distances."""
         return NarrowPhase(self.robot.model, *self.watched, self.obstacles)
 
     @cached_property
@@ -90,9 +90,10 @@ class PairDistances:
 
     @cached_property
     def _moves(self) -> BoolArray:
-        """Whether coordinates of the model change the distance of each pair.
+        """Whether coordinates of the model change distances, shape (pairs, nv).
 
-        They do if they move one of its bodies and not the other, shape (pairs, nv).
+        A coordinate changes the distance of a pair if it moves exactly one of its
+        bodies.
         """
         one, other = (
             self.placements.moves[self._model_joint(bodies)]
@@ -106,9 +107,9 @@ class PairDistances:
         return np.where(joint < self.obstacles.first, joint, 0)
 
     def _place(self, rows: Array, times: Array) -> Joints:
-        """Placements joint_to_world at configurations of the model, and times [s].
+        """Placements joint_to_world at configurations of the model and times [s].
 
-        Placements of moving obstacles are appended.
+        The placements of moving obstacles follow those of the joints.
         """
         joints = self.placements.joints(rows)
         if not self.obstacles.count:
@@ -127,22 +128,22 @@ class PairDistances:
 
         Args:
             q: Configurations, shape (m, n) [rad or m].
-            cutoff: Distance beyond which a lower bound is enough [m], one for all pairs
-                or by pair, shape (pairs,); infinite for exact distances throughout.
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
+            cutoff: Distance beyond which a lower bound suffices [m], a number for all
+                pairs or an array, shape (pairs,); infinite for exact distances only.
+            times: Times [s], shape (m,), for moving obstacles; None for the start.
 
         Returns:
-            Distances [m], shape (m, number of pairs). Distances below the cutoff are
-            exact; others may be lower bounds, which are not below the cutoff either.
+            Distances [m], shape (m, pairs). Distances below the cutoff are exact; other
+            distances may be lower bounds, which are not below the cutoff.
         """
         q = array(q, "q", (None, self.robot.n), JOINTS)
         rows, out = self.robot.expand(q), np.empty((q.shape[0], len(self.pairs)))
         times = _or_start(times, q)
-        if np.all(np.isposinf(cutoff)):  # no bound saves anything
+        if np.all(np.isposinf(cutoff)):  # bounds would be computed for nothing
             instant, pair = np.indices(out.shape).reshape(2, -1)
             return self._exact(rows, instant, pair, times).reshape(out.shape)
         limit = np.broadcast_to(np.asarray(cutoff, np.float64), out.shape[1:])
-        limit = np.maximum(limit, 0.0)  # bounds say nothing about depths
+        limit = np.maximum(limit, 0.0)  # bounds do not hold for depths
         for begin in range(0, len(q), CHUNK):
             part = slice(begin, begin + CHUNK)
             out[part] = self._cut_off(rows[part], limit, times[part])
@@ -151,7 +152,7 @@ class PairDistances:
     def _cut_off(self, rows: Array, limit: Array, times: Array) -> Array:
         """Distances at configurations of the model, exact below the limits of pairs."""
         placed = self._place(rows, times)
-        lower, instant, pair = self.broad.near(placed, limit)
+        lower, instant, pair = self.broad.below(placed, limit)
         if not instant.size:
             return lower
         bound = lower[instant, pair]
@@ -161,7 +162,7 @@ class PairDistances:
         return lower
 
     def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
-        """Lower bounds of all distances, without measuring any; see ``distances``."""
+        """Lower bounds of all distances, from the broad phase; see ``distances``."""
         placed = self._place(self.robot.expand(q), _or_start(times, q))
         return self.broad.by_balls(placed)
 
@@ -178,12 +179,12 @@ class PairDistances:
         Args:
             q: Configurations, shape (m, n) [rad or m].
             instants: Index of the configuration of each distance, shape (k,).
-            pairs: Index of its pair, shape (k,).
+            pairs: Index of the pair of each distance, shape (k,).
             enough: Distances above which a lower bound suffices, shape (k,) [m].
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
+            times: Times [s], shape (m,), for moving obstacles; None for the start.
 
         Returns:
-            Shape (k,) [m]; exact where below ``enough``.
+            Distances, shape (k,) [m]; exact if below ``enough``.
         """
         used, instants = np.unique(instants, return_inverse=True)
         rows, times = self.robot.expand(q[used]), _or_start(times, q)[used]
@@ -199,9 +200,9 @@ class PairDistances:
         enough: Array,
         times: Array,
     ) -> Array:
-        """Distances of single pairs at configurations of the model, once placed."""
+        """Distances of single pairs at configurations whose placements are known."""
         out = self.broad.by_covers(placed, instant, pair)
-        # Bounds say nothing about depths.
+        # Bounds do not hold for depths.
         near = np.flatnonzero(out < np.maximum(enough, 0.0))
         out[near] = self._exact(rows, instant[near], pair[near], times)
         return out
@@ -221,7 +222,8 @@ class PairDistances:
         """Place the bodies at one configuration after the other.
 
         Yields:
-            Indices of the instants with the configuration, and their pairs.
+            Indices into ``instant`` and ``pair`` of the queries at the configuration,
+            and their pairs.
         """
         order = np.argsort(instant, kind="stable")
         starts = np.flatnonzero(np.diff(instant[order], prepend=-1))
@@ -244,18 +246,17 @@ class PairDistances:
         r"""Derivatives of some distances by configuration and by time.
 
         With the witness points p1, p2 and the unit normal n from the first body to the
-        second, :math:`d_q = n^T (J_2(p_2) - J_1(p_1))`. In penetration and at contact
-        the normal stays defined, so that the gradient is finite there too. It is zero
-        where no joint changes the distance: a planar arm that overlaps a box flatter
-        than the arm could leave it only across its plane, in which it cannot move.
-        Where the obstacle moves, its point p2 has a velocity v of its own, and
-        :math:`d_t = n^T v`.
+        second, :math:`d_q = n^T (J_2(p_2) - J_1(p_1))`. The normal is defined in
+        penetration and at contact, too, so that the gradient is finite. The gradient is
+        zero if no joint changes the distance: a planar arm that overlaps a box flatter
+        than itself could leave the box only perpendicular to its plane of motion. For a
+        moving obstacle, whose point p2 has the velocity v, :math:`d_t = n^T v`.
 
         Args:
             q: Configurations, shape (m, n) [rad or m].
             instants: Index of the configuration of each gradient, shape (k,).
-            pairs: Index of its pair, shape (k,).
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
+            pairs: Index of the pair of each gradient, shape (k,).
+            times: Times [s], shape (m,), for moving obstacles; None for the start.
 
         Returns:
             The derivatives.
@@ -284,18 +285,19 @@ class PairDistances:
             q: Configurations, shape (m, n) [rad or m].
             instants: Index of the configuration of each pair, shape (k,).
             pairs: Indices of the pairs, shape (k,).
-            times: Times [s], shape (m,), for obstacles that move.
+            times: Times [s], shape (m,), for moving obstacles.
 
         Returns:
             Unit normals from the first body to the second, along which the distance
-            grows, and the points on both [m], in the world, shape (3, k, 3).
+            grows, and the witness points on both bodies [m], in the world, shape
+            (3, k, 3).
         """
         rows, found = self.robot.expand(q), np.empty((3, len(pairs), 3))
         for chosen, some in self._placed(rows, instants, pairs, times):
             found[:, chosen] = self.narrow.witnesses(some)
         return found
 
-    def closing(
+    def decrease(
         self,
         q: Array,
         swing: Array,
@@ -303,48 +305,48 @@ class PairDistances:
         end: Array,
         pairs: IntArray | None = None,
     ) -> Array:
-        """Bounds on the decrease of distances within stretches of time.
+        """Bounds on the decrease of distances within spans of time.
 
-        Coordinates that move both bodies of a pair alike do not bring them closer.
+        Coordinates that move both bodies of a pair do not change their distance.
 
         Args:
-            q: Configurations in the middles of the stretches, shape (m, n) [rad or m].
-            swing: Largest deviations of joints from there in the stretch, (m, n).
-            begin: Beginnings of the stretches [s], shape (m,).
-            end: Ends of the stretches [s], shape (m,).
-            pairs: Indices of the pairs, shape (k,); None for all.
+            q: Configurations in the middle of the spans, shape (m, n) [rad or m].
+            swing: Largest deviations of joints from there within the spans, (m, n).
+            begin: Beginnings of the spans [s], shape (m,).
+            end: Ends of the spans [s], shape (m,).
+            pairs: Indices of the pairs, shape (k,); None for all pairs.
 
         Returns:
-            Shape (m, k) [m].
+            Bounds, shape (m, k) [m].
         """
         pairs = np.arange(len(self.pairs)) if pairs is None else pairs
         broad, robot = self.broad, self.robot
         half = swing @ np.abs(robot.expand_tangent(np.eye(robot.n)))
         ends = np.stack([broad.first[pairs], broad.second[pairs]])
         still = self._model_joint(ends) == 0
-        ends[still] = np.max(ends[still], initial=0)  # one represents all
+        ends[still] = np.max(ends[still], initial=0)  # one body represents all at rest
         used, place = np.unique(ends, return_inverse=True)
         first, second = place.reshape(ends.shape)
         balls = self._model_joint(used), broad.centre[used], broad.radius[used]
         moved = self.placements.displacements(robot.expand(q), half, *balls)
-        out, apart = np.zeros((len(q), pairs.size)), self._moves[pairs]
-        for column in np.flatnonzero(apart.any(axis=0)).tolist():
-            some, ways = np.flatnonzero(apart[:, column]), moved[:, :, column]
-            out[:, some] += ways[:, first[some]] + ways[:, second[some]]
+        out, moves = np.zeros((len(q), pairs.size)), self._moves[pairs]
+        for column in np.flatnonzero(moves.any(axis=0)).tolist():
+            some, shift = np.flatnonzero(moves[:, column]), moved[:, :, column]
+            out[:, some] += shift[:, first[some]] + shift[:, second[some]]
         if self.obstacles.count:
             speeds = self.obstacle_speeds(begin, end)[:, pairs]
             out += 0.5 * (end - begin)[:, None] * speeds
         return out
 
     def obstacle_speeds(self, begin: Array, end: Array) -> Array:
-        """Bounds on the speed of all points of the other body of each pair.
+        """Bounds on the speeds of all points of the second body of each pair.
 
         Args:
-            begin: Beginnings of stretches of time [s], shape (m,).
-            end: Ends of the stretches [s], shape (m,).
+            begin: Beginnings of spans of time [s], shape (m,).
+            end: Ends of the spans [s], shape (m,).
 
         Returns:
-            Shape (m, pairs) [m/s]; zero for links, and for obstacles at rest.
+            Bounds, shape (m, pairs) [m/s]; zero for links and for obstacles at rest.
         """
         out = np.zeros((begin.size, self.broad.first.size))
         moving = np.flatnonzero(self.moving_pairs)
@@ -358,5 +360,5 @@ class PairDistances:
 
 
 def _or_start(times: Array | None, q: Array) -> Array:
-    """Times of configurations [s], shape (m,): the start, unless they are given."""
+    """Times of configurations [s], shape (m,): the given times, or the start."""
     return np.zeros(len(q)) if times is None else times

@@ -1,4 +1,4 @@
-"""Selection of the collision pairs."""
+"""Selection of the collision pairs of a robot and a scene."""
 
 from __future__ import annotations
 
@@ -21,23 +21,26 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# Links that overlap at this share of random configurations overlap by design.
+# Links that overlap at more than this share of random configurations do so by design.
 ALWAYS = 0.95
-# Convex pieces that overlap at this share of configurations, while the meshes never
-# do, are too coarse for the distance of the links.
+# Convex pieces that overlap at more than this share of the configurations, although the
+# meshes never do, are too coarse to represent the distance of the links.
 MOSTLY = 0.5
+# Number of random configurations.
 SAMPLES = 100
-# Faces of joined links that slide on each other have distances up to this, or overlap,
-# depending on rounding; a margin between them can neither be kept nor proved [m].
+# Links whose distance is smaller than this count as overlapping [m]: faces of connected
+# links that slide on each other may overlap or not, depending on rounding, and a margin
+# between them can neither be kept nor proved.
 FLUSH = 1e-5
-# Configurations at which the meshes of two links with overlapping hulls are compared.
+# Approximate number of configurations at which the meshes of two links with overlapping
+# hulls are checked.
 TRIES = 50
 # Range in which a joint without limits is sampled [rad or m].
 UNLIMITED = np.pi
 
 
 def scene_pairs(bodies: Sequence[Body], links: int) -> Pairs:
-    """Pair each of the first bodies, if it moves, with each of the rest."""
+    """Pairs of the first bodies (links), if they move, with all other bodies."""
     moving = [i for i in range(links) if bodies[i].joint]
     return _indices([(i, k) for k in range(links, len(bodies)) for i in moving])
 
@@ -45,35 +48,39 @@ def scene_pairs(bodies: Sequence[Body], links: int) -> Pairs:
 def links_of(
     robot: Robot, geometry: Geometry, cut: frozenset[str] | None = None
 ) -> tuple[Body, ...]:
-    """Shapes of all links, shared by all checkers of a robot.
+    """Bodies of all links, shared by all checkers of a robot.
 
-    ``cut`` has the names of the links whose meshes are represented by ``geometry``,
-    while others are one hull each; None stands for all links.
+    Args:
+        robot: The robot.
+        geometry: Representation of meshes.
+        cut: Names of the links whose meshes have this representation, while the meshes
+            of other links are represented by one hull each; None for all links.
     """
-    found: list[Body] = []
+    bodies: list[Body] = []
     for part in range(len(robot.collision_model.geometryObjects)):
         whole = cut is not None and part_link(robot, part) not in cut
-        taken_as: Geometry = "hull" if whole else geometry
-        found += _once(robot, part_bodies, part, taken_as)
-    return tuple(found)
+        kind: Geometry = "hull" if whole else geometry
+        bodies += _cached(robot, part_bodies, part, kind)
+    return tuple(bodies)
 
 
 def own_pairs(
     robot: Robot, geometry: Geometry, cut: frozenset[str] | None = None
 ) -> Pairs:
-    """Pair the links of a robot with each other, and with bodies fixed to its base.
+    """Pairs of the links of a robot, including bodies that are fixed to its base.
 
-    Left out are the pairs that the semantic description disables (if it disables any),
-    else neighbours; links that overlap at nearly all configurations; and links whose
-    convex pieces overlap at most configurations while their meshes never do. The
-    selection does not depend on the cut links, see :func:`links_of`. The first bodies
-    of the pairs move.
+    Three kinds of pairs are left out: pairs that the semantic description disables or,
+    if it disables no pair, neighbours; links that overlap at almost all configurations;
+    and links whose convex pieces overlap at most configurations although their meshes
+    never do. The selection does not depend on ``cut``, see :func:`links_of`. The first
+    body of each pair moves.
     """
-    return _once(robot, _own_pairs, geometry, cut)
+    return _cached(robot, _own_pairs, geometry, cut)
 
 
 def _own_pairs(robot: Robot, geometry: Geometry, cut: frozenset[str] | None) -> Pairs:
-    left_out = _once(robot, _inseparable, geometry)
+    """The pairs of :func:`own_pairs`, without the cache."""
+    left_out = _cached(robot, _always_overlapping, geometry)
     bodies = links_of(robot, geometry, cut)
     return without(left_out, bodies, _candidates(robot, bodies))
 
@@ -83,17 +90,18 @@ def links_touching(
 ) -> dict[frozenset[str], int]:
     """Links that touch at given configurations, whether or not their pair is checked.
 
-    Links are first taken as one hull each, and where hulls overlap as meshes, at a few
-    of the configurations: links that touch at one or two others may be missed.
+    The hulls of the links are checked at all configurations, and the meshes at a sample
+    of the configurations at which the hulls overlap: links that touch at only one or
+    two configurations may be missed.
 
     Args:
         robot: The robot.
-        wanted: Names of the links of each pair.
+        wanted: Names of the links of each pair to check.
         q: Configurations, shape (m, n) [rad or m].
 
     Returns:
-        Index of the first configuration at which their meshes were found to overlap,
-        by names.
+        Index of the first configuration at which the meshes were found to overlap, by
+        the names of the links.
     """
     rows, bodies = robot.expand(q), links_of(robot, "hull")
     pairs = _named(bodies, wanted)
@@ -111,20 +119,20 @@ def links_touching(
     return found
 
 
-def _once(robot: Robot, make: Callable[..., T], *given: Hashable) -> T:
-    """What a function makes of a robot and more arguments, kept with the robot.
+def _cached(robot: Robot, function: Callable[..., T], *arguments: Hashable) -> T:
+    """Result of a function of a robot and more arguments, cached with the robot.
 
     Hashing meshes and checking configurations takes longer than a plan in free space.
     """
-    known: dict[object, T] = robot.__dict__.setdefault("_collision", {})
-    key = make, *given
-    if key not in known:
-        known[key] = make(robot, *given)
-    return known[key]
+    cache: dict[object, T] = robot.__dict__.setdefault("_collision", {})
+    key = function, *arguments
+    if key not in cache:
+        cache[key] = function(robot, *arguments)
+    return cache[key]
 
 
 def _candidates(robot: Robot, bodies: Sequence[Body]) -> Pairs:
-    """All pairs of links without the pairs that may touch by the robot's files."""
+    """All pairs of links, except disabled pairs (SRDF) or, without any, neighbours."""
     disabled = set() if robot.srdf is None else set(robot.srdf.disabled_pairs)
     carriers = {body.joint for body in bodies}
 
@@ -137,33 +145,39 @@ def _candidates(robot: Robot, bodies: Sequence[Body]) -> Pairs:
     return _moving_pairs(bodies, watched)
 
 
-def _inseparable(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
-    """Names of links whose shapes always overlap, or are too coarse.
+def _always_overlapping(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
+    """Names of pairs of links whose shapes always overlap, or are too coarse.
 
-    Shapes are within their hulls, so that pairs whose hulls seldom overlap need no
-    pieces: cutting a mesh into pieces takes a second.
+    Shapes are inside their hulls, so that pairs whose hulls seldom overlap need no
+    decomposition, which takes a second for a mesh.
     """
-    share = _shares(robot, links_of(robot, "hull"), None)
+    share = _overlaps(robot, links_of(robot, "hull"), None)
     often = {names for names, value in share.items() if value > MOSTLY}
     if often and geometry != "hull":
         cut = frozenset(name for names in often for name in names)
-        share = _shares(robot, links_of(robot, geometry, cut), often)
+        share = _overlaps(robot, links_of(robot, geometry, cut), often)
     left_out = {names for names, value in share.items() if value > ALWAYS}
     doubtful = {names for names, value in share.items() if MOSTLY < value <= ALWAYS}
     if doubtful:
-        exact = _shares(robot, links_of(robot, "mesh"), doubtful)
+        exact = _overlaps(robot, links_of(robot, "mesh"), doubtful)
         left_out |= {
             names for names in doubtful if not 0.0 < exact.get(names, 0.0) <= ALWAYS
         }
     return frozenset(left_out)
 
 
-def _shares(
+def _overlaps(
     robot: Robot, bodies: Sequence[Body], wanted: set[frozenset[str]] | None
 ) -> dict[frozenset[str], float]:
-    """Share of random configurations at which links overlap, by their names."""
-    watched = wanted is None
-    pairs = _candidates(robot, bodies) if watched else _named(bodies, wanted or ())
+    """Share of random configurations at which links overlap, by their names.
+
+    Args:
+        robot: The robot.
+        bodies: Bodies of the links.
+        wanted: Names of the links of each pair; None for all candidates.
+    """
+    every = wanted is None
+    pairs = _candidates(robot, bodies) if every else _named(bodies, wanted or ())
     if not pairs.size:
         return {}
     narrow = NarrowPhase(robot.model, bodies, pairs)
@@ -175,7 +189,7 @@ def _shares(
 
 
 def _named(bodies: Sequence[Body], wanted: Collection[frozenset[str]]) -> Pairs:
-    """Pairs of bodies with certain names that move against each other."""
+    """Pairs of bodies with given names that move relative to each other."""
     return _moving_pairs(
         bodies, lambda one, other: frozenset((one.name, other.name)) in wanted
     )
@@ -184,9 +198,9 @@ def _named(bodies: Sequence[Body], wanted: Collection[frozenset[str]]) -> Pairs:
 def _moving_pairs(
     bodies: Sequence[Body], watched: Callable[[Body, Body], bool]
 ) -> Pairs:
-    """Pairs of bodies that move against each other and pass a filter.
+    """Pairs of bodies that move relative to each other and pass a filter.
 
-    The first bodies of the pairs move.
+    The first body of each pair moves.
     """
     return _indices(
         [
@@ -202,7 +216,7 @@ def _indices(pairs: Sequence[tuple[int, int]]) -> Pairs:
 
 
 def _columns(bodies: Sequence[Body], pairs: Pairs) -> dict[frozenset[str], list[int]]:
-    """Indices of pairs of bodies by the names of their links."""
+    """Indices of the pairs of bodies, by the names of their links."""
     columns: dict[frozenset[str], list[int]] = {}
     for index, both in enumerate(pairs.tolist()):
         columns.setdefault(frozenset(bodies[i].name for i in both), []).append(index)
@@ -212,7 +226,7 @@ def _columns(bodies: Sequence[Body], pairs: Pairs) -> dict[frozenset[str], list[
 def without(
     left_out: frozenset[frozenset[str]], bodies: Sequence[Body], pairs: Pairs
 ) -> Pairs:
-    """The pairs of bodies without the pairs of names that are left out."""
+    """The pairs of bodies, except pairs whose names are left out."""
     if not left_out:
         return pairs
     columns = _columns(bodies, pairs)

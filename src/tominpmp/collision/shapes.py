@@ -13,18 +13,19 @@ from scipy.spatial import ConvexHull
 
 from tominpmp.arrays import Array, IntArray
 
-# Flat meshes get this thickness [m]; Coal crashes on hulls without volume.
+# Thickness that flat meshes get [m], as Coal crashes on hulls without volume.
 THINNEST = 1e-4
-# A round edge is enclosed by a polygon of this many corners.
+# Number of corners of the polygon that encloses a round edge.
 CORNERS = 16
-# Coal supports 254 neighbours of a corner of a hull. If a corner has more, corners with
-# more neighbours than the first number are split into corners with about the second
-# number of them.
+# Coal supports at most 254 neighbours of a corner of a hull. If a corner has more, all
+# corners with more than CROWDED neighbours are split into corners with about SHARE
+# neighbours each.
 CROWDED, SHARE = 128, 64
-# Largest outward displacement of a hull by that, as a share of its diagonal. At a cone
-# of 13 cm distances change by 1e-7 m, which is less than the error of EPA.
+# Largest outward displacement of a hull by this splitting, as a share of its diagonal.
+# For a cone of 13 cm distances change by 1e-7 m, which is less than the error of EPA.
 BLUNT = 1e-6
-# Largest number of rounds of splitting; one suffices for some thousand neighbours.
+# Largest number of rounds of splitting; one round suffices for a few thousand
+# neighbours.
 ROUNDS = 8
 
 
@@ -34,11 +35,13 @@ class Body:
 
     Attributes:
         name: Name of the link or of the obstacle.
-        joint: Index in the model of the joint that carries it; 0 for the world, and
-            beyond the joints of the model for moving obstacles (``MovingObstacles``).
+        joint: Index in the model of the joint that carries the body; 0 for the world.
+            Indices beyond the joints of the model are moving obstacles, see
+            ``MovingObstacles``.
         placement: Placement body_to_joint.
-        shape: Coal's shape.
-        part: Index of the geometry of the robot that it belongs to; -1 for obstacles.
+        shape: Shape for Coal.
+        part: Index of the robot's collision geometry to which the body belongs; -1 for
+            obstacles.
     """
 
     name: str
@@ -49,7 +52,7 @@ class Body:
 
 
 def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:
-    """Mesh for Coal, from vertices, shape (k, 3), and corners, shape (l, 3)."""
+    """Mesh for Coal, from vertices (k, 3) and indices of corners (l, 3)."""
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(len(triangles), len(vertices))
     mesh.addVertices(np.ascontiguousarray(vertices))
@@ -59,7 +62,7 @@ def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:
 
 
 def mesh_arrays(mesh: Any) -> tuple[Array, IntArray]:
-    """Vertices of a mesh of Coal, shape (k, 3) [m], and corners, shape (l, 3)."""
+    """Vertices (k, 3) [m] and corner indices of the triangles (l, 3) of a mesh."""
     triangles = map(mesh.tri_indices, range(mesh.num_tris))
     corners = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
     vertices = np.array(mesh.vertices(), dtype=np.float64).reshape(-1, 3)
@@ -67,24 +70,24 @@ def mesh_arrays(mesh: Any) -> tuple[Array, IntArray]:
 
 
 def is_mesh(shape: Any) -> bool:
-    """Whether a shape is a set of triangles without order."""
+    """Whether a shape is a triangle mesh, which need not be convex or closed."""
     return isinstance(shape, coal.BVHModelBase)
 
 
 def is_convex(shape: Any) -> bool:
-    """Whether a shape is convex, so that a plane parts it from others."""
+    """Whether a shape is convex, so that a plane separates it from convex shapes."""
     return isinstance(shape, coal.ShapeBase)
 
 
 def convex_hull(mesh: Any) -> Any:
-    """Convex hull of a mesh, stored with the mesh where possible."""
-    if mesh.convex is None:  # else it was made for an earlier checker
+    """Convex hull of a mesh, cached with the mesh if possible."""
+    if mesh.convex is None:  # not built for an earlier checker
         vertices = np.array(mesh.vertices(), dtype=np.float64)
         points = _thickened(vertices)
         if len(points) > len(vertices):
             return hull_of(points)
-        # Not buildConvexRepresentation: it treats a mesh with dents as if it were
-        # convex, and the distances come out too large.
+        # buildConvexRepresentation would treat a mesh with dents as if it were convex,
+        # with distances that are too large.
         try:
             mesh.buildConvexHull(False, "")
         except RuntimeError:
@@ -95,9 +98,9 @@ def convex_hull(mesh: Any) -> Any:
 def hull_of(points: Array) -> Any:
     """Convex hull of points, shape (k, 3).
 
-    It contains all points, and protrudes from their true hull by no more than a
-    millionth of its diagonal (``BLUNT``). Faces stay polygons: were a disc cut into
-    triangles, one of its corners would have more neighbours than Coal supports.
+    It contains all points, and protrudes from their exact hull by no more than a
+    millionth of its diagonal (``BLUNT``). Faces stay polygons: in the triangulation of
+    a disc, a corner may have more neighbours than Coal supports.
     """
     try:
         return _hull(points)
@@ -113,10 +116,10 @@ def _hull(points: Array) -> Any:
 
 
 def _blunted(points: Array) -> Array:
-    """Points with a hull that contains the given points, without crowded corners.
+    """Points whose hull contains the given points and has no crowded corners.
 
-    A corner with too many neighbours, as the tip of a cone, is replaced by a ring of
-    points around it.
+    A corner with too many neighbours, such as the tip of a cone, is replaced by a ring
+    of points around it.
     """
     reach = BLUNT * float(np.linalg.norm(np.ptp(points, axis=0)))
     for _ in range(ROUNDS):
@@ -124,14 +127,14 @@ def _blunted(points: Array) -> Array:
         tips = np.flatnonzero(_neighbours(hull) > CROWDED)
         if not tips.size:
             break
-        reach *= 0.5  # so that all rounds together stay within it
+        reach *= 0.5  # so that the sum over all rounds stays below its first value
         rings = [_ring(hull, tip, reach) for tip in tips.tolist()]
         points = np.concatenate([points[hull.vertices], *rings])
     return points
 
 
 def _neighbours(hull: ConvexHull) -> IntArray:
-    """Number of edges at each point of a hull, without those within a flat face."""
+    """Number of edges at each point of a hull, without edges inside a flat face."""
     ends = [
         hull.simplices[np.any(hull.equations != beyond, axis=1)][:, [k - 1, k - 2]]
         for k, beyond in enumerate(hull.equations[hull.neighbors.T])
@@ -141,9 +144,9 @@ def _neighbours(hull: ConvexHull) -> IntArray:
 
 
 def _ring(hull: ConvexHull, tip: int, radius: float) -> Array:
-    """Points around a corner of a hull, across the mean normal of its faces.
+    """Points around a corner of a hull, perpendicular to the mean normal of its faces.
 
-    They are in the directions of the normals, so that each is a corner of some faces.
+    They lie in the directions of normals of faces, so that each is a corner of a face.
     """
     faces = hull.equations[np.any(hull.simplices == tip, axis=1), :3]
     normals = np.unique(faces, axis=0)
@@ -169,8 +172,8 @@ class Outline:
     """An enclosure of a shape: a convex hull of points, inflated by a radius.
 
     Attributes:
-        points: Shape (k, 3) [m].
-        radius: Radius [m].
+        points: Points, shape (k, 3) [m].
+        radius: Radius by which their hull is inflated [m].
     """
 
     points: Array
@@ -178,7 +181,7 @@ class Outline:
 
 
 def outline(shape: Any) -> Outline:
-    """Enclose a shape; tightly except at the round edges of cylinders."""
+    """Outline of a shape: tight, except at the round edges of cylinders."""
     if isinstance(shape, coal.Sphere):
         return Outline(np.zeros((1, 3)), float(shape.radius))
     if isinstance(shape, coal.Capsule):
@@ -197,6 +200,7 @@ def outline(shape: Any) -> Outline:
 
 
 def _drum(radius: float, half: float) -> Array:
+    """Corners of a prism that encloses a cylinder, shape (2 CORNERS, 3) [m]."""
     angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     ring = radius / np.cos(np.pi / CORNERS) * np.array([np.cos(angle), np.sin(angle)])
     ends = [np.column_stack([ring.T, np.full(CORNERS, z)]) for z in (-half, half)]

@@ -2,10 +2,10 @@ r"""Constraints along a motion (the paper's equation 6).
 
 .. math:: b(x(\tau), \tau, T) \le 0 \quad \text{for all } \tau \in [0, 1]
 
-A constraint gives values and partial derivatives at states; it is independent of the
-parameterisation of the motion and of the solver. A transcription gives the states and
-pulls the partial derivatives back to its unknowns (the chain rule, or the paper's
-costates).
+A constraint gives values and partial derivatives at states; it depends neither on the
+parameterisation of the motion nor on the solver. A transcription provides the states
+and pulls the partial derivatives back to its unknowns (by the chain rule, or by the
+paper's costates).
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class States(NamedTuple):
     Attributes:
         t: Times [s], shape (m,).
         q: Positions, shape (m, n) [rad or m].
-        v: Velocities, shape (m, n); zero-sized where they are not needed.
-        a: Accelerations, shape (m, n); zero-sized likewise.
-        u: Torques less dry friction, shape (m, n), where they are unknowns of the
-            motion; None where they follow from the accelerations.
+        v: Velocities, shape (m, n); of size zero if they are not needed.
+        a: Accelerations, shape (m, n); of size zero if they are not needed.
+        u: Torques less dry friction, shape (m, n), if they are unknowns of the motion;
+            None if they follow from the accelerations.
     """
 
     t: Array
@@ -41,17 +41,17 @@ class States(NamedTuple):
 
 
 class Partials(NamedTuple):
-    """Partial derivatives of k values by the states at their instants.
+    """Partial derivatives of k values with respect to the states at their instants.
 
     Attributes:
         at: Index of the instant of each value, shape (k,).
-        by_q: Shape (k, n); None for zero, here and below.
-        by_v: Shape (k, n).
-        by_a: Shape (k, n).
-        by_u: Shape (k, n), where torques are unknowns.
-        by_t: Shape (k,).
-        row: Index of the row that each value is added to, shape (k,); None for a row
-            for each value.
+        by_q: Derivatives by positions, shape (k, n); None means zero, here and below.
+        by_v: Derivatives by velocities, shape (k, n).
+        by_a: Derivatives by accelerations, shape (k, n).
+        by_u: Derivatives by torques, shape (k, n), if torques are unknowns.
+        by_t: Derivatives by time, shape (k,).
+        row: Index of the row to which each value is added, shape (k,); None if each
+            value is a separate row.
     """
 
     at: IntArray
@@ -63,7 +63,7 @@ class Partials(NamedTuple):
     row: IntArray | None = None
 
     def times(self, factor: Array) -> Partials:
-        """Values times factors, shape (k, 1)."""
+        """Partial derivatives of the values times factors, shape (k, 1)."""
 
         def product(part: Array | None) -> Array | None:
             return None if part is None else factor * part
@@ -75,19 +75,19 @@ class Partials(NamedTuple):
 
 
 def both_instants(pairs: IntArray) -> IntArray:
-    """The first instants of some pairs of instants, and then the second ones."""
+    """Indices of the first instants of pairs, followed by the second instants."""
     return np.concatenate([2 * pairs, 2 * pairs + 1])
 
 
 def slope_partials(by: Partials, t: Array, pairs: IntArray, slope: Array) -> Partials:
-    """Partial derivatives of slopes over time between both instants of pairs.
+    """Partial derivatives of slopes in time between the two instants of pairs.
 
     Args:
         by: Partial derivatives of k quantities at the first instants of their pairs,
-            and then at the second ones.
+            followed by the second instants.
         t: Times of all instants [s], shape (m,).
         pairs: Index of the pair of each quantity, shape (k,).
-        slope: Their slopes, shape (k,).
+        slope: Slope of each quantity, shape (k,).
     """
     span = np.tile(np.diff(t)[::2][pairs], 2)
     sides = np.repeat([-1.0, 1.0], pairs.size)
@@ -97,17 +97,17 @@ def slope_partials(by: Partials, t: Array, pairs: IntArray, slope: Array) -> Par
 
 
 class Constraint(ABC):
-    """A constraint at all times of a motion, or at some.
+    """A constraint at all times of a motion, or during a part of it.
 
     Values are scaled so that a violation of 1 means about "by 100 %".
 
     Attributes:
-        order: Highest derivative of the positions that it depends on: 0, 1, or 2, which
-            is for torques too.
+        order: Order of the highest derivative of the positions in it: 0, 1, 2 (torques,
+            too), or 3 for rates between pairs of instants.
         field: "q", "v", "a", "j" or "u" if it bounds positions, velocities,
-            accelerations, jerks or torques joint by joint; empty else.
-        shared: Whether all its values together are relaxed by one elastic variable of a
-            linear program; else each instant has an elastic variable.
+            accelerations, jerks or torques joint by joint; empty otherwise.
+        shared: Whether one elastic variable of a linear program relaxes all values;
+            otherwise each instant has an elastic variable.
         moving: Whether the values depend explicitly on time.
         gradual: Whether values far below their bounds may be left out of a linear
             program, as a step cannot bring them near the bounds.
@@ -129,7 +129,7 @@ class Constraint(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """Its name, in reports and messages."""
+        """Name of the constraint, in reports and messages."""
 
     @property
     @abstractmethod
@@ -142,8 +142,9 @@ class Constraint(ABC):
 
         Args:
             states: The states at m instants.
-            attention: Values below their bound by more than this need not be exact, as
-                long as they stay below it by that much and depend on the states alone.
+            attention: Values whose margin to their bound is larger than this need not
+                be exact, as long as their margin stays larger than this and they depend
+                on the states alone.
         """
 
     @abstractmethod
@@ -153,23 +154,23 @@ class Constraint(ABC):
         Args:
             states: The states at m instants.
             at: Row of each value in the result of :meth:`evaluate`, shape (k,).
-            which: Its column, shape (k,).
+            which: Column of each value in this result, shape (k,).
         """
 
     def bend(self, states: States, at: IntArray, which: IntArray) -> Partials | None:
         """Second-order term of convex values, which linearised values lack.
 
-        The term is given as vectors: half of their squared lengths is the second-order
-        change of the values in a step (Gauss-Newton), as the values are convex
-        functions of quantities that are linearised.
+        The values are convex functions of quantities that are linearised. The term is
+        given by one vector for each value: half of its squared length is the
+        second-order change of the value in a step (Gauss-Newton).
 
         Args:
             states: The states at m instants.
             at: Row of each value in the result of :meth:`evaluate`, shape (k,).
-            which: Its column, shape (k,).
+            which: Column of each value in this result, shape (k,).
 
         Returns:
-            Partial derivatives of the components of the vectors; ``row`` has the index
+            Partial derivatives of the components of the vectors; ``row`` is the index
             of the value of each component. None without a second-order term.
         """
         return None
@@ -181,11 +182,11 @@ class Constraint(ABC):
 
     @property
     def kinks(self) -> Array:
-        """Times at which values may have a kink for any motion [s], shape (k,)."""
+        """Times at which values may have a kink in any motion [s], shape (k,)."""
         return NO_TIMES
 
     def rises(self, duration: float) -> Array:
-        """Largest partial derivatives by time before a time [1/s], shape (p,)."""
+        """Largest partial derivatives by time up to a duration [1/s], shape (p,)."""
         return np.zeros(self.count)
 
     @property
@@ -205,19 +206,19 @@ class Constraint(ABC):
 
     @property
     def assumes(self) -> bool:
-        """Whether it makes assumptions about a motion."""
+        """Whether the constraint makes assumptions about the motion."""
         return False
 
     @property
     def informed(self) -> bool:
-        """Whether its assumptions are set."""
+        """Whether the assumptions of the constraint are set."""
         return True
 
     def assumed(self, states: States, beside: Array) -> Constraint:
-        """The constraint with its assumptions from a motion, at given instants.
+        """The constraint with assumptions taken from a motion at given instants.
 
         Args:
-            states: The states at its instants.
+            states: The states at these instants.
             beside: Velocities near these instants, shape (m, n).
         """
         return self
@@ -225,18 +226,18 @@ class Constraint(ABC):
     def corrected(
         self, states: States, beside: Array, tolerance: float
     ) -> tuple[Constraint, int]:
-        """The constraint with assumptions from another motion, and their changes.
+        """The constraint with assumptions corrected by a motion, and their changes.
 
         Args:
-            states: The states of the other motion.
+            states: The states of the motion at the instants of the constraint.
             beside: Velocities near the instants, shape (m, n).
             tolerance: Tolerated relative excess.
 
         Returns:
-            The constraint, and the number of values that the changes affect.
+            The constraint, and the number of values affected by the changes.
         """
         return self, 0
 
     def joined(self, other: Constraint) -> Constraint:
-        """The constraint with its assumptions at these instants and at others."""
+        """The constraint with the assumptions at its instants and at other instants."""
         return self

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from tominpmp.collision.checker import CollisionChecker
 
 # Share of the padding that may be used up between rows, for obstacles at rest and for
-# moving ones, and the tolerated violation without padding, in units of the length.
+# moving obstacles.
 GRAZE, GRAZE_MOVING = 0.8, 0.5
-LEAST_GRAZE = 1e-5
-# Largest share of the remaining padding that this tolerance may use.
-REST = 0.5
+# Violation that is tolerated even without padding, in units of the length, and its
+# largest share of the padding that remains.
+LEAST_GRAZE, REST = 1e-5, 0.5
 
 
 @record
@@ -32,10 +32,10 @@ class ClearanceConstraint(Constraint):
 
     Attributes:
         checker: Distances of the pairs.
-        margin: Distance to keep [m], one for all pairs or by pair.
-        length: Length that the values are divided by [m].
-        padding: Part of the margin beyond the margin of the problem, in units of the
-            length, one for all pairs or by pair.
+        margin: Distance to keep [m], a number for all pairs or an array by pair.
+        length: Length by which the values are divided [m].
+        padding: Part of the margin in excess of the margin of the problem, in units of
+            the length, a number for all pairs or an array by pair.
     """
 
     checker: CollisionChecker
@@ -48,7 +48,7 @@ class ClearanceConstraint(Constraint):
     gradual = True
 
     def __post_init__(self) -> None:
-        """Give each pair its padding."""
+        """Expand the padding to one value for each pair."""
         padding = np.broadcast_to(self.padding, len(self.checker.pairs))
         object.__setattr__(self, "padding", padding)
         object.__setattr__(self, "moving", self.checker.moving)
@@ -60,11 +60,11 @@ class ClearanceConstraint(Constraint):
 
     @property
     def kinks(self) -> Array:
-        """Times at which an obstacle changes its velocity at once [s], shape (k,)."""
+        """Times at which the velocity of an obstacle jumps [s], shape (k,)."""
         return self.checker.kinks
 
     def rises(self, duration: float) -> Array:
-        """Largest speeds of the obstacles of the pairs before a time [s].
+        """Largest speed of the obstacle of each pair up to a duration [s].
 
         In units of the length per second, shape (count,).
         """
@@ -78,13 +78,13 @@ class ClearanceConstraint(Constraint):
 
         Args:
             q: Configurations, shape (m, n) [rad or m].
-            attention: Values below minus this need not be exact, in units of the
-                length.
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
+            attention: Values below the negative of this need not be exact, in units of
+                the length.
+            times: Times [s], shape (m,), for moving obstacles; None for the start.
 
         Returns:
-            Shape (m, count). Values above minus the attention are exact; the others
-            may be upper bounds, which are not above minus the attention either.
+            Shape (m, count). Values above the negative of the attention are exact;
+            other values may be upper bounds, which are below it as well.
         """
         cutoff = self.margin + attention * self.length
         return (self.margin - self.checker.distances(q, cutoff, times)) / self.length
@@ -97,8 +97,8 @@ class ClearanceConstraint(Constraint):
         Args:
             q: Configurations, shape (m, n) [rad or m].
             instants: Index of the configuration of each value, shape (k,).
-            which: Index of its pair, shape (k,).
-            times: Times [s], shape (m,), for obstacles that move; None for the start.
+            which: Index of the pair of each value, shape (k,).
+            times: Times [s], shape (m,), for moving obstacles; None for the start.
 
         Returns:
             Derivatives by configuration, and by time [1/s].
@@ -117,10 +117,10 @@ class ClearanceConstraint(Constraint):
     def usable(self) -> Array:
         """Part of the padding that pairs may use up between the instants of rows.
 
-        The rows keep links farther away than the margin by the padding, and a part of
-        the padding may be used, never all of it: the verification of the motion
-        tolerates no violation of the margin. Only where a motion begins or ends at the
-        margin the padding is zero, and a trace of violation is tolerated.
+        At their instants, the rows keep the margin and the padding. Between them, a
+        part of the padding may be used up, but never all of it: the verification of the
+        motion tolerates no violation of the margin. If a motion begins or ends at the
+        margin, the padding is zero, and a tiny violation is tolerated.
         """
         share = GRAZE_MOVING if self.moving else GRAZE
         rest = REST * (1.0 - share) * self.padding
@@ -132,6 +132,6 @@ class ClearanceConstraint(Constraint):
         return self.values(states.q, attention, states.t)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """Derivatives of distances."""
+        """Derivatives of the missing clearance."""
         by_q, by_t = self.derivatives_at(states.q, at, which, states.t)
         return Partials(at, by_q=by_q, by_t=by_t if self.moving else None)

@@ -1,6 +1,6 @@
-"""Pairs of constraints that no configuration keeps, and their nearest configuration.
+"""Search for pairs of constraints that no configuration keeps, for error messages.
 
-They are searched only where a start or a goal violates a constraint, for the message.
+The search runs only if a start or a goal violates a constraint.
 """
 
 from __future__ import annotations
@@ -14,26 +14,28 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.least_squares import least_squares, row_by_row
 from tominpmp.robot.robot import Robot
 
-# Number of starts, steps from each, and the residual of a constraint that is kept.
+# Number of starts, largest number of steps from each start, and residual below which a
+# constraint counts as kept.
 STARTS, STEPS, KEPT = 24, 60, 1e-6
 
 
 def contradiction(
     broken: PathConstraint, others: Sequence[PathConstraint], robot: Robot, q: Array
 ) -> str:
-    """Reason of a violated constraint, if no configuration was found that keeps it.
+    """Reason for a violated constraint, if no configuration was found that keeps it.
 
     Args:
-        broken: The constraint, ready to be evaluated.
-        others: The other constraints of the problem.
+        broken: The violated constraint, ready to be evaluated.
+        others: Constraints of the problem; the violated constraint is skipped.
         robot: The robot.
         q: A configuration that violates it, shape (n,).
 
     Returns:
-        A clause, beginning with a colon; empty where a configuration keeps it.
+        A clause, beginning with a colon; empty if configurations keep the constraint,
+        alone and together with each of the others.
     """
-    q_alone, left = nearest((broken,), robot, q)
-    if left > KEPT:
+    q_alone, residual = nearest((broken,), robot, q)
+    if residual > KEPT:
         return (
             f": no configuration was found that keeps it; the nearest is "
             f"{np.round(q_alone, 4).tolist()}"
@@ -41,8 +43,8 @@ def contradiction(
     for number, other in enumerate(others, 1):
         if other is broken or other.window != broken.window:
             continue
-        q_both, left = nearest((broken, other), robot, q)
-        if left > KEPT:
+        q_both, residual = nearest((broken, other), robot, q)
+        if residual > KEPT:
             return (
                 f": no configuration was found that keeps it together with the "
                 f"{other.name} (at most {other.largest:.4g} {other.unit}; number "
@@ -54,15 +56,15 @@ def contradiction(
 
 
 def _size(item: PathConstraint, q: Array) -> str:
-    """A quantity at a configuration at rest, with its unit."""
-    none = np.zeros(q.size)
-    return f"{item.measure(q, none, none):.4g} {item.unit}"
+    """Quantity of a constraint at a configuration at rest, with its unit."""
+    rest = np.zeros(q.size)
+    return f"{item.measure(q, rest, rest):.4g} {item.unit}"
 
 
 def nearest(
     items: Sequence[PathConstraint], robot: Robot, q: Array
 ) -> tuple[Array, float]:
-    """The configuration with the smallest violation of constraints that was found.
+    """Configuration with the smallest violation of constraints among local minima.
 
     Args:
         items: The constraints, ready to be evaluated.
@@ -76,15 +78,15 @@ def nearest(
     limits, rng = robot.limits, np.random.default_rng(0)
     low = np.maximum(limits.position_lower, q - np.pi)
     high = np.minimum(limits.position_upper, q + np.pi)
-    one = np.ones(q.size)
+    unit = np.ones(q.size)
 
-    def beyond(_: int, q: Array) -> tuple[Array, Array]:
+    def excess(_: int, q: Array) -> tuple[Array, Array]:
         values, slopes = zip(*(item.excess_at_rest(q) for item in items), strict=True)
         return np.concatenate(values), np.concatenate(slopes)
 
     starts = np.vstack([q, rng.uniform(low, high, (STARTS - 1, q.size))])
-    found, left = least_squares(
-        row_by_row(beyond), starts, (low, high), one, one, reached=KEPT, steps=STEPS
+    found, norms = least_squares(
+        row_by_row(excess), starts, (low, high), unit, unit, reached=KEPT, steps=STEPS
     )
-    best = int(np.argmin(left))
-    return found[best], float(left[best])
+    best = int(np.argmin(norms))
+    return found[best], float(norms[best])

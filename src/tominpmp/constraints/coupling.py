@@ -1,4 +1,4 @@
-"""Joints that are coupled: a weighted sum of positions stays within bounds."""
+"""Coupled joints: a weighted sum of joint positions stays within bounds."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, number_or_nan, record
 from tominpmp.checks import JOINTS, array, instance, known_joints, vector, whole, wrong
-from tominpmp.constraints.path import NONE, Linear, PathConstraint
+from tominpmp.constraints.path import EMPTY, Linear, PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.robot.robot import Robot
 
-# Scale of an excess [rad or m].
+# Scale of the excess over a bound [rad or m].
 SCALE = 0.1
 
 
@@ -29,7 +29,8 @@ class JointCoupling(PathConstraint):
         lower: Lower bound [rad or m]; minus infinity for no bound.
 
     Raises:
-        ProblemError: If the weights do not fit the joints, or the bounds each other.
+        ProblemError: If the numbers of weights and joints differ, or the bounds are in
+            the wrong order or both infinite.
     """
 
     joints: tuple[str, ...]
@@ -61,7 +62,7 @@ class JointCoupling(PathConstraint):
                 "lower",
             )
         if not np.any(np.isfinite([self.lower, self.upper])):
-            raise ProblemError("lower, upper: nothing is asked for", "upper")
+            raise ProblemError("lower, upper: both are infinite, no bound", "upper")
 
     @property
     def name(self) -> str:
@@ -78,33 +79,34 @@ class JointCoupling(PathConstraint):
         known_joints(self.joints, instance(robot, Robot, "robot").joint_names)
 
     def _sums(self, q: Array) -> Array:
-        """The weighted sums of states in rows, shape (m,)."""
+        """Weighted sums of positions, shape (m, n) to (m,)."""
         row = self._row()
         return np.asarray(array(q, "q", (None, row.size), JOINTS) @ row)
 
     def _row(self) -> Array:
+        """Weights of all joints of the robot, shape (n,)."""
         names = list(self.kinematics.robot.joint_names)
         row = np.zeros(len(names))
         np.add.at(row, [names.index(joint) for joint in self.joints], self.weights)
         return row
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """The bounds over the scale."""
+        """The bounds, divided by the scale."""
         shape = whole(instants, "instants"), 1
         lower, upper = self.lower / self.scale, self.upper / self.scale
         return np.full(shape, lower), np.full(shape, upper)
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Excess of the sums over their bounds, zero within."""
+        """Excess of the sums over their bounds, zero within the bounds."""
         total = self._sums(q)
         return np.maximum(np.maximum(self.lower - total, total - self.upper), 0.0)
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """The sum over the scale."""
+        """The sums, divided by the scale."""
         return self._sums(q)[:, None] / self.scale
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """The sum over the scale, with its derivatives."""
+        """The sums, divided by the scale, with their derivatives."""
         values, row = self.value_rows(q, v, a), self._row() / self.scale
         by_q = np.broadcast_to(row, (len(values), 1, row.size))
-        return values, by_q, NONE, NONE
+        return values, by_q, EMPTY, EMPTY

@@ -15,7 +15,7 @@ from tominpmp.kinematics import RobotKinematics
 
 @dataclass(frozen=True, eq=False)
 class GoalReached(Constraint):
-    """The residual of a goal within its bounds: a(x(1)) = 0 (paper, equation 5).
+    """Residual of a goal within its bounds: a(x(1)) = 0 (paper, equation 5).
 
     Attributes:
         goal: The goal.
@@ -32,24 +32,24 @@ class GoalReached(Constraint):
 
     @property
     def count(self) -> int:
-        """Number of values of the residual."""
+        """Number of components of the residual."""
         return int(self.scale.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """Bounds of the residual."""
+        """Bounds of the residual, divided by its scale."""
         lower, upper = self.goal.bounds(self.kinematics)
         shape = instants, self.count
         lower = np.broadcast_to(lower / self.scale, shape)
         return lower, np.broadcast_to(upper / self.scale, shape)
 
     def _residuals(self, states: States) -> GoalResidual:
-        """Residuals of states, with their derivatives, shapes (m, p) and (m, p, n)."""
+        """Residuals of m states, (m, p), and their derivatives, (m, p, n)."""
         each = zip(states.q, states.v, strict=True)
         found = [self.goal.residual(self.kinematics, *state) for state in each]
         return GoalResidual(*map(np.stack, zip(*found, strict=True)))
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
-        """The residual."""
+        """The residual, divided by its scale."""
         return self._residuals(states).value / self.scale
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
@@ -62,7 +62,7 @@ class GoalReached(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class Arrival(Constraint):
-    """The time at the end of a segment, before its dwell, within bounds.
+    """Bounds on the arrival time at the end of a segment, before its dwell.
 
     Attributes:
         earliest: Earliest time [s].
@@ -76,7 +76,7 @@ class Arrival(Constraint):
 
     @property
     def count(self) -> int:
-        """Number of values: one."""
+        """Number of values: one time."""
         return 1
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
@@ -89,5 +89,5 @@ class Arrival(Constraint):
         return states.t[:, None]
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """Derivatives by time, which are 1."""
+        """Derivatives by time, which are all 1."""
         return Partials(at, by_t=np.ones(at.size))

@@ -6,7 +6,8 @@ spatial velocity v and acceleration a of the frame that it moves with, and gravi
     w = Y (a - g) + v x* Y v
 
 in the axes of the frame (the body force of the recursive Newton-Euler algorithm,
-Featherstone 2008, equation 5.9). A contact or grasp can give a limited set of wrenches.
+Featherstone 2008, equation 5.9). A contact or a grasp can transmit only a limited set
+of wrenches.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ Newtons: TypeAlias = Annotated[float, partial(positive, unit="N")]
 
 
 class HeldLoad(FrameRows):
-    """A load that moves with a frame."""
+    """A constraint on a load that moves with a frame."""
 
     mass: Kilograms
     center: Point
@@ -53,15 +54,15 @@ class HeldLoad(FrameRows):
         return np.asarray(pin.Inertia(self.mass, self.center, tensor).matrix())
 
     def wrenches(self, q: Array, v: Array, a: Array) -> Array:
-        """Wrenches of :meth:`wrench_slopes` without derivatives, shape (m, 6)."""
+        """Wrenches of :meth:`wrench_slopes`, without derivatives, shape (m, 6)."""
         return self._wrenches(self.motions.spatial(q, v, a))
 
     def _wrenches(self, state: SpatialStates) -> Array:
         """Y (a - g) + v x* Y v, shape (m, 6)."""
         body = self._body()
-        felt = state.acceleration.copy()
-        felt[:, :3] -= self._fall(state)
-        return felt @ body.T + _crossed(state.velocity, state.velocity @ body.T)
+        proper = state.acceleration.copy()
+        proper[:, :3] -= self._fall(state)
+        return proper @ body.T + _crossed(state.velocity, state.velocity @ body.T)
 
     def _fall(self, state: SpatialStates) -> Array:
         """Gravity in the axes of the frame, shape (m, 3) [m/s^2]."""
@@ -71,7 +72,7 @@ class HeldLoad(FrameRows):
     def wrench_slopes(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Wrenches that the motion demands, in the axes of the frame at its origin.
+        """Wrenches that the motion requires, in the axes of the frame at its origin.
 
         Args:
             q: Positions, shape (m, n).
@@ -84,27 +85,27 @@ class HeldLoad(FrameRows):
         """
         body = self._body()
         state, by = self.motions.spatial_slopes(q, v, a)
-        # v x* f is linear in both.
+        # v x* f is linear in v and in f.
         turn = _force_cross(state.velocity) @ body
         turn += _crossed_by(state.velocity @ body.T)
-        felt_q = by.a_q.copy()
-        # Gravity turns in the frame.
-        felt_q[:, :3] -= skew(self._fall(state)) @ by.v_v[:, 3:]
+        proper_q = by.a_q.copy()
+        # Gravity rotates relative to the frame.
+        proper_q[:, :3] -= skew(self._fall(state)) @ by.v_v[:, 3:]
         return self._wrenches(state), (
-            body @ felt_q + turn @ by.v_q,
+            body @ proper_q + turn @ by.v_q,
             body @ by.a_v + turn @ by.v_v,
             body @ by.v_v,
         )
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
-        """Violation at rest, in words; empty if the load is held there."""
+        """Violation at rest, as a clause; empty if the load is held at rest."""
         if np.any(v):
             return ""  # accelerations are not known
         size = self.measure(q, v, np.zeros_like(q))
         if size - self.largest <= number(slack, "slack") * max(self.scale, 1.0):
             return ""
-        none = np.zeros((1, q.size))
-        why = self.reason(self.wrenches(q[None], none, none)[0])
+        rest = np.zeros((1, q.size))
+        why = self.reason(self.wrenches(q[None], rest, rest)[0])
         return (
             f"the {self.name} is {size:.3g} {self.unit} at rest: the load "
             f"{self.falls}, even at rest, as {why}"
@@ -114,7 +115,7 @@ class HeldLoad(FrameRows):
 
     @abstractmethod
     def reason(self, w: Array) -> str:
-        """Reason why a wrench, shape (6,), cannot be given, in a clause."""
+        """Clause that explains why a wrench, shape (6,), cannot be transmitted."""
 
 
 def _crossed(motion: Array, force: Array) -> Array:
@@ -127,7 +128,7 @@ def _crossed(motion: Array, force: Array) -> Array:
 
 
 def _force_cross(motion: Array) -> Array:
-    """The matrices of f -> v x* f for spatial velocities, shape (m, 6, 6)."""
+    """Matrices of f -> v x* f for spatial velocities, shape (m, 6, 6)."""
     out = np.zeros((len(motion), 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = skew(motion[:, 3:])
     out[:, 3:, :3] = skew(motion[:, :3])
@@ -148,8 +149,8 @@ class FirmGrasp(HeldLoad):
 
     Both pads press with a force along an axis; friction limits the force across the
     axis and the moment about it to an ellipsoid (the limit surface of Howe and
-    Cutkosky, 1996) with the half axes 2 mu F of the force and 2 mu F r of the moment.
-    Along the axis the fingers hold any force.
+    Cutkosky, 1996) with the semi-axes 2 mu F for forces and 2 mu F r for the moment.
+    Along the axis the fingers can hold any force.
 
     Attributes:
         frame: Name of the frame between the pads.
@@ -159,12 +160,13 @@ class FirmGrasp(HeldLoad):
         center: Centre of mass of the load in the frame, shape (3,) [m].
         axis: Axis along which the fingers close, in the frame, shape (3,); of any
             length.
-        pad_radius: Effective radius r of the pads [m]: 2/3 of that of a round pad.
+        pad_radius: Effective radius r of the pads [m], which is 2/3 of the radius of a
+            round pad.
         inertia: Inertia tensor about the centre of mass, in the axes of the frame,
             shape (3, 3) [kg m^2]; None for a point mass.
 
     Raises:
-        ProblemError: If a value is no number, or the axis zero.
+        ProblemError: If a value is not a number, or the axis is zero.
     """
 
     force: Newtons
@@ -181,28 +183,28 @@ class FirmGrasp(HeldLoad):
 
     @property
     def largest(self) -> float:
-        """Largest force of both pads by friction [N]."""
+        """Largest friction force of both pads [N]."""
         return 2.0 * self.friction * self.force
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """Forces across the axis, and moments about it over the radius [N]."""
+        """Forces across the axis, and moments about it divided by the radius [N]."""
         w, by = self.wrench_slopes(q, v, a)
         rows = self._across()
         by_q, by_v, by_a = (rows @ part for part in by)
         return w @ rows.T, by_q, by_v, by_a
 
     def reason(self, w: Array) -> str:
-        """Reason why the grasp cannot give a wrench, in a clause."""
+        """Clause that explains why the grasp cannot transmit a wrench."""
         return f"they hold no more than {self.largest:.3g} N"
 
     def _across(self) -> Array:
-        """Matrix from a wrench to the forces that friction has to hold, (4, 6)."""
+        """Matrix from a wrench to the forces that friction must transmit, (4, 6)."""
         rows = np.zeros((4, 6))
         rows[:3, :3] = np.eye(3) - np.outer(self.axis, self.axis)
         rows[3, 3:] = self.axis / self.pad_radius
         return rows
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Forces that friction has to hold [N]."""
+        """Magnitudes of the forces that friction must transmit [N]."""
         across = self.wrenches(q, v, a) @ self._across().T
         return np.asarray(np.linalg.norm(across, axis=1))

@@ -1,4 +1,4 @@
-"""Limits of positions and of their derivatives, joint by joint."""
+"""Joint limits of positions, velocities, accelerations and jerks."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from tominpmp.constraints.base import (
 )
 from tominpmp.motion_limits import ACCELERATION, LimitKind
 
-# Zero accelerations are no limit of a user's.
+# Zero acceleration before a dwell is not a limit of the user, so it has no quantity.
 STANDSTILL = replace(ACCELERATION, name="acceleration before a stay", quantity="")
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimit(Record, Constraint):
-    """Bounds of a derivative of some joints' positions.
+    """Bounds on a derivative of the positions of some joints.
 
-    Slopes of accelerations, of order 3, are taken between pairs of instants.
+    Jerks (order 3) are differences of accelerations between pairs of instants, over
+    time.
 
     Attributes:
         kind: The kind of limit, with the order of the derivative.
@@ -41,7 +42,7 @@ class JointLimit(Record, Constraint):
     scale: Array
 
     def __post_init__(self) -> None:
-        """Take over what the kind of limit says."""
+        """Set field, order and curability by the kind of limit."""
         super().__post_init__()
         kind, curable = self.kind, self.kind.quantity != "" and self.kind.order > 0
         self._keep(field=kind.quantity, order=kind.order, curable=curable)
@@ -53,8 +54,8 @@ class JointLimit(Record, Constraint):
         Args:
             scale: Scale of the accelerations, shape (n,).
         """
-        none = np.zeros(scale.size)
-        return cls(STANDSTILL, np.arange(scale.size), none, none, scale)
+        zero = np.zeros(scale.size)
+        return cls(STANDSTILL, np.arange(scale.size), zero, zero, scale)
 
     @property
     def name(self) -> str:
@@ -63,22 +64,22 @@ class JointLimit(Record, Constraint):
 
     @property
     def of_joints(self) -> IntArray:
-        """The joint of each value."""
+        """Joint of each value."""
         return self.joints
 
     @property
     def count(self) -> int:
-        """One value for each joint that has a limit."""
+        """Number of values at an instant: one for each joint with a limit."""
         return int(self.joints.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """Bounds in units of the scale."""
+        """Bounds, divided by the scale."""
         shape = instants // 2 if self.order > 2 else instants, self.count
         lower = np.broadcast_to(self.lower / self.scale, shape)
         return lower, np.broadcast_to(self.upper / self.scale, shape)
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
-        """The derivative over its scale."""
+        """Values of the derivative, divided by the scale."""
         if self.order > 2:
             steps = states.a[1::2, self.joints] - states.a[::2, self.joints]
             return np.asarray(steps / np.diff(states.t)[::2, None] / self.scale)
@@ -86,7 +87,7 @@ class JointLimit(Record, Constraint):
         return np.asarray(values[:, self.joints] / self.scale)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
-        """Unit vectors over the scale."""
+        """Unit vectors, divided by the scale; for jerks, at both instants of a pair."""
         slopes = self.order > 2
         place, column = (
             (both_instants(at), np.tile(which, 2)) if slopes else (at, which)

@@ -1,4 +1,4 @@
-"""Keeping the orientation of a tool, or one of its axes within a cone."""
+"""Constraints on the orientation of a tool, or on the direction of one of its axes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, Converted, default, record
 from tominpmp.checks import Direction, RotationLike, positive
-from tominpmp.constraints.path import NONE, FrameRows, Linear
+from tominpmp.constraints.path import EMPTY, FrameRows, Linear
 from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
 from tominpmp.scene.rotations import rotation_matrix
@@ -19,7 +19,7 @@ Angle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
 
 
 class FrameAngle(FrameRows):
-    """An angle of a frame below its field ``tolerance``."""
+    """Base class: an angle of a frame stays below the field ``tolerance``."""
 
     tolerance: Angle
 
@@ -41,7 +41,7 @@ class KeepUpright(FrameAngle):
         tolerance: Largest angle between them [rad].
 
     Raises:
-        ProblemError: If a vector is zero, or the tolerance no angle above zero.
+        ProblemError: If a vector is zero, or the tolerance is not positive.
     """
 
     axis: Direction = default((0.0, 0.0, 1.0))
@@ -63,14 +63,15 @@ class KeepUpright(FrameAngle):
         jacobian = self.motions.jacobians(q)[:, 3:]
         # The axis turns with w x axis.
         by_turn = np.cross(turned[:, None, :], by_axis)
-        return found, by_turn @ jacobian, NONE, NONE
+        return found, by_turn @ jacobian, EMPTY, EMPTY
 
 
 @record
 class AxisFixed(KeepUpright):
     """An axis of a frame keeps a direction, at all times; the frame may spin about it.
 
-    A drill, a nozzle, a sander: :class:`~tominpmp.KeepUpright` with a narrow cone.
+    For a drill, a nozzle or a sander: :class:`~tominpmp.KeepUpright` with a narrow
+    cone.
 
     Attributes:
         frame: Name of the frame.
@@ -79,7 +80,7 @@ class AxisFixed(KeepUpright):
         tolerance: Largest angle between them [rad].
 
     Raises:
-        ProblemError: If a vector is zero, or the tolerance no angle above zero.
+        ProblemError: If a vector is zero, or the tolerance is not positive.
     """
 
     tolerance: Angle = 0.01
@@ -107,10 +108,10 @@ class KeepOrientation(FrameAngle):
         frame: Name of the frame.
         rotation: Orientation frame_to_world, a matrix, shape (3, 3), or a quaternion
             xyzw, shape (4,).
-        tolerance: Largest angle of the rotation between them [rad].
+        tolerance: Largest angle of the rotation between the two orientations [rad].
 
     Raises:
-        ProblemError: If the rotation is invalid, or the tolerance no angle above zero.
+        ProblemError: If the rotation is invalid, or the tolerance is not positive.
     """
 
     rotation: Rotation = default((0.0, 0.0, 0.0, 1.0))
@@ -119,6 +120,7 @@ class KeepOrientation(FrameAngle):
     quantity = "turn"
 
     def _turns(self, q: Array) -> Array:
+        """Rotations of the frame relative to the orientation, shape (m, 3, 3)."""
         return np.asarray(self.rotation.T @ self.motions.placements(q).rotation)
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
@@ -126,9 +128,9 @@ class KeepOrientation(FrameAngle):
         return np.array([np.linalg.norm(pin.log3(turn)) for turn in self._turns(q)])
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """Rotation vectors from the orientation to that of the frame [rad]."""
+        """Rotation vectors from the orientation to the frame's orientation [rad]."""
         turns = self._turns(q)
         angles = np.array([pin.log3(turn) for turn in turns])
         by_turn = np.array([pin.Jlog3(turn) for turn in turns])
         jacobian = self.motions.jacobians(q, local=True)[:, 3:]
-        return angles, by_turn @ jacobian, NONE, NONE
+        return angles, by_turn @ jacobian, EMPTY, EMPTY

@@ -1,10 +1,11 @@
-"""Path constraints of a user, beyond the limits of the robot.
+"""Path constraints of users, in addition to the limits of the robot.
 
 A subclass in one file is a new constraint: scenario files and the command line accept
-it by its name, every transcription keeps it, and it is replayed and certified.
+it by its name, every transcription keeps it, and the replay and the certificate check
+it.
 
-Rows of a constraint that holds during a part of a motion are at times, not at shares of
-the motion: the times stay when the duration of the motion changes.
+A constraint that holds during a part of a motion has rows at fixed times, not at shares
+of the duration: the times do not change with the duration of the motion.
 """
 
 from __future__ import annotations
@@ -24,33 +25,35 @@ from tominpmp.exceptions import ProblemError, brief
 from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.robot.robot import Robot
 
-# Tolerated excess of a value over its bound between rows, as a share of the bound.
+# Tolerated excess of a value over its bound between rows, in units of the scale.
 USABLE = 2e-3
-# Least and largest number of initial rows, and the time between them [s]: a motion that
-# passes between two rows may be pushed to the other side by a row that joins later.
+# Least and largest number of initial rows of a time window, and the usual time between
+# them [s]: a motion that violates a constraint between two distant rows may be pushed
+# to the other side by a row that joins later.
 FIRST_TIMES, MOST_TIMES, FIRST_STEP = 21, 401, 0.1
 # Times closer than this count as one [s].
 SAME = 1e-6
 
 Own = TypeVar("Own", bound="PathConstraint")
-# Points of a curve, from its point nearest to a first point to that nearest to a last.
-Way = Callable[[Array, Array, int], Array]
-# Values and their derivatives by q, v and a; empty where they do not depend on it.
+# Function from two points and a number to that many points of a curve, between the
+# curve points nearest to the two points.
+CurveSampler = Callable[[Array, Array, int], Array]
+# Values and their derivatives by q, v and a; EMPTY for derivatives that are zero.
 Linear = tuple[Array, Array, Array, Array]
-NONE = np.zeros(0)
+EMPTY = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
     """The time window in which a constraint holds.
 
-    A motion that ends before the end of the window rests at its goal until then, where
-    the constraint is to hold, too.
+    A motion that ends before the end of the window rests at its goal until then, and
+    the constraint must hold there, too.
 
     Attributes:
         begin: Begin of the window [s].
         end: End of the window [s]; infinity for no end.
-        times: Times of its rows [s], ascending, shape (k,).
+        times: Times of the rows [s], ascending, shape (k,).
     """
 
     begin: float
@@ -59,21 +62,21 @@ class Window:
 
     @classmethod
     def of(cls, during: tuple[float, float] | None) -> Window | None:
-        """The window of checked times; None for all the time."""
+        """The window between two checked times; None for the whole motion."""
         if during is None:
             return None
         begin, end = during
         last = end if np.isfinite(end) else begin + FIRST_STEP * (FIRST_TIMES - 1)
-        asked = 1 + np.ceil((last - begin) / FIRST_STEP)
-        count = int(np.clip(asked, FIRST_TIMES, MOST_TIMES))
+        usual = 1 + np.ceil((last - begin) / FIRST_STEP)
+        count = int(np.clip(usual, FIRST_TIMES, MOST_TIMES))
         return cls(begin, end, np.linspace(begin, last, count))
 
-    def asked(self, t: Array) -> BoolArray:
-        """Whether it holds at times of a motion, shape (m,)."""
+    def contains(self, t: Array) -> BoolArray:
+        """Whether times of a motion are within the window, shape (m,)."""
         return np.asarray((t >= self.begin - SAME) & (t <= self.end + SAME))
 
     def with_times(self, more: Array) -> Window:
-        """The window with more rows."""
+        """The window with rows at more times [s]."""
         times = np.unique(np.concatenate([self.times, more]))
         apart = np.concatenate([[True], np.diff(times) > SAME])
         return replace(self, times=times[apart])
@@ -95,23 +98,25 @@ TimesOrNone: TypeAlias = Annotated[
 
 @record
 class PathConstraint(Record, Constraint):
-    """A quantity that is to stay below a limit at all times of a motion.
+    """A quantity that must not exceed a limit at any time of a motion.
 
-    Or ``during`` a part of the motion: from one time until another [s]. If the motion
-    ends before the second time, the constraint holds at the goal.
+    With ``during``, the constraint holds during a part of the motion only, from one
+    time until another [s]. If the motion ends before the second time, the constraint
+    must hold at the goal.
 
     Most quantities are the length of a :meth:`vector` that is a smooth function of the
-    state; rows are made of the length rounded off about zero, where it has a kink, see
-    :func:`rounded`. Other quantities give their rows by :meth:`terms`, or by
-    :meth:`value_rows` and :meth:`term_rows`, and their number by ``count``. A subclass
-    defines its functions either at one state (:meth:`measure`, :meth:`vector`) or at
-    many at once (:meth:`measure_rows`, :meth:`vector_rows`), which is quicker.
+    state; their rows use a length that is smoothed at zero, where the length has a
+    kink, see :func:`rounded`. Other quantities define their rows by :meth:`terms`, or
+    by :meth:`value_rows` and :meth:`term_rows`, and the number of rows by ``count``. A
+    subclass defines its functions either at one state (:meth:`measure`, :meth:`vector`)
+    or at many states at once (:meth:`measure_rows`, :meth:`vector_rows`), which is
+    faster.
 
     Subclasses are frozen dataclasses, declared with ``eq=False``.
 
     Attributes:
-        during: Part of the motion on which it holds: from one time until another [s];
-            None for the whole motion.
+        during: Part of the motion during which the constraint holds: from one time
+            until another [s]; None for the whole motion.
     """
 
     during: TimesOrNone = field(default=None, kw_only=True)
@@ -119,7 +124,7 @@ class PathConstraint(Record, Constraint):
     @property
     @abstractmethod
     def subject(self) -> str:
-        """Subject of the constraint: "frame tip"."""
+        """Subject of the constraint, such as "frame tip"."""
 
     @property
     @abstractmethod
@@ -129,16 +134,16 @@ class PathConstraint(Record, Constraint):
     @property
     @abstractmethod
     def largest(self) -> float:
-        """Largest value of the quantity that is allowed."""
+        """Largest admissible value of the quantity."""
 
     @property
     def scale(self) -> float:
-        """Scale of an excess of the quantity."""
+        """Scale of the excess of the quantity over its limit."""
         return self.largest
 
     @property
     def count(self) -> int:
-        """Number of values at a state: one."""
+        """Number of values at a state: one, unless a subclass has several."""
         return 1
 
     @property
@@ -147,11 +152,11 @@ class PathConstraint(Record, Constraint):
         return None
 
     @property
-    def guide(self) -> tuple[str, Way] | None:
-        """A frame, and the path of its origin along a curve; None without a curve.
+    def guide(self) -> tuple[str, CurveSampler] | None:
+        """A frame, and a curve that its origin must follow; None without a curve.
 
-        The function gives a number of points of the curve, shape (m, 3) [m], from its
-        point nearest to a first point to that nearest to a last point, shape (3,) each.
+        The function gives a number of points of the curve, shape (m, 3) [m], between
+        the curve points nearest to a first and a last point, shape (3,) each.
         """
         return None
 
@@ -160,20 +165,20 @@ class PathConstraint(Record, Constraint):
         """Check the constraint against a robot.
 
         Raises:
-            FrameNotFound: If a frame is not part of it.
-            JointNotFound: If a joint is not part of it.
+            FrameNotFound: If the robot does not have a frame of the constraint.
+            JointNotFound: If the robot does not have a joint of the constraint.
         """
 
     # -- the quantity at one state, or at many at once ---------------------------------
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The quantity at one state, shapes (n,); derivatives not needed are empty."""
+        """The quantity at one state, shapes (n,); v and a are empty if not needed."""
         if type(self).measure_rows is PathConstraint.measure_rows:
             raise NotImplementedError(f"{type(self).__name__} has no measure")
         return float(self.measure_rows(*_one_row(q, v, a))[0])
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Values of :meth:`measure` at m states, shapes (m, n) to (m,)."""
+        """Results of :meth:`measure` at m states, shapes (m, n) to (m,)."""
         found = [self.measure(*state) for state in _states(q, v, a)]
         return np.array(found, dtype=np.float64)
 
@@ -181,8 +186,8 @@ class PathConstraint(Record, Constraint):
         """A vector whose length is the quantity, and its derivatives.
 
         Returns:
-            Vector, shape (k,), and derivatives by q, v and a, shape (k, n) each; empty
-            where it does not depend on q, v or a.
+            Vector, shape (k,), and its derivatives by q, v and a, shape (k, n) each;
+            empty for derivatives that are zero.
         """
         if type(self).vector_rows is PathConstraint.vector_rows:
             raise NotImplementedError(f"{type(self).__name__} is no length")
@@ -194,6 +199,7 @@ class PathConstraint(Record, Constraint):
 
     @property
     def _is_length(self) -> bool:
+        """Whether the quantity is the length of a vector."""
         return type(self).terms is PathConstraint.terms
 
     @property
@@ -225,19 +231,19 @@ class PathConstraint(Record, Constraint):
     def bend_rows(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, Array, Array] | None:
-        """Slopes of vectors; linearised values lack half of their squared lengths.
+        """Derivatives of vectors that give the second-order change of the values.
 
-        Values are convex functions of the vectors of :meth:`vector_rows`: their change
-        in a step of the vectors is known to second order.
+        Values are convex functions of the vectors of :meth:`vector_rows`. In a step,
+        the linearised values lack half of the squared lengths of the vectors here.
 
         Returns:
             Derivatives by q, v and a, shape (m, count, k, n) each or empty; None for
-            values that are no lengths.
+            values that are not lengths.
         """
         if not self.bends:
             return None
         vector, *by = self.vector_rows(q, v, a)
-        root = length_bend(vector, self.largest) / np.sqrt(self.scale)
+        root = curvature_root(vector, self.largest) / np.sqrt(self.scale)
         by_q, by_v, by_a = (
             (root @ part)[:, None] if part.size else part for part in by
         )
@@ -251,9 +257,9 @@ class PathConstraint(Record, Constraint):
         """Smooth values at a state, and their derivatives.
 
         Returns:
-            Values in units of the scale, <= 0 where the limit is kept, shape (count,),
-            and their derivatives by q, v and a, shape (count, n) each; empty where they
-            do not depend on q, v or a.
+            Values in units of the scale, <= 0 if the limit is kept, shape (count,), and
+            their derivatives by q, v and a, shape (count, n) each; empty for zero
+            derivatives.
         """
         return _first(self.term_rows(*_one_row(q, v, a)))
 
@@ -262,7 +268,7 @@ class PathConstraint(Record, Constraint):
     def on(self: Own, robot: Robot) -> Own:
         """The constraint for a robot, ready to be evaluated."""
         self.validate(robot)
-        # Motions of the frame belong to another robot.
+        # Cached motions of the frame may belong to another robot.
         return self._altered(
             "motions",
             _window=Window.of(self.during),
@@ -275,15 +281,15 @@ class PathConstraint(Record, Constraint):
         found = self.__dict__.get("_kinematics")
         if not isinstance(found, RobotKinematics):
             raise ProblemError(
-                f"{self.name}: the constraint is on no robot, expected one that "
-                "constraint.on(robot) has made, as a problem does",
+                f"{self.name}: the constraint has no robot, expected the result of "
+                "constraint.on(robot), which a problem calls",
                 "constraints",
             )
         return found
 
     @property
     def window(self) -> Window | None:
-        """Window in which it holds, with times of rows; None for the whole motion."""
+        """Time window of the constraint; None if it holds for the whole motion."""
         return self.__dict__.get("_window")
 
     def with_times(self: Own, times: Array) -> Own:
@@ -294,12 +300,12 @@ class PathConstraint(Record, Constraint):
 
     @property
     def kinks(self) -> Array:
-        """Times of its rows, where it holds during a part of the motion."""
+        """Times of the rows, if the constraint holds during a part of the motion."""
         return NO_TIMES if self.window is None else self.window.times
 
     @property
     def usable(self) -> Array:
-        """Tolerated excess between the instants of the rows, shape (count,)."""
+        """Tolerated excess of values between the instants of rows, shape (count,)."""
         return np.full(self.count, USABLE)
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
@@ -336,7 +342,7 @@ class PathConstraint(Record, Constraint):
     def _used(
         self, states: States, at: IntArray, which: IntArray
     ) -> tuple[IntArray, IntArray, list[Array]]:
-        """Distinct instants of values, the index of each value, and their states."""
+        """Distinct instants, the index of each value among them, and their states."""
         _indices(which, "which")
         used, place = np.unique(_indices(at, "at"), return_inverse=True)
         return used, place, [part[used] for part in self._parts(states)]
@@ -355,7 +361,7 @@ class PathConstraint(Record, Constraint):
             a: Accelerations, shape (m, n); of any shape where ``order`` is below 2.
 
         Returns:
-            Shape (m,); no more than the limit where the constraint does not hold.
+            Shape (m,); clipped to the limit at times outside the time window.
         """
         t = array(t, "t", (None,), "times [s]")
         q = array(q, "q", (t.size, self.kinematics.robot.n), JOINTS)
@@ -363,25 +369,25 @@ class PathConstraint(Record, Constraint):
         if self.window is None or not t.size:
             return sizes
         end = float(np.max(t))
-        asked = self.window.asked(t) | ((t >= end) & (end <= self.window.end))
-        return np.where(asked, sizes, np.minimum(sizes, self.largest))
+        holds = self.window.contains(t) | ((t >= end) & (end <= self.window.end))
+        return np.where(holds, sizes, np.minimum(sizes, self.largest))
 
     def _parts(self, states: States) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations; empty above the order."""
-        none = np.zeros((len(instance(states, States, "states").q), 0))
-        v = states.v if self.order >= 1 else none
-        a = states.a if self.order >= 2 else none
+        empty = np.zeros((len(instance(states, States, "states").q), 0))
+        v = states.v if self.order >= 1 else empty
+        a = states.a if self.order >= 2 else empty
         return states.q, v, a
 
     def excess_at_rest(self, q: Array) -> tuple[Array, Array]:
-        """Excess over the limit of a configuration at rest, and its Jacobian.
+        """Excess over the limit at a configuration at rest, and its Jacobian.
 
         Args:
             q: Positions, shape (n,) [rad or m].
 
         Returns:
-            Excess in units of the scale, zero where the limit is kept, shape (count,),
-            and its derivative, shape (count, n).
+            Excess in units of the scale, zero if the limit is kept, shape (count,), and
+            its derivative, shape (count, n).
         """
         q = array(q, "q", (self.kinematics.robot.n,), JOINTS)
         v = np.zeros(q.size if self.order >= 1 else 0)
@@ -394,7 +400,7 @@ class PathConstraint(Record, Constraint):
         return excess, np.where(outside[:, None], by_q, 0.0)
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
-        """Violation at a state, in words; empty if the limit is kept within a slack."""
+        """Violation at a state, as a clause; empty if it is within a slack."""
         if self.order > 1:
             return ""  # accelerations are not known
         size = self.measure(q, v, np.zeros(0))
@@ -418,8 +424,8 @@ class FrameRows(PathConstraint):
     quantity: ClassVar[str]
     # Name of the field that holds the limit; empty without a field.
     bound: ClassVar[str] = ""
-    # Excesses are scaled by the limit, or by this if the limit is smaller, so that rows
-    # stay of order one.
+    # The scale of an excess is the limit, or this if the limit is smaller: rows should
+    # be of order one.
     least_scale: ClassVar[float] = 0.0
 
     @property
@@ -434,7 +440,7 @@ class FrameRows(PathConstraint):
 
     @property
     def name(self) -> str:
-        """The quantity and its frame, in words."""
+        """Quantity and frame, such as "speed of frame tip"."""
         return f"{self.quantity} of {self.subject}"
 
     @property
@@ -468,12 +474,12 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
         several: Whether the motion has several segments.
 
     Raises:
-        ProblemError: If an item is no constraint, or is to hold during a part of a
-            motion of several segments.
-        FrameNotFound: If a frame is not part of the robot.
+        ProblemError: If an item is not a constraint, or has a time window although the
+            motion has several segments.
+        FrameNotFound: If the robot does not have a frame of a constraint.
     """
     items: Any = (given,) if isinstance(given, PathConstraint) else given
-    expected = "a tuple of constraints as KeepUpright and ToolSpeed"
+    expected = "a tuple of constraints such as KeepUpright and ToolSpeed"
     instance(items, (list, tuple), "constraints", expected)
     for k, item in enumerate(items):
         instance(item, PathConstraint, f"constraints[{k}]", "a constraint").validate(
@@ -482,34 +488,34 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
         if item.during is not None and several:
             raise ProblemError(
                 f"{item.name}: during is {brief(item.during)}, and the problem has "
-                "several segments: expected None, and the constraint on those segments "
-                "on which it holds",
+                "several segments: expected None, and the constraint given to the "
+                "segments on which it holds",
                 f"constraints[{k}].during",
             )
     return tuple(items)
 
 
 def _one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-    """A state as rows of states; derivatives not needed may be empty."""
+    """One state as rows of states; v and a may be empty."""
     q, v, a = (array(x, k, (None,), JOINTS) for k, x in (("q", q), ("v", v), ("a", a)))
     return q[None], v[None], a[None]
 
 
 def _first(rows: Linear) -> Linear:
-    """The first of many values with their derivatives."""
+    """Values and derivatives at the first of several states."""
     values, *by = rows
-    by_q, by_v, by_a = (part[0] if part.size else NONE for part in by)
+    by_q, by_v, by_a = (part[0] if part.size else EMPTY for part in by)
     return values[0], by_q, by_v, by_a
 
 
 def _stacked(every: Iterable[Linear]) -> Linear:
-    """Values of single states, with their derivatives, as rows."""
+    """Values and derivatives at single states, stacked to rows."""
     values, by_q, by_v, by_a = (np.array(part) for part in zip(*every, strict=True))
     return values, by_q, by_v, by_a
 
 
 def _states(q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """States in rows, one after the other."""
+    """Iterate over states that are given as rows."""
     q = array(q, "q", (None, None), JOINTS)
     shape = len(q), None
     return zip(
@@ -518,15 +524,15 @@ def _states(q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]
 
 
 def rounded(length: Array, limit: float) -> Array:
-    """Excess of lengths over a limit, rounded off about zero where they have a kink.
+    """Excess of lengths over a limit, smoothed at length zero, where it has a kink.
 
-    sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope there.
+    sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope at x = L.
     """
     return np.asarray(np.sqrt(2.0 * (length**2 + limit**2)) - 2.0 * limit)
 
 
-def length_bend(vector: Array, limit: float) -> Array:
-    """Roots of the second derivative of rounded lengths by their vectors.
+def curvature_root(vector: Array, limit: float) -> Array:
+    """Square roots of the second derivatives of rounded lengths by their vectors.
 
     The second derivative of s = sqrt(2 x^2 + 2 L^2) is (2 I - 4 x x^T / s^2) / s.
 
@@ -539,7 +545,7 @@ def length_bend(vector: Array, limit: float) -> Array:
     """
     square = np.sum(vector**2, axis=1)
     size = np.maximum(np.sqrt(2.0 * (square + limit**2)), 1e-300)
-    # Along the vector the second derivative is smaller.
+    # The second derivative is smaller along the vector than across it.
     along = 1.0 - np.sqrt(2.0) * limit / size
     outer = vector[:, :, None] * vector[:, None, :]
     outer *= (along / np.maximum(square, 1e-300))[:, None, None]

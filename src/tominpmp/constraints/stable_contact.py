@@ -1,4 +1,4 @@
-"""A load that stands on a tray, or hangs on a suction cup."""
+"""Constraint on a load that stands on a tray, or hangs on a suction cup."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ from tominpmp.arrays import (
 )
 from tominpmp.checks import Point, number, optional, positive, wrong
 from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
-from tominpmp.constraints.path import Linear, length_bend
+from tominpmp.constraints.path import Linear, curvature_root
 from tominpmp.robot.payload import InertiaOrNone
 
-# Rounding of the tip of a cone, where a load has no weight [shares of the forces at
-# rest]: the fastest motions let loads fall almost freely on their way, and programs
-# fail at a tip. The rounded cone is inside the cone.
+# Radius of the rounding of a friction cone at its tip, where a load is weightless, as a
+# share of the forces at rest: the fastest motions let loads fall almost freely for some
+# time, and programs fail at the tip. The rounded cone is inside the cone.
 TIP = 3e-3
-# Force across z, moment across z, and force along z, of a wrench.
+# Rows that select from a wrench the force across z, the moment across z, and the force
+# along z.
 _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
 
 
@@ -62,14 +63,15 @@ class StableContact(HeldLoad):
         support: Corners of the support polygon in x and y of the frame, convex, shape
             (k, 2) [m]; or the radius of a round support; None for a load that never
             tips.
-        mass: Mass of the load [kg]; matters where there is adhesion.
+        mass: Mass of the load [kg]; matters only with adhesion.
         inertia: Inertia tensor about the centre of mass, in the axes of the frame,
             shape (3, 3) [kg m^2]; None for a point mass.
         adhesion: Largest pull of a suction cup or magnet [N], at the middle of the
             support.
 
     Raises:
-        ProblemError: If a value is no number, or the support no convex polygon.
+        ProblemError: If a value is not a number, or the support is not a convex
+            polygon.
     """
 
     center: Point
@@ -92,10 +94,11 @@ class StableContact(HeldLoad):
 
     @cached_property
     def _cones(self) -> list[tuple[Array, float]]:
-        """Cones that contain admissible wrenches: of friction, and of a round support.
+        """Cones of admissible wrenches, for friction and for a round support.
 
-        Matrices, shape (3, 6), which map a wrench to a vector of two numbers and an
-        upper bound of its length [N], and the rounding of the tips [N].
+        Each cone is a matrix, shape (3, 6), that maps a wrench to a vector of two
+        components and an upper bound on its length [N], and the rounding of the tip
+        [N].
         """
         mu, tip = self.friction, TIP * self.weight
         cones = [(np.vstack([_ACROSS, mu * _PRESSING]), mu * tip)]
@@ -106,11 +109,11 @@ class StableContact(HeldLoad):
 
     @cached_property
     def _edges(self) -> tuple[Array, Array]:
-        """Moments about the edges of a support polygon that tip the load.
+        """Moments about the edges of a support polygon, which would tip the load.
 
         Returns:
-            Matrix from wrenches to the moments, shape (k, 6), and the distances of the
-            k edges from the middle of the support, shape (k,) [m].
+            Matrix from wrenches to the moments, shape (k, 6), and the distance of each
+            edge from the middle of the support, shape (k,) [m].
         """
         if not isinstance(self.support, np.ndarray):
             return np.zeros((0, 6)), np.zeros(0)
@@ -119,14 +122,14 @@ class StableContact(HeldLoad):
         inward = np.column_stack([-along[:, 1], along[:, 0]])
         inward /= np.linalg.norm(inward, axis=1)[:, None]
         offset = np.sum(inward * corners, axis=1)
-        # The centre of pressure is (-m_y, m_x) / f_z; inside it is in.p >= offset.
+        # The centre of pressure is (-m_y, m_x) / f_z; inside, inward @ p >= offset.
         rows = np.zeros((len(corners), 6))
         rows[:, 2] = offset
         rows[:, 3], rows[:, 4] = -inward[:, 1], inward[:, 0]
         return rows, inward @ corners.mean(axis=0) - offset
 
     def _within(self, w: Array, rows: Array) -> Array:
-        """Wrenches, with the pull of a cup, in the coordinates of a cone, (m, 3)."""
+        """Wrenches plus the pull of a cup, in the coordinates of a cone, (m, 3)."""
         return np.asarray((w + self.adhesion * _PRESSING) @ rows.T)
 
     def _missing(self, w: Array) -> tuple[Array, Array]:
@@ -136,44 +139,44 @@ class StableContact(HeldLoad):
             Shapes (m, count) and (m, count, 6).
         """
         found = [_cone(self._within(w, rows), rows, tip) for rows, tip in self._cones]
-        rows, room = self._edges
-        scale = np.maximum(room, 1e-6)
+        rows, arms = self._edges
+        scale = np.maximum(arms, 1e-6)
         slope = np.broadcast_to(rows / scale[:, None], (len(w), *rows.shape))
-        found.append(((w @ rows.T - self.adhesion * room) / scale, slope))
+        found.append(((w @ rows.T - self.adhesion * arms) / scale, slope))
         values, slopes = zip(*found, strict=True)
         return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
-        """Missing grip of the load, in shares of its weight, with derivatives."""
+        """Missing grip of the load as a share of its weight, with derivatives."""
         w, by = self.wrench_slopes(q, v, a)
         values, by_wrench = self._missing(w)
         by_q, by_v, by_a = (by_wrench @ part / self.weight for part in by)
         return values / self.weight, by_q, by_v, by_a
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Missing grip of the load, in shares of its weight."""
+        """Missing grip of the load as a share of its weight, by value."""
         return self._missing(self.wrenches(q, v, a))[0] / self.weight
 
     @property
     def bends(self) -> bool:
-        """Cones are convex."""
+        """True: the values of cones are convex functions of the wrench."""
         return True
 
     def bend_rows(
         self, q: Array, v: Array, a: Array
     ) -> tuple[Array, Array, Array] | None:
-        """Slopes of the second-order terms: the cones are convex in the wrench."""
+        """Derivatives of vectors for the second-order change of the cone values."""
         w, by = self.wrench_slopes(q, v, a)
         root = np.zeros((len(w), self.count, 3, 6))
         for k, (rows, tip) in enumerate(self._cones):
             y = self._within(w, rows)
-            root[:, k] = length_bend(y, tip / np.sqrt(2.0)) @ rows
+            root[:, k] = curvature_root(y, tip / np.sqrt(2.0)) @ rows
         root /= np.sqrt(self.weight)
         by_q, by_v, by_a = (root @ part[:, None] for part in by)
         return by_q, by_v, by_a
 
     def reason(self, w: Array) -> str:
-        """Reason why the contact cannot give a wrench, in a clause."""
+        """Clause that explains why the contact cannot transmit a wrench."""
         force, pull = float(np.hypot(w[0], w[1])), self.adhesion
         if force > self.friction * (w[2] + pull):
             lean = np.degrees(np.arctan2(force, w[2]))
@@ -191,7 +194,7 @@ class StableContact(HeldLoad):
         return "it presses beyond the edge of its support"
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
-        """Missing grip of the load, in shares of its weight, at least zero."""
+        """Largest missing grip of the load as a share of its weight, at least zero."""
         w = self.wrenches(q, v, a)
         missing = [np.zeros(len(w)), *self._missing(w)[0].T[len(self._cones) :]]
         for rows, _ in self._cones:
@@ -201,14 +204,14 @@ class StableContact(HeldLoad):
 
 
 def _cone(y: Array, rows: Array, tip: float) -> tuple[Array, Array]:
-    """Excess of wrenches over a cone, rounded off about its tip.
+    """Excess of wrenches over a cone that is rounded at its tip.
 
     sqrt(2 x^2 + 2 L^2 + e^2) - 2 L is positive where x > L, and has the sign of x - L
     up to a small error where L is much larger than e.
 
     Args:
-        y: A vector of two numbers, of length x, and its bound L, shape (m, 3) [N].
-        rows: Derivatives of these by the wrench, shape (3, 6).
+        y: Vectors of two components, of length x, and their bounds L, shape (m, 3) [N].
+        rows: Derivatives of vector and bound by the wrench, shape (3, 6).
         tip: Rounding e of the tip [N].
 
     Returns:
@@ -220,7 +223,7 @@ def _cone(y: Array, rows: Array, tip: float) -> tuple[Array, Array]:
 
 
 def _polygon(given: object) -> Array:
-    """Check corners of a convex polygon; counter-clockwise, shape (k, 2)."""
+    """Check the corners of a convex polygon; ordered counter-clockwise, (k, 2)."""
     corners = array_or_nan(given)
     shaped = corners.ndim == 2 and corners.shape[0] > 2 and corners.shape[1] == 2
     if shaped and np.all(np.isfinite(corners)):

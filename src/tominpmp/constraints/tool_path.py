@@ -1,7 +1,7 @@
-"""Tubes for a tool: about a straight line, a polyline, or an arc.
+"""Tubes for a tool: around a straight line, a polyline, or an arc.
 
-The orientation of the tool is free; with :class:`~tominpmp.KeepUpright` it is in a
-cone, and with :class:`~tominpmp.KeepOrientation` it is fixed.
+The orientation of the tool is free; :class:`~tominpmp.KeepUpright` in addition keeps an
+axis of it in a cone, and :class:`~tominpmp.KeepOrientation` fixes it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, array_or_nan, default, record
 from tominpmp.checks import Metres, Point, array, number, positive, whole, wrong
-from tominpmp.constraints.path import NONE, FrameRows, Linear, Way
+from tominpmp.constraints.path import EMPTY, CurveSampler, FrameRows, Linear
 from tominpmp.exceptions import brief
 
 POINT = "coordinates [m]"
@@ -25,7 +25,7 @@ Turn: TypeAlias = Annotated[float, partial(positive, unit="rad", most=2.0 * np.p
 
 
 class Tube(FrameRows):
-    """The origin of a frame stays near a curve."""
+    """Base class: the origin of a frame stays within a radius of a curve."""
 
     radius: Metres
 
@@ -42,7 +42,7 @@ class Tube(FrameRows):
             point: A point in the world, shape (3,) [m].
 
         Returns:
-            Shapes (3,) and (3, 3).
+            Vector [m], shape (3,), and its derivative by the point, shape (3, 3).
         """
 
     @abstractmethod
@@ -54,12 +54,12 @@ class Tube(FrameRows):
         """The point of the curve at a parameter, shape (3,) [m]."""
 
     @property
-    def guide(self) -> tuple[str, Way]:
-        """The frame, and its path along the curve."""
+    def guide(self) -> tuple[str, CurveSampler]:
+        """The frame, and the curve that its origin must follow."""
         return self.frame, self.between
 
     def between(self, first: Array, last: Array, count: int) -> Array:
-        """Points between those nearest to a first and a last point, (count, 3)."""
+        """Points of the curve between the nearest ones to two points, (count, 3)."""
         ends = self.progress(first), self.progress(last)
         count = whole(count, "count")
         return np.array([self.at(s) for s in np.linspace(*ends, count).tolist()])
@@ -75,7 +75,7 @@ class Tube(FrameRows):
         found = np.array([vector for vector, _ in every])
         by_point = np.array([slope for _, slope in every])
         jacobian = self.motions.jacobians(q)[:, :3]
-        return found, by_point @ jacobian, NONE, NONE
+        return found, by_point @ jacobian, EMPTY, EMPTY
 
 
 @record
@@ -89,7 +89,7 @@ class ToolLine(Tube):
         radius: Largest distance from the line [m].
 
     Raises:
-        ProblemError: If an end is no point, or the radius no positive number.
+        ProblemError: If an end is not a point, or the radius is not positive.
     """
 
     start: Point
@@ -97,7 +97,7 @@ class ToolLine(Tube):
     radius: Metres = 1e-3
 
     def progress(self, point: Array) -> float:
-        """Share of the line."""
+        """Share of the line at its nearest point."""
         return _share_of_segment(point, self.start, self.end)
 
     def at(self, progress: float) -> Array:
@@ -127,12 +127,11 @@ class ToolPolyline(Tube):
 
     Attributes:
         frame: Name of the frame.
-        points: Its corners in the world, shape (k, 3) [m].
-        radius: Largest distance from it [m].
+        points: Corners of the polyline in the world, shape (k, 3) [m].
+        radius: Largest distance from the polyline [m].
 
     Raises:
-        ProblemError: If the points are not two or more, or the radius no positive
-            number.
+        ProblemError: If there are fewer than two points, or the radius is not positive.
     """
 
     points: Corners
@@ -154,14 +153,14 @@ class ToolPolyline(Tube):
 
     def at(self, progress: float) -> Array:
         """Point at an arc length [m]."""
-        way, lengths = number(progress, "progress"), self._lengths
-        each = [np.interp(way, lengths, column) for column in self.points.T]
+        length, lengths = number(progress, "progress"), self._lengths
+        each = [np.interp(length, lengths, column) for column in self.points.T]
         return np.array(each)
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the polyline."""
         found = [_from_segment(point, *ends) for ends in pairwise(self.points)]
-        return min(found, key=lambda one: float(one[0] @ one[0]))
+        return min(found, key=lambda pair: float(pair[0] @ pair[0]))
 
 
 @record
@@ -170,10 +169,10 @@ class ToolArc(Tube):
 
     Attributes:
         frame: Name of the frame.
-        center: Center of the circle in the world, shape (3,) [m].
+        center: Centre of the circle in the world, shape (3,) [m].
         start: Beginning of the arc, shape (3,) [m].
         axis: Axis of the arc, by the right-hand rule, shape (3,); of any length,
-            perpendicular to the line from the center to the start.
+            perpendicular to the line from the centre to the start.
         angle: Angle of the arc, up to a full turn [rad].
         radius: Largest distance from the arc [m].
 
@@ -199,20 +198,21 @@ class ToolArc(Tube):
             raise wrong(self.axis.tolist(), "axis", expected)
 
     def _axes(self) -> tuple[float, Array, Array, Array]:
-        """Size of the circle [m], and unit vectors.
+        """Radius of the circle [m], and three perpendicular unit vectors.
 
-        From the center to the start, along the arc there, and the axis.
+        The vectors point from the centre to the start, along the arc at the start, and
+        along the axis.
         """
         spoke, axis = self.start - self.center, self.axis / np.linalg.norm(self.axis)
         size = float(np.linalg.norm(spoke))
         return size, spoke / size, np.cross(axis, spoke / size), axis
 
     def progress(self, point: Array) -> float:
-        """Angle from the start [rad]."""
+        """Angle from the start to the nearest point of the arc [rad]."""
         _, first, second, _ = self._axes()
         out = array(point, "point", (3,), POINT) - self.center
         turn = float(np.arctan2(out @ second, out @ first)) % (2.0 * np.pi)
-        if turn > self.angle:  # beyond the ends: the nearer one
+        if turn > self.angle:  # beyond the arc: take the nearer end
             return self.angle if turn - self.angle < 2.0 * np.pi - turn else 0.0
         return turn
 
@@ -243,10 +243,10 @@ def _from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]
     Args:
         point: The point, shape (3,).
         start: One end of the line, shape (3,).
-        end: The other end, shape (3,); the same for a line that is a point.
+        end: The other end, shape (3,); may be equal to the start.
 
     Returns:
-        Shapes (3,) and (3, 3).
+        Vector, shape (3,), and its derivative by the point, shape (3, 3).
     """
     point = array(point, "point", (3,), POINT)
     along, out = end - start, point - start
@@ -257,7 +257,7 @@ def _from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]
 
 
 def _share_of_segment(point: Array, start: Array, end: Array) -> float:
-    """Share of a straight line at which it is nearest to a point, from 0 to 1."""
+    """Share of a straight line at its point nearest to a given point, from 0 to 1."""
     point, along = array(point, "point", (3,), POINT), end - start
     square = float(along @ along)
     share = float((point - start) @ along) / square if square > 0.0 else 0.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, record
 from tominpmp.checks import positive
-from tominpmp.constraints.path import NONE, FrameRows, Linear
+from tominpmp.constraints.path import EMPTY, FrameRows, Linear
 
 Speed: TypeAlias = Annotated[float, partial(positive, unit="m/s")]
 Acceleration: TypeAlias = Annotated[float, partial(positive, unit="m/s^2")]
@@ -24,7 +24,7 @@ class ToolSpeed(FrameRows):
         limit: Largest speed of its origin in the world [m/s].
 
     Raises:
-        ProblemError: If the limit is no positive number.
+        ProblemError: If the limit is not positive.
     """
 
     limit: Speed
@@ -37,7 +37,7 @@ class ToolSpeed(FrameRows):
 
     @property
     def top_speed(self) -> tuple[str, float] | None:
-        """The frame and the limit; None where it holds during a part of the motion."""
+        """The frame and the limit; None if it does not hold for the whole motion."""
         return (self.frame, self.limit) if self.during is None else None
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
@@ -46,7 +46,7 @@ class ToolSpeed(FrameRows):
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Velocities [m/s]."""
-        return *self.motions.velocity_slopes(q, v), NONE
+        return *self.motions.velocity_slopes(q, v), EMPTY
 
 
 @record
@@ -58,7 +58,7 @@ class ToolAcceleration(FrameRows):
         limit: Largest acceleration of its origin in the world [m/s^2].
 
     Raises:
-        ProblemError: If the limit is no positive number.
+        ProblemError: If the limit is not positive.
     """
 
     limit: Acceleration

@@ -1,7 +1,7 @@
-"""Torque limits; torque limits over the speed; torque rates.
+"""Torque limits, speed-dependent torque limits, and limits of torque rates.
 
-These are the paper's limits on controls, equation 3, and its section 4 for limits that
-depend on the state, and on the rates of controls.
+These are the paper's limits on the controls (equation 3), on controls as functions of
+the state, and on the rates of controls (section 4).
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from tominpmp.constraints.base import (
     both_instants,
     slope_partials,
 )
-from tominpmp.constraints.friction import Ways, signs
+from tominpmp.constraints.friction import Signs, velocity_signs
 from tominpmp.dynamics import Dynamics
 from tominpmp.motion_limits import SIDES, LimitKind
 
 
 @dataclass(frozen=True, eq=False)
 class Motors:
-    """Torques of motors as shares of their limits.
+    """Functions of the motor torques, as shares of the torque limits.
 
     Attributes:
         dynamics: Equations of motion without dry friction.
@@ -36,15 +36,15 @@ class Motors:
         half: Half of the torque ranges, shape (n,).
         friction: Dry friction as shares of the limits, shape (n,); None without
             friction.
-        ways: Directions of joints with friction at the instants; None before they were
-            taken from a motion.
+        signs: Velocity signs of joints with friction at the instants; None before they
+            are taken from a motion.
     """
 
     dynamics: Dynamics
     middle: Array
     half: Array
     friction: Array | None = None
-    ways: Ways | None = None
+    signs: Signs | None = None
 
     def torque(self, states: States) -> Array:
         """Torques less dry friction, shape (m, n) [N m or N]."""
@@ -57,12 +57,18 @@ class Motors:
         return np.asarray((self.torque(states) - self.middle) / self.half)
 
     def loads(self, states: States) -> Array:
-        """Torques of the motors as shares of their limits, with dry friction."""
+        """Motor torques including dry friction, as shares of their limits."""
         share = self.shares(states)
-        return share if self.ways is None else share + self.ways.load
+        return share if self.signs is None else share + self.signs.load
 
     def differentiate(self, states: States, at: IntArray, joint: IntArray) -> Partials:
-        """Partial derivatives of some of the shares."""
+        """Partial derivatives of some of the torque shares.
+
+        Args:
+            states: The states at m instants.
+            at: Index of the instant of each share, shape (k,).
+            joint: Index of the joint of each share, shape (k,).
+        """
         scale = self.half[joint, None]
         if states.u is not None:
             by_u = np.zeros((at.size, self.half.size))
@@ -79,11 +85,11 @@ class Motors:
 
 @dataclass(frozen=True, eq=False)
 class MotorLimit(Constraint):
-    """Base of constraints on torques: the handling of dry friction.
+    """Base class of constraints on torques, which handles dry friction.
 
     Attributes:
-        motors: The torques.
-        kind: The kind of limit: of torques, or of a kinematic robot's accelerations.
+        motors: Functions of the torques.
+        kind: Kind of limit: of torques, or of the accelerations of a kinematic robot.
     """
 
     motors: Motors
@@ -94,7 +100,7 @@ class MotorLimit(Constraint):
 
     @property
     def name(self) -> str:
-        """Name of the kind of limit, of torques."""
+        """Name of the kind of limit, with "torque" in place of "effort"."""
         return self.kind.name.replace("effort", "torque")
 
     @property
@@ -104,18 +110,18 @@ class MotorLimit(Constraint):
 
     @property
     def count(self) -> int:
-        """One value for each of these joints."""
+        """Number of values at an instant: the number of these joints."""
         return int(self.of_joints.size)
 
     @property
     def assumes(self) -> bool:
-        """Whether directions of joints with dry friction are assumed."""
+        """Whether velocity signs of joints with dry friction are assumed."""
         return self.motors.friction is not None
 
     @property
     def informed(self) -> bool:
-        """Whether the directions are set."""
-        return not self.assumes or self.motors.ways is not None
+        """Whether the velocity signs are set, if they are needed."""
+        return not self.assumes or self.motors.signs is not None
 
     @property
     def usable(self) -> Array:
@@ -123,45 +129,46 @@ class MotorLimit(Constraint):
         return np.zeros(self.count)
 
     def assumed(self, states: States, beside: Array) -> MotorLimit:
-        """The constraint with directions of joints with dry friction in a motion."""
-        return self if not self.assumes else self.along(signs(states.v, beside))
+        """The constraint with the velocity signs of a motion."""
+        return self.along(velocity_signs(states.v, beside)) if self.assumes else self
 
     def along(self, sign: Array) -> MotorLimit:
-        """The constraint with given directions of joints with dry friction.
+        """The constraint with given velocity signs.
 
         Args:
-            sign: The directions at its instants: 1, -1, or 0 at rest, shape (m, n).
+            sign: Signs at the instants of the constraint: 1, -1, or 0 at rest, shape
+                (m, n).
         """
         friction = self.motors.friction
-        return self if friction is None else self._moving(Ways.of(friction, sign))
+        return self if friction is None else self._with(Signs.of(friction, sign))
 
     def corrected(
         self, states: States, beside: Array, tolerance: float
     ) -> tuple[MotorLimit, int]:
-        """The constraint with the directions in another motion, where they matter."""
-        ways = self.assumed(states, beside).motors.ways
-        if ways is None:
+        """The constraint with the signs of another motion, where they matter."""
+        signs = self.assumed(states, beside).motors.signs
+        if signs is None:
             return self, 0
-        sign, known = ways.sign, self.motors.ways or ways
+        sign, known = signs.sign, self.motors.signs or signs
         wrong = known.wrong(sign, self.motors.shares(states), tolerance)
-        return self._moving(known.turned(sign, wrong)), int(wrong.sum())
+        return self._with(known.corrected(sign, wrong)), int(wrong.sum())
 
     def joined(self, other: Constraint) -> MotorLimit:
-        """The constraint at these instants and at those of another."""
+        """The constraint at its instants, followed by the instants of another."""
         assert isinstance(other, MotorLimit)  # noqa: S101
-        own, more = self.motors.ways, other.motors.ways
+        own, more = self.motors.signs, other.motors.signs
         if own is None or more is None:
-            return self._moving(None)
-        return self._moving(own.joined(more))
+            return self._with(None)
+        return self._with(own.joined(more))
 
-    def _moving(self, ways: Ways | None) -> MotorLimit:
-        """The constraint with given directions of joints with dry friction."""
-        return replace(self, motors=replace(self.motors, ways=ways))
+    def _with(self, signs: Signs | None) -> MotorLimit:
+        """The constraint with given assumptions about velocity signs."""
+        return replace(self, motors=replace(self.motors, signs=signs))
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueLimit(MotorLimit):
-    """Torques within their limits, as shares of them: u_l <= u <= u_u (3)."""
+    """Torques as shares of their limits: u_l <= u <= u_u (paper, equation 3)."""
 
     field = "u"
 
@@ -171,14 +178,14 @@ class TorqueLimit(MotorLimit):
         return np.arange(self.motors.half.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """Bounds of -1 and 1; tighter where a joint with dry friction reverses."""
+        """Bounds -1 and 1; tighter where a joint with dry friction reverses."""
         most = np.ones((instants, self.count))
-        if self.motors.ways is not None:
-            most = self.motors.ways.bound
+        if self.motors.signs is not None:
+            most = self.motors.signs.bound
         return -most, most
 
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
-        """Shares of the limits."""
+        """Motor torques as shares of their limits, shape (m, n)."""
         return self.motors.loads(states)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
@@ -191,18 +198,18 @@ class TorqueOverSpeed(MotorLimit):
     """Torques within bounds that depend on the speed, as shares of the bounds.
 
     Attributes:
-        by_speed: The bounds, by the index of the joint.
+        by_speed: Speed-dependent bound of each limited joint, by its index.
     """
 
     by_speed: Mapping[int, Any]
 
     @property
     def of_joints(self) -> IntArray:
-        """The joints with a bound, for the upper sides and for the lower ones."""
+        """The joints with a bound, once for each side (upper and lower)."""
         return np.tile([*self.by_speed], len(SIDES))
 
     def _excess(self, states: States) -> Iterator[tuple[int, Array, Array, Array]]:
-        """Values one after the other, and their derivatives by share and speed."""
+        """Joint, value, and derivatives by torque share and speed, value by value."""
         motors = self.motors
         loads = motors.loads(states) + motors.middle / motors.half
         for side in SIDES:
@@ -211,8 +218,8 @@ class TorqueOverSpeed(MotorLimit):
                 unit, load, v = self.kind.scale(bound, half), loads[:, joint], states.v
                 found = self.kind.excess(bound, half * load, v[:, joint], side)
                 value, by_u, by_v = (part / unit for part in found)
-                if motors.ways is not None:
-                    reserve = 1.0 - motors.ways.bound[:, joint]
+                if motors.signs is not None:
+                    reserve = 1.0 - motors.signs.bound[:, joint]
                     value = value + np.abs(half * by_u) * reserve
                 yield joint, value, half * by_u, by_v
 
@@ -233,13 +240,13 @@ class TorqueOverSpeed(MotorLimit):
 
 @dataclass(frozen=True, eq=False)
 class TorqueRate(MotorLimit):
-    """Torque rates between pairs of instants, for motions whose torques do not jump.
+    """Torque rates between pairs of instants, for motions with continuous torques.
 
-    Its instants come in pairs of one interval.
+    Both instants of each pair are in the same interval.
 
     Attributes:
-        joints: Joints that have a limit, shape (k,).
-        limit: Their limits, shape (k,) [N m/s or N/s].
+        joints: Joints with a limit, shape (k,).
+        limit: Limit of each of these joints, shape (k,) [N m/s or N/s].
     """
 
     joints: IntArray
@@ -249,11 +256,11 @@ class TorqueRate(MotorLimit):
 
     @property
     def of_joints(self) -> IntArray:
-        """The joints that have a limit."""
+        """The joints with a limit."""
         return self.joints
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
-        """Bounds of -1 and 1."""
+        """Bounds -1 and 1 for each pair of instants."""
         ones = np.ones((instants // 2, self.count))
         return -ones, ones
 

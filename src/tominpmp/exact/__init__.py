@@ -1,1 +1,1 @@
-"""Arcs: stretches of time between switches, optimised exactly."""
+"""Exact switching times: motions as arcs between switches, of optimised lengths."""

@@ -1,4 +1,4 @@
-"""Detection of arcs: rough arcs and states, read off any motion."""
+"""Detection of arcs in a motion: a first guess of their structure and lengths."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Where velocities are looked at, and what counts as turning, as a share of the largest.
-LOOKS = 1001
-TURNING = 1e-5
-# How far inside an interval its torque is looked at: it may jump at the ends.
+# Number of instants at which velocities are sampled for reversals. A velocity in the
+# opposite direction counts as a reversal beyond this share of the largest velocity.
+SAMPLES = 1001
+REVERSAL = 1e-5
+# Torques at the ends of an interval, where they may jump, are sampled at this distance
+# inside the interval, as a share of it.
 INSIDE = 1e-6
 
 
 def arcs_of(system: ProblemFunctions, trajectory: Trajectory) -> Arcs:
-    """Arcs of a motion, roughly.
+    """Approximate arcs of a motion.
 
-    The torque of an interval is that of the end at which it is larger: with constant
-    accelerations it comes to its limit at one of them only.
+    The torque of an interval is the larger one of the torques at its ends: with
+    constant accelerations, a torque reaches its limit at one end only.
     """
     t = trajectory.t
     h = np.diff(t)
@@ -36,26 +38,27 @@ def arcs_of(system: ProblemFunctions, trajectory: Trajectory) -> Arcs:
     return read_arcs(h, np.clip(shares, -1.0, 1.0), speeds, driven)
 
 
-def one_way(system: ProblemFunctions, trajectory: Trajectory) -> Array | None:
-    """Which way joints with dry friction move all along a motion, shape (n,).
+def constant_signs(system: ProblemFunctions, trajectory: Trajectory) -> Array | None:
+    """Velocity signs of joints with dry friction throughout a motion, shape (n,).
 
-    1 or -1, 0 for joints that rest or have none; None if one of them turns.
+    The signs are 1 or -1, and 0 for joints that rest or have no dry friction. None if a
+    joint with dry friction reverses.
     """
-    times = np.linspace(0.0, trajectory.duration, LOOKS)
+    times = np.linspace(0.0, trajectory.duration, SAMPLES)
     v = replace(trajectory, inverse_dynamics=None)(times).v
     forth, back = np.max(v, axis=0), np.max(-v, axis=0)
     most = np.maximum(forth, back)
-    turns = np.minimum(forth, back) > TURNING * np.max(most)
+    turns = np.minimum(forth, back) > REVERSAL * np.max(most)
     dry = system.problem.robot.friction > 0.0
     if np.any(turns & dry):
         return None
-    ways = np.where(forth > back, 1.0, -1.0)
-    return np.where(dry & (most > STANDSTILL), ways, 0.0)
+    signs = np.where(forth > back, 1.0, -1.0)
+    return np.where(dry & (most > STANDSTILL), signs, 0.0)
 
 
 def without_friction(system: ProblemFunctions, trajectory: Trajectory) -> Trajectory:
-    """A motion with the torques that dry friction leaves, on ways taken for granted."""
-    if system.ways is None:
+    """The motion with torques less dry friction, if velocity signs are assumed."""
+    if system.signs is None:
         return trajectory
     inverse = trajectory.inverse_dynamics
     return replace(

@@ -1,11 +1,13 @@
-r"""Equations of motion with some joints held at a constant velocity.
+r"""Equations of motion with some joints held at constant velocity.
 
-A joint that runs at its speed limit has no acceleration; some torque for that follows,
-mostly its own, and the other joints move as their torques and this acceleration demand:
+A joint h that moves at its speed limit has zero acceleration. One torque f, mostly the
+torque of the joint itself, follows from this condition; the accelerations of the other
+joints follow from their torques:
 
-.. math:: \tau(q, v, a) = u, \qquad a_h = 0, \qquad u_k \text{ known but for } u_f.
+.. math:: \tau(q, v, a) = u, \qquad a_h = 0, \qquad u_k \text{ given for } k \ne f.
 
-Where the torque of the joint itself is at its limit, another one's can hold it.
+If the torque of the joint itself is at its limit, the torque of another joint can hold
+it.
 """
 
 from __future__ import annotations
@@ -17,20 +19,22 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics
 
-# A joint keeps its velocity; a torque follows from that.
+# Modes of a joint: its velocity is held constant (HOLDS), its torque follows from such
+# a condition (FOLLOWS), or both (their sum).
 HOLDS, FOLLOWS = 1, 2
 
 
 class Rates(NamedTuple):
-    """State derivatives and torques, with their partial derivatives, one row a state.
+    """State derivatives and torques at m states, with their partial derivatives.
 
     Attributes:
-        f: dx/dt with x = (q, v), shape (m, 2n).
-        f_x: Shape (m, 2n, 2n).
-        f_u: Shape (m, 2n, n); zero for torques that follow.
+        f: Derivatives dx/dt of x = (q, v), shape (m, 2n).
+        f_x: Derivatives of f by x, shape (m, 2n, 2n).
+        f_u: Derivatives of f by given torques, shape (m, 2n, n); zero for torques that
+            follow.
         tau: Torques of all joints, shape (m, n) [N m or N].
-        tau_x: Shape (m, n, 2n).
-        tau_u: Shape (m, n, n).
+        tau_x: Derivatives of tau by x, shape (m, n, 2n).
+        tau_u: Derivatives of tau by given torques, shape (m, n, n).
     """
 
     f: Array
@@ -44,14 +48,15 @@ class Rates(NamedTuple):
 def differentiate_rates(
     dynamics: Dynamics, x: Array, u: Array, modes: IntArray
 ) -> Rates:
-    """State derivatives with their partial derivatives.
+    """State derivatives and torques, with their partial derivatives.
 
     Args:
         dynamics: Equations of motion.
         x: States (q, v), shape (m, 2n).
-        u: Torques, shape (m, n); those that follow are ignored.
-        modes: HOLDS for joints that keep their velocity, FOLLOWS for torques that do
-            so, or their sum, shape (m, n); as many of both in each row.
+        u: Torques, shape (m, n); torques that follow are ignored.
+        modes: HOLDS for joints with constant velocity, FOLLOWS for joints whose torque
+            follows, their sum for both, 0 for other joints, shape (m, n); each row has
+            equal numbers of both.
     """
     count, n = u.shape
     if not np.any(modes):
@@ -60,7 +65,7 @@ def differentiate_rates(
         return Rates(*by, u, np.zeros((count, n, 2 * n)), tau_u)
     patterns, which = np.unique(modes, axis=0, return_inverse=True)
     if len(patterns) > 1:
-        # Rows of one pattern are solved together, and put back into their order.
+        # States with equal modes are solved together, and then restored to their order.
         rows = [np.flatnonzero(which.ravel() == k) for k in range(len(patterns))]
         parts = [differentiate_rates(dynamics, x[r], u[r], modes[r]) for r in rows]
         back = np.argsort(np.concatenate(rows))
@@ -69,7 +74,7 @@ def differentiate_rates(
 
 
 def _held_rates(dynamics: Dynamics, x: Array, u: Array, modes: IntArray) -> Rates:
-    """Rates of rows of which the same joints are held."""
+    """Rates of states at which the same joints are held."""
     count, n = u.shape
     q, v = x[:, :n], x[:, n:]
     free = np.flatnonzero((modes & HOLDS) == 0)

@@ -1,10 +1,10 @@
-"""Perturbed starts: motions to read arcs from that may lead to other local optima.
+"""Multi-start for switching refinement: motions near other local optima.
 
-Time-optimal motions of the same arm between the same states often come in several
-kinds that differ by the order of the switches, and no small change leads from one to
-another. Randomly perturbed paths do: torques on a coarse grid lead from them to a
-motion near to some optimum, whose arcs are then optimised. For a single motor the
-number of switches is the only difference, and all of them are tried.
+The same problem often has several locally time-optimal motions, which differ by the
+order of their switches and are not connected by small changes. Randomly perturbed paths
+lead to them: an optimisation of torques on a coarse grid turns each path into a motion
+near a local optimum, whose arcs are then optimised. For a single motor, local optima
+differ by the number of switches only, and all small numbers are tried.
 """
 
 from __future__ import annotations
@@ -31,25 +31,27 @@ from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
-# Grid of torques on which a perturbed path becomes a motion, and its iterations.
+# Number of intervals, largest number of iterations, tolerance, trust region radius and
+# weight of the total variation of the optimisation that turns a path into a motion.
 INTERVALS = 30
 ITERATIONS = 25
 TOLERANCE = 1e-3
 RADIUS = 0.5
 SMOOTHING = 1e-4
-# Sine waves added to a path, their amplitude [rad], and the spread of the logarithm of
-# its duration.
+# Number of sine waves that are added to a path, their amplitude [rad], and the standard
+# deviation of the logarithm of its duration.
 WAVES = 3
 AMPLITUDE = 1.0
 SPREAD = 0.3
-# Configurations at the goal that perturbed paths end at, where it leaves several.
+# Number of final configurations of perturbed paths, if the goal does not fix one.
 ENDS = 8
-# Arcs of a motion with a single motor, and how many random lengths are tried of each.
+# Least and largest number of arcs of motions of a single motor.
 FEWEST, MOST = 2, 8
-# Steps over a whole motion and evaluations of the dynamics in a first, rough solve.
+# Number of steps over a whole motion, and of evaluations of the dynamics, in the first
+# solve of such a motion.
 ROUGH_STEPS = 24
 ROUGH_EVALUATIONS = 10_000
-# What it may miss the goal by to go on.
+# Largest violation of goal and limits of motions that are optimised further.
 PROMISING = 1e-2
 
 
@@ -60,10 +62,16 @@ def on_grid(
     path: Array,
     duration: float,
 ) -> Trajectory:
-    """A motion with torques that are constant on equal intervals, near to optimal.
+    """An almost optimal motion with piecewise constant torques on a uniform grid.
 
-    It begins with positions at the nodes, shape (N + 1, n) [rad or m], takes about the
-    given duration [s], and need not keep all constraints.
+    The motion need not keep all constraints.
+
+    Args:
+        system: The functions of the problem.
+        options: Options of the optimisation.
+        callback: Called with the record of each iteration.
+        path: Initial positions at the nodes, shape (N + 1, n) [rad or m].
+        duration: Initial duration [s].
     """
     shares = interval_shares("uniform", path.shape[0] - 1)
     grid = CollocationTranscription(system, shares, duration)
@@ -83,7 +91,7 @@ def perturbed_motions(
     plan: Trajectory,
     rng: np.random.Generator,
 ) -> Iterator[Trajectory]:
-    """Motions from randomly perturbed paths, without end."""
+    """Generate motions from randomly perturbed paths, without end."""
     rough = replace(
         options,
         max_iterations=min(options.max_iterations, ITERATIONS),
@@ -98,13 +106,13 @@ def perturbed_motions(
     reach = AMPLITUDE * np.minimum(
         system.step_scale, limits.position_upper - limits.position_lower
     )
-    # The first path is straight; it often leads to the best motion.
+    # The first path is straight, which often leads to the best motion.
     for amplitude in chain([np.zeros_like(reach)], repeat(reach)):
         end = ends[int(rng.integers(len(ends)))]
         path = start + s * (end - start)
         for wave in range(1, WAVES + 1):
-            bend = rng.normal(size=system.n) * amplitude
-            path = path + bend * np.sin(wave * np.pi * s)
+            height = rng.normal(size=system.n) * amplitude
+            path = path + height * np.sin(wave * np.pi * s)
         path = np.clip(path, limits.position_lower, limits.position_upper)
         duration = plan.duration * float(np.exp(rng.normal(0.0, SPREAD)))
         yield on_grid(system, rough, callback, path, duration)
@@ -116,9 +124,15 @@ def single_motor_motions(
     rng: np.random.Generator,
     budget: Budget,
 ) -> Iterator[OptimisedArcs]:
-    """Rough motions of a single motor that nearly reach the goal: one switch, two, ...
+    """Generate bang-bang motions of a single motor that almost reach the goal.
 
-    They take about the given duration [s].
+    The number of switches increases from one.
+
+    Args:
+        system: The functions of the problem.
+        duration: Approximate duration of the motions [s].
+        rng: Source of random lengths of the arcs.
+        budget: Budget for all motions.
     """
     joint = driven_joints(system)
     for count in range(FEWEST, MOST + 1):
@@ -128,10 +142,10 @@ def single_motor_motions(
             levels = np.zeros((count, system.n))
             levels[:, joint] = sign * (-1.0) ** np.arange(count)[:, None]
             lengths = rng.dirichlet(np.full(count, 2.0)) * duration
-            none = np.zeros(levels.shape, dtype=np.int64)
-            arcs = Arcs(lengths, levels, none.astype(bool), none)
+            held = np.zeros(levels.shape, dtype=np.int64)
+            arcs = Arcs(lengths, levels, held.astype(bool), held)
             share = budget.share(ROUGH_EVALUATIONS)
             found = solve_lengths(system, arcs, None, share, ROUGH_STEPS)
             budget.deduct(share)
-            if found is not None and found.miss < PROMISING:
+            if found is not None and found.violation < PROMISING:
                 yield found

@@ -1,4 +1,7 @@
-"""Shooting over arcs: lengths and torques such that the motion ends at the goal."""
+"""Multiple arcs as a nonlinear program: integration, rows and their derivatives.
+
+The motion is shot from the start over all arcs; rows require that it ends at the goal.
+"""
 
 from __future__ import annotations
 
@@ -23,39 +26,41 @@ from tominpmp.stopping import check
 from tominpmp.transcription.controls import SPEED_FACTOR
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Limits are watched where a motion comes this near to them: as a share, and clearances
-# as a share of the reach.
+# Limits become rows where the margin of a motion is smaller than this: a share of the
+# limit and, for clearances, a share of the reach.
 NEAR = 0.1
 CLOSE = 0.05
+# Kinds of limits.
 POSITION, VELOCITY, TORQUE, CLEARANCE = range(4)
-# Kinds of the constraints that bound positions, velocities or torques.
+# Kind of limit by the field of its constraint.
 FIELDS = {"q": POSITION, "v": VELOCITY, "u": TORQUE}
 
 
 class WatchedLimits(NamedTuple):
-    """Limits that are looked at, at the ends of steps.
+    """Limits that are rows of a program, at the ends of steps.
 
     Attributes:
-        kind: Which limit, shape (r,).
-        node: At the end of which step, counted from 1, shape (r,).
+        kind: Kind of each limit, shape (r,).
+        node: Number of the step at whose end the limit is checked, from 1, shape (r,).
         which: Index of the value of the constraint, shape (r,).
-        sign: 1 for an upper limit, -1 for a lower one, shape (r,).
-        room: Distance to it in the motion that was looked at, shape (r,).
+        sign: 1 for upper limits, -1 for lower limits, shape (r,).
+        margin: Margin to the limit in the motion that was inspected, shape (r,).
     """
 
     kind: IntArray
     node: IntArray
     which: IntArray
     sign: IntArray
-    room: Array
+    margin: Array
 
 
 class EndRows(NamedTuple):
-    """Rows of a program, each of which depends on what is at the end of a step.
+    """Rows of a program, each a function of state, torques and time at a step's end.
 
     Attributes:
-        value: Their values, shape (k,).
-        node: At the end of which step, counted from 1, shape (k,).
+        value: Row values, shape (k,).
+        node: Number of the step at whose end each row is evaluated, from 1, shape (k,);
+            0 for the start.
         by_x: Derivatives by the state there, shape (k, 2n).
         by_u: Derivatives by the torques on the step, shape (k, n).
         by_t: Derivatives by the time, shape (k,).
@@ -77,43 +82,45 @@ class EndRows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A motion of a program, and how it depends on the unknowns.
+    """A motion of a program, its row values, and their derivatives by the unknowns.
 
     Attributes:
         motion: The motion.
-        equal: Goal and entries of held arcs, zero where they hold, shape (e,).
-        by_equal: Shape (e, size).
-        room: What is left to bounds of the goal and the watched limits, shape (r,).
-        by_room: Shape (r, size).
-        rows: Both, one after the other.
-        by_stages: Derivative of the stages, shape (M, 3, 2n, size).
+        equal: Residuals of the equations, for the goal and the entries of held arcs,
+            shape (e,).
+        by_equal: Derivatives of the residuals, shape (e, size).
+        margin: Margins to the bounds of the goal and to the watched limits, shape (r,).
+        by_margin: Derivatives of the margins, shape (r, size).
+        rows: All rows: residuals, then margins.
+        by_stages: Derivatives of the stages, shape (M, 3, 2n, size).
     """
 
     motion: IntegratedArcs
     equal: Array
     by_equal: Array
-    room: Array
-    by_room: Array
+    margin: Array
+    by_margin: Array
     rows: EndRows
     by_stages: Array
 
 
 class ArcProgram:
-    """Minimum time over the lengths of arcs and the torques that are free.
+    """Minimum-time program in the lengths of arcs and the free torques.
 
-    The unknowns are y = (lengths over the first duration, free torque shares).
+    The unknowns are y = (lengths over the initial duration, free torque shares).
 
     Attributes:
         system: The functions of the problem.
-        limits: The constraints that can be watched, by the kind of limit.
-        arcs: What the joints do.
+        limits: The constraints that can become rows, by the kind of limit.
+        arcs: Structure of the arcs, with their initial lengths and torques.
         steps: Number of integration steps of each arc, shape (K,).
         follows: Whether torques follow from held joints on the steps, shape (M, n).
-        modes: Which joints are held and which torques follow on the steps, see
+        modes: Modes of the joints on the steps, see
             :func:`~tominpmp.exact.held_joints.differentiate_rates`, shape (M, n).
-        watched: Limits that are looked at.
-        guess: Stages of a motion near by, to begin with, shape (M, 3, 2n).
-        evaluations: At how many states the dynamics have been evaluated.
+        watched: Limits that are rows.
+        guess: Stages of a similar motion, the first initial guess of integrations,
+            shape (M, 3, 2n); NaN without a guess.
+        evaluations: Number of states at which the dynamics have been evaluated.
     """
 
     def __init__(self, system: ProblemFunctions, arcs: Arcs, steps: IntArray) -> None:
@@ -136,7 +143,7 @@ class ArcProgram:
         self.modes = HOLDS * self._held + FOLLOWS * self.follows
         self._column = np.full(arcs.free.shape, -1)
         self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
-        # Not a number: without a guess steps are marched.
+        # NaN stands for no guess: the first integration is explicit.
         self.guess = np.full((self.arc_of_step.size, 3, 2 * system.n), np.nan)
         self._last: tuple[Array, Shot | None] | None = None
         self._base: tuple[Array, Shot] | None = None
@@ -148,17 +155,17 @@ class ArcProgram:
         return self.arcs.count + int(self.arcs.free.sum())
 
     def watch(self, watched: WatchedLimits) -> None:
-        """Look at other limits."""
+        """Replace the limits that are rows."""
         self.watched = watched
         self._last = None
 
     def pack(self) -> Array:
-        """Unknowns of the arcs."""
+        """Unknowns for the initial arcs."""
         arcs = self.arcs
         return np.concatenate([arcs.lengths / self.duration, arcs.levels[arcs.free]])
 
     def unpack(self, y: Array) -> Arcs:
-        """Arcs of unknowns."""
+        """Arcs for given unknowns."""
         arcs, count = self.arcs, self.arcs.count
         levels = arcs.levels.copy()
         levels[arcs.free] = np.clip(y[count:], -1.0, 1.0)
@@ -166,7 +173,7 @@ class ArcProgram:
         return replace(arcs, lengths=lengths, levels=levels)
 
     def shoot(self, y: Array) -> Shot | None:
-        """The motion of some unknowns; None if it cannot be integrated."""
+        """Motion and rows for given unknowns; None if integration fails."""
         check()
         if self._last is None or not np.array_equal(self._last[0], y):
             motion = self._integrate(y)
@@ -177,12 +184,13 @@ class ArcProgram:
         return self._last[1]
 
     def _integrate(self, y: Array) -> IntegratedArcs | None:
+        """Motion for given unknowns; None if integration fails."""
         system, arcs, of = self.system, self.unpack(y), self.arc_of_step
         u = system.effort_middle + system.effort_half * arcs.levels[of]
         h, guess = (arcs.lengths / self.steps)[of], self.guess
         drive = system.dynamics, self._start, u, self.modes, h
         if self._base is not None:
-            # First-order prediction from the motion that was found last.
+            # Guess: first-order prediction from the last motion.
             z, shot = self._base
             guess = shot.motion.stages + shot.by_stages @ (y - z)
         motion, cost = integrate(*drive, guess)
@@ -196,8 +204,8 @@ class ArcProgram:
         """Derivatives of the states by the unknowns.
 
         Returns:
-            At the ends of the steps, from the start on, and at the stages: shapes
-            (M + 1, 2n, size) and (M, 3, 2n, size).
+            Derivatives at the start and the ends of the steps, shape
+            (M + 1, 2n, size), and at the stages, shape (M, 3, 2n, size).
         """
         by_start, by_u, by_h = motion.sensitivities
         count, stages, size, _ = by_start.shape
@@ -216,6 +224,7 @@ class ArcProgram:
         return out, by_start @ out[:-1, None] + drive
 
     def _differentiate(self, motion: IntegratedArcs) -> Shot:
+        """Rows of a motion, with their derivatives."""
         system, n = self.system, self._n
         x, goal = motion.x, system.problem.goal
         value, by_q, by_v = goal.residual(system.kinematics, x[-1, :n], x[-1, n:])
@@ -254,14 +263,15 @@ class ArcProgram:
 
         Args:
             rows: The rows.
-            by: Derivatives of the states at the ends of steps, (M + 1, 2n, size).
+            by: Derivatives of the states at the start and the ends of steps, shape
+                (M + 1, 2n, size).
         """
         out = np.einsum("kx,kxz->kz", rows.by_x, by[rows.node])
         column = self._column[self.arc_of_step[rows.node - 1]]
         row, joint = np.nonzero(column >= 0)
         by_share = rows.by_u[row, joint] * self.system.effort_half[joint]
         out[row, column[row, joint]] += by_share
-        # The time at the end of a step is the sum of the steps before.
+        # The time at the end of a step is the sum of all lengths up to it.
         over = np.arange(self.steps.size) == self.arc_of_step[:, None]
         share = np.cumsum(over * (self.duration / self.steps), axis=0)
         out[:, : self.arcs.count] += rows.by_t[:, None] * share[rows.node - 1]
@@ -270,51 +280,53 @@ class ArcProgram:
     # -- limits ------------------------------------------------------------------------
 
     def _states(self, motion: IntegratedArcs) -> States:
-        """States at the ends of steps."""
+        """States and torques at the ends of steps."""
         n, x = self._n, motion.x[1:]
         torque = motion.rates.tau.reshape(-1, STAGES, n)[:, -1]
-        none, t = np.zeros((0, n)), np.cumsum(motion.h)
-        return States(t, x[:, :n], x[:, n:], none, torque)
+        empty, t = np.zeros((0, n)), np.cumsum(motion.h)
+        return States(t, x[:, :n], x[:, n:], empty, torque)
 
-    def _values(self, states: States, kind: int) -> tuple[Array, Array]:
-        """Distances to upper and lower limits at states, shape (m, k) each."""
+    def _margins(self, states: States, kind: int) -> tuple[Array, Array]:
+        """Margins to the upper and lower limits at states, shape (m, k) each."""
         values = self.limits[kind].evaluate(states)
         lower, upper = self.limits[kind].bounds(states.t.size)
         return upper - values, values - lower
 
-    def look(self, motion: IntegratedArcs, near: float | None = None) -> WatchedLimits:
-        """Limits that a motion comes near to, or passes.
+    def nearby(self, motion: IntegratedArcs, gap: float | None = None) -> WatchedLimits:
+        """Limits to which the margin of a motion is small or negative.
 
         Args:
             motion: The motion.
-            near: How near, in shares; None takes the usual.
+            gap: Margin below which limits are returned, in units of the rows; None for
+                the default of each kind.
         """
         system, states = self.system, self._states(motion)
         parts = list[WatchedLimits]()
-        # A joint that is held, or begins to be, is at its speed limit; torques that do
-        # not follow are within theirs.
+        # Left out are the speed limits of joints that are held, or about to be, as the
+        # speeds are at them, and the limits of torques that do not follow, as the
+        # bounds of the unknowns keep them.
         held = self._held.copy()
         held[:-1] |= self._held[1:]
         free = {VELOCITY: held, TORQUE: ~self.follows}
-        # A joint that is given at the end has no room to keep there.
+        # Positions and velocities that the goal fixes need no margin at the end.
         given = {POSITION: system.final_configuration, VELOCITY: system.final_velocity}
         for kind in sorted(self.limits):
-            distance = (CLOSE if kind == CLEARANCE else NEAR) if near is None else near
-            for sign, room in zip((1, -1), self._values(states, kind), strict=True):
+            distance = (CLOSE if kind == CLEARANCE else NEAR) if gap is None else gap
+            for sign, margin in zip((1, -1), self._margins(states, kind), strict=True):
                 if kind in free:
-                    room[free[kind][:, self.limits[kind].of_joints]] = np.inf
+                    margin[free[kind][:, self.limits[kind].of_joints]] = np.inf
                 if given.get(kind) is not None:
-                    room[-1] = np.inf
-                step, index = np.nonzero(room < distance)
-                what, signs = np.full_like(step, kind), np.full_like(step, sign)
-                rooms = room[step, index]
-                parts.append(WatchedLimits(what, step + 1, index, signs, rooms))
+                    margin[-1] = np.inf
+                step, index = np.nonzero(margin < distance)
+                kinds, signs = np.full_like(step, kind), np.full_like(step, sign)
+                small = margin[step, index]
+                parts.append(WatchedLimits(kinds, step + 1, index, signs, small))
         return WatchedLimits(
             *(np.concatenate(part) for part in zip(*parts, strict=True))
         )
 
     def _watched_rows(self, motion: IntegratedArcs) -> EndRows:
-        """Distances to the watched limits, with derivatives."""
+        """Margins to the watched limits, with derivatives."""
         n, watched, rates = self._n, self.watched, motion.rates
         states, count = self._states(motion), watched.kind.size
         by_x = np.zeros((count, 2 * n))
@@ -322,7 +334,7 @@ class ArcProgram:
         for kind in np.unique(watched.kind).tolist():
             rows = np.flatnonzero(watched.kind == kind)
             node, which, sign = (part[rows] for part in watched[1:4])
-            high, low = (room[node - 1, which] for room in self._values(states, kind))
+            high, low = (part[node - 1, which] for part in self._margins(states, kind))
             out.value[rows] = np.where(sign > 0, high, low)
             by = self.limits[kind].differentiate(states, node - 1, which)
             by = by.times(-sign[:, None])
@@ -339,8 +351,8 @@ class ArcProgram:
         return out
 
     def excess(self, motion: IntegratedArcs, slack: float) -> float:
-        """What the limits are passed by at the ends of steps, if by more than slack."""
-        return float(np.max(-self.look(motion, -slack).room, initial=0.0))
+        """Largest violation of limits at the ends of steps; 0 if within the slack."""
+        return float(np.max(-self.nearby(motion, -slack).margin, initial=0.0))
 
     def sample_times(self, arcs: Arcs) -> Array:
         """Times of the stages, shape (M, 3) [s]."""

@@ -1,8 +1,9 @@
-"""Arcs: stretches of time on which each joint has one torque, or one speed.
+"""Arcs: spans of time between switches, with constant torques or speeds.
 
-A time-optimal motion mostly has every torque at a limit, or the joint at its speed
-limit. Between the instants at which that changes lies an arc; its length is exact where
-an interval of a grid is a compromise.
+In a time-optimal motion, almost every torque is at a limit, or its joint is at its
+speed limit. An arc lies between two successive instants at which a joint changes from
+one limit to another. The lengths of arcs are unknowns, so that switches are exact,
+whereas the nodes of a grid only approximate them.
 """
 
 from __future__ import annotations
@@ -16,34 +17,34 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 
-# Torque shares this near a limit are at it.
+# Torques beyond this share of a limit count as saturated.
 SATURATED = 0.98
-# Speeds this near the limit, relatively, are at it.
+# Speeds within this share of their limit count as being at it.
 AT_SPEED = 3e-3
-# Stretches of this many intervals with torques between their limits stand for switches,
-# and those that take no more than this share of the duration.
+# A run of intervals with torques between their limits stands for a switch if it has at
+# most this number of intervals, or takes at most this share of the duration.
 SWITCH_INTERVALS = 3
 SWITCH_SHARE = 0.04
-# Longer ones are cut into this many arcs at most.
+# Longer runs are divided into at most this number of arcs.
 PIECES = 6
-# Arcs shorter than this share of the duration are joined to their neighbours.
+# Arcs shorter than this share of the duration are dropped.
 SHORTEST = 1e-7
-# Switches of different joints closer than this share of the duration are one at first.
+# Switches of different joints closer than this share of the duration are merged.
 TOGETHER = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """What the joints do, arc by arc.
+    """Structure of a motion: torques and held joints on each arc.
 
     Attributes:
-        lengths: Lengths [s], shape (K,).
+        lengths: Lengths of the arcs [s], shape (K,).
         levels: Torques as shares of their limits, in [-1, 1], shape (K, n).
-        free: Whether a torque lies between its limits, to be found, shape (K, n).
-        held: 1 or -1 where a joint runs at its speed limit forwards or backwards, else
-            0, shape (K, n).
-        follows: Whether a torque follows from joints that are held, as many as these in
-            each arc, shape (K, n); by default their own.
+        free: Whether a torque is an unknown between its limits, shape (K, n).
+        held: 1 or -1 if a joint moves at its speed limit forwards or backwards, 0
+            otherwise, shape (K, n).
+        follows: Whether a torque follows from held joints, shape (K, n); each arc has
+            one such torque for each held joint, by default the torque of the joint.
     """
 
     lengths: Array
@@ -53,7 +54,7 @@ class Arcs:
     follows: BoolArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        """Held joints are held by their own torques unless others are given."""
+        """By default, the torques of held joints follow."""
         if self.follows is None:
             object.__setattr__(self, "follows", self.held != 0)
 
@@ -64,22 +65,22 @@ class Arcs:
 
     @property
     def duration(self) -> float:
-        """T [s]."""
+        """Duration T [s]."""
         return float(self.lengths.sum())
 
     @property
     def entries(self) -> BoolArray:
-        """Where a joint begins to be held after the start, shape (K, n)."""
+        """Whether a joint begins to be held at each arc after the first, (K, n)."""
         before = np.vstack([self.held[:1], self.held[:-1]])
         return np.asarray((self.held != 0) & (self.held != before))
 
     def pick(self, index: IntArray, lengths: Array) -> Arcs:
-        """Arcs of chosen kinds with given lengths."""
+        """The arcs with given indices, with new lengths."""
         kinds: tuple[Any, ...] = self.levels, self.free, self.held, self.follows
         return Arcs(lengths, *(part[index] for part in kinds))
 
     def _cut(self, arc: int, shares: Sequence[float]) -> Arcs:
-        """An arc cut into pieces by their shares of its length; arrays are its own."""
+        """The arcs with one arc divided by shares of its length; arrays are copies."""
         repeated = np.ones(self.count, dtype=np.int64)
         repeated[arc] = len(shares)
         index = np.repeat(np.arange(self.count), repeated)
@@ -90,32 +91,32 @@ class Arcs:
     def insert(
         self, arc: int, share: float, joint: int, level: float, held: int = 0
     ) -> Arcs:
-        """Cut an arc and put in one without length, with another torque of a joint.
+        """Divide an arc and insert an arc of zero length with another torque.
 
         Args:
-            arc: The arc to be cut.
-            share: Where, in [0, 1].
-            joint: The joint.
-            level: Its torque on the new arc, as a share of the limits.
-            held: 1 or -1 if it runs at its speed limit there.
+            arc: Index of the arc to divide.
+            share: Share of the arc before the inserted arc, in [0, 1].
+            joint: The joint whose torque differs.
+            level: Torque of the joint on the inserted arc, as a share of the limits.
+            held: 1 or -1 if the joint moves at its speed limit on the inserted arc.
         """
         cut, new = self._cut(arc, (share, 0.0, 1.0 - share)), (arc + 1, joint)
         cut.levels[new], cut.free[new] = level, False
         cut.held[new], cut.follows[new] = held, held != 0
         return cut
 
-    def lean(
+    def hold_by(
         self, arc: int, joint: int, level: float, other: int, *, last: bool
     ) -> Arcs:
-        """Put in an arc without length on which another torque holds a joint.
+        """Insert an arc of zero length on which the torque of another joint holds one.
 
         Args:
-            arc: The arc on which its own torque holds it, before which it is put, or
-                behind which.
-            joint: The joint.
-            level: The limit that its torque has come to, as a share of the limits.
-            other: The joint whose torque holds it.
-            last: Whether it is put behind.
+            arc: Index of the arc on which the joint's own torque holds it.
+            joint: The held joint.
+            level: Limit that the joint's own torque has reached, as a share of the
+                limits.
+            other: The joint whose torque holds it on the inserted arc.
+            last: Whether to insert the arc after the given one, instead of before it.
         """
         cut, new = self._cut(arc, (1.0, 0.0) if last else (0.0, 1.0)), arc + int(last)
         cut.levels[new, joint], cut.free[new, other] = level, False
@@ -125,22 +126,22 @@ class Arcs:
     def split(
         self, arc: int, joint: int, shares: Sequence[float], levels: Sequence[float]
     ) -> Arcs:
-        """Cut an arc into some on which a torque has limits in place of one value.
+        """Divide an arc into pieces on which a torque is at its limits.
 
         Args:
-            arc: The arc to be cut.
-            joint: The joint whose torque it is.
-            shares: How much of the arc each piece takes.
-            levels: Its torque on each, as a share of the limits.
+            arc: Index of the arc to divide.
+            joint: The joint of the torque.
+            shares: Length of each piece as a share of the arc.
+            levels: Torque on each piece as a share of the limits.
         """
         cut, pieces = self._cut(arc, shares), slice(arc, arc + len(shares))
         cut.levels[pieces, joint], cut.free[pieces, joint] = levels, False
         return cut
 
     def cleaned(self) -> Arcs:
-        """Without arcs of hardly any length, and equal neighbours joined."""
+        """The arcs without negligibly short ones, and with equal neighbours merged."""
         keep = np.flatnonzero(self.lengths > SHORTEST * self.duration)
-        if not keep.size:  # the motion itself has vanished: one arc remains of it
+        if not keep.size:  # all lengths are zero: keep one arc
             keep = np.argmax(self.lengths, keepdims=True)
         arcs = self.pick(keep, self.lengths[keep])
         kinds = np.stack([arcs.held, arcs.follows])
@@ -150,25 +151,25 @@ class Arcs:
         first = np.flatnonzero(np.append(True, ~same))
         return arcs.pick(first, np.add.reduceat(arcs.lengths, first))
 
-    def loosened(self) -> Arcs:
-        """With all torques to be found that can be."""
+    def with_free_torques(self) -> Arcs:
+        """The arcs with all torques as unknowns, except on held joints."""
         driven = np.any((self.levels != 0.0) | self.free | (self.held != 0), axis=0)
         return replace(self, free=(self.held == 0) & ~self.follows & driven)
 
     def saturated(self) -> Arcs:
-        """With torques that have come to a limit no longer to be found."""
+        """The arcs with the free torques that are at a limit fixed there."""
         bound = self.free & (np.abs(self.levels) >= 1.0 - 1e-9)
         levels = np.where(bound, np.sign(self.levels), self.levels)
         return replace(self, levels=levels, free=self.free & ~bound)
 
 
-class Stretch(NamedTuple):
-    """What one joint does for some time.
+class JointArc(NamedTuple):
+    """Arc of a single joint.
 
     Attributes:
-        end: When it ends [s].
+        end: End of the arc [s].
         level: Torque as a share of its limits.
-        free: Whether it is to be found.
+        free: Whether the torque is an unknown.
         held: 1, -1 or 0, see :class:`Arcs`.
     """
 
@@ -179,20 +180,20 @@ class Stretch(NamedTuple):
 
 
 def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -> Arcs:
-    """Read arcs off a motion whose torques are constant on intervals.
+    """Detect the arcs of a motion whose torques are constant on intervals.
 
     Args:
         lengths: Lengths of the intervals [s], shape (N,).
         shares: Torques as shares of their limits, shape (N, n).
         speeds: Velocities at the nodes as shares of their limits, shape (N + 1, n).
-        driven: Which joints have motors, shape (n,).
+        driven: Whether each joint has a motor, shape (n,).
     """
     t = np.concatenate([[0.0], np.cumsum(lengths)])
     T, n = float(t[-1]), shares.shape[1]
     tracks = [
         _read_joint(t, shares[:, j], speeds[:, j])
         if driven[j]
-        else [Stretch(T, float(shares[0, j]), False, 0)]
+        else [JointArc(T, float(shares[0, j]), False, 0)]
         for j in range(n)
     ]
     ends = np.sort([item.end for track in tracks for item in track])
@@ -208,8 +209,14 @@ def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -
     return Arcs(lengths, levels, free > 0.0, held.astype(np.int64)).cleaned()
 
 
-def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
-    """What one joint does."""
+def _read_joint(t: Array, shares: Array, speeds: Array) -> list[JointArc]:
+    """Arcs of one joint.
+
+    Args:
+        t: Nodes [s], shape (N + 1,).
+        shares: Torques of the intervals as shares of their limits, shape (N,).
+        speeds: Velocities at the nodes as shares of their limits, shape (N + 1,).
+    """
     fast = 1.0 - AT_SPEED
     forwards = (speeds[:-1] > fast) & (speeds[1:] > fast)
     backwards = (speeds[:-1] < -fast) & (speeds[1:] < -fast)
@@ -217,49 +224,57 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[Stretch]:
     code = np.select([forwards, backwards, inside, shares > 0.0], [2, -2, 0, 1], -1)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1, [code.size]])
     runs = [(int(a), int(b), int(code[a])) for a, b in pairwise(starts)]
-    out: list[Stretch] = []
+    out: list[JointArc] = []
     for index, (a, b, kind) in enumerate(runs):
         end = float(t[b])
         if abs(kind) == 2:
-            out.append(Stretch(end, 0.0, False, kind // 2))
+            out.append(JointArc(end, 0.0, False, kind // 2))
         elif kind != 0:
-            out.append(Stretch(end, float(kind), False, 0))
+            out.append(JointArc(end, float(kind), False, 0))
         elif b - a <= SWITCH_INTERVALS or t[b] - t[a] <= SWITCH_SHARE * t[-1]:
             before = out[-1] if out else None
             after = runs[index + 1][2] if index + 1 < len(runs) else 0
-            out += _short_stretches(t[a : b + 1], shares[a:b], before, after)
+            out += _switches(t[a : b + 1], shares[a:b], before, after)
         else:
             pieces = min(PIECES, (b - a) // 2)
             cuts = np.unique(np.linspace(a, b, pieces + 1).round().astype(int))
             for first, last in pairwise(cuts):
                 h = np.diff(t[first : last + 1])
                 level = float(h @ shares[first:last] / h.sum())
-                out.append(Stretch(float(t[last]), level, True, 0))
+                out.append(JointArc(float(t[last]), level, True, 0))
     return out
 
 
-def _short_stretches(
-    t: Array, shares: Array, before: Stretch | None, after: int
-) -> list[Stretch]:
-    """Switches that have about the same mean torque as a few intervals."""
+def _switches(
+    t: Array, shares: Array, before: JointArc | None, after: int
+) -> list[JointArc]:
+    """Saturated arcs with the same mean torque as a few intervals.
+
+    Args:
+        t: Nodes of the intervals [s], shape (N + 1,).
+        shares: Torques of the intervals as shares of their limits, shape (N,).
+        before: The arc of the joint before the intervals; None at the start.
+        after: 1, -1 or 0 for a torque at the upper, lower or no limit after them; 2 or
+            -2 for a held joint.
+    """
     h = np.diff(t)
     mean = float(h @ shares / h.sum())
     begin, end = float(t[0]), float(t[-1])
-    high = 0.5 * (1.0 + mean) * (end - begin)  # how long the torque is high
+    high = 0.5 * (1.0 + mean) * (end - begin)  # total time at the upper limit
     left = before.level if before is not None and before.held == 0 else 0.0
     right = float(after) if abs(after) == 1 else 0.0
     if abs(left) != 1.0 and abs(right) != 1.0:
-        return [Stretch(end, float(np.sign(mean) or 1.0), False, 0)]
+        return [JointArc(end, float(np.sign(mean) or 1.0), False, 0)]
     if left != right:
         # From one limit to the other.
         first = left if abs(left) == 1.0 else -right
         cut = begin + (high if first > 0.0 else end - begin - high)
-        return [Stretch(cut, first, False, 0), Stretch(end, -first, False, 0)]
+        return [JointArc(cut, first, False, 0), JointArc(end, -first, False, 0)]
     # Away from a limit and back to it.
     short = end - begin - high if left > 0.0 else high
     middle = 0.5 * (begin + end)
     return [
-        Stretch(middle - 0.5 * short, left, False, 0),
-        Stretch(middle + 0.5 * short, -left, False, 0),
-        Stretch(end, left, False, 0),
+        JointArc(middle - 0.5 * short, left, False, 0),
+        JointArc(middle + 0.5 * short, -left, False, 0),
+        JointArc(end, left, False, 0),
     ]

@@ -1,10 +1,11 @@
-r"""Switching functions of arcs: what other torques would gain, to first order.
+r"""Switching functions of arcs: first-order gains of changes of the structure.
 
-At the solution of an :class:`~tominpmp.exact.shooting.ArcProgram` its multipliers
-give the costate p at the end, which the discrete adjoint equation carries back; the
-derivative of the duration by the torque of a step is p^T B. A torque at its upper limit
-with a positive derivative, or at the lower one with a negative one, should be at the
-other limit for a while.
+At the solution of an :class:`~tominpmp.exact.shooting.ArcProgram` the multipliers give
+the costate p at the end, which the discrete adjoint equation propagates backwards; the
+derivative of the duration by the torque of a step is p^T B, the switching function. A
+torque at its upper limit with a positive derivative, or at its lower limit with a
+negative derivative, violates the minimum principle, and should be at the other limit
+for some time.
 """
 
 from __future__ import annotations
@@ -20,40 +21,41 @@ from tominpmp.exact.shooting import TORQUE, VELOCITY, ArcProgram, Shot
 from tominpmp.exact.structure import Arcs
 from tominpmp.transcription.integrator import Sensitivities, sweep_adjoint
 
-# Limits with less room than this are active.
+# Limits with a smaller margin than this are active.
 ACTIVE = 1e-6
-# Lengths and torques this near to their bounds are on them.
+# Lengths and torques this close to their bounds count as being at them.
 ON_BOUND = 1e-9
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of the structure that promises a gain.
+    """A change of the structure with a predicted gain.
 
     Attributes:
-        gain: What it gains to first order per second of a new arc, or in whole [s].
-        arc: The arc to be cut.
-        made: Makes the changed structure.
-        urgent: Whether it goes before all else on its arc: another torque is to hold a
-            joint whose own has come to its limit.
+        gain: Predicted reduction of the duration to first order [s], for changes that
+            insert an arc per second of its length.
+        arc: Index of the arc to change.
+        apply: Function from arcs to arcs with the change.
+        urgent: Whether the change precedes all others of its arc: the torque of another
+            joint must hold a joint whose own torque has reached its limit.
     """
 
     gain: float
     arc: int
-    made: Callable[[Arcs], Arcs]
+    apply: Callable[[Arcs], Arcs]
     urgent: bool = False
 
 
 def _multipliers(program: ArcProgram, y: Array, shot: Shot) -> Array:
     """Multipliers of the rows, by least squares, shape (e + r,).
 
-    They are shares of the duration, negative for limits that cost time.
+    They are in units of the initial duration, and negative for limits that cost time.
     """
     count = program.arcs.count
     moving = np.concatenate([y[:count] > ON_BOUND, np.abs(y[count:]) < 1.0 - ON_BOUND])
     cost = np.concatenate([np.ones(count), np.zeros(y.size - count)])
-    active = np.flatnonzero(shot.room < ACTIVE)
-    matrix = np.vstack([shot.by_equal, -shot.by_room[active]])[:, moving]
+    active = np.flatnonzero(shot.margin < ACTIVE)
+    matrix = np.vstack([shot.by_equal, -shot.by_margin[active]])[:, moving]
     found = np.linalg.lstsq(matrix.T, -cost[moving], rcond=1e-10)[0]
     weights, equal = np.zeros(shot.rows.value.size), shot.equal.size
     weights[:equal], weights[equal + active] = found[:equal], -found[equal:]
@@ -66,12 +68,13 @@ def torque_slopes(program: ArcProgram, shot: Shot, weights: Array) -> Array:
     Args:
         program: The program.
         shot: The motion.
-        weights: Multipliers of its rows, shares of the duration, shape (e + r,).
+        weights: Multipliers of the rows in units of the initial duration, shape
+            (e + r,).
     """
     steps = Sensitivities(*(part[:, -1] for part in shot.motion.sensitivities))
     rows, weight = shot.rows, weights[:, None]
-    one = np.zeros(weights.size, dtype=np.int64)
-    slopes, _ = sweep_adjoint(steps, rows.node, weight * rows.by_x, one)
+    same = np.zeros(weights.size, dtype=np.int64)  # one functional: the weighted sum
+    slopes, _ = sweep_adjoint(steps, rows.node, weight * rows.by_x, same)
     np.add.at(slopes[0], rows.node - 1, weight * rows.by_u)
     return np.asarray(slopes[0] * program.system.effort_half * program.duration)
 
@@ -79,16 +82,16 @@ def torque_slopes(program: ArcProgram, shot: Shot, weights: Array) -> Array:
 def find_changes(
     program: ArcProgram, y: Array, shot: Shot, least: float
 ) -> list[Change]:
-    """Changes of the structure that promise to gain something, the best of each arc.
+    """Changes of the structure with the largest predicted gain on each arc.
 
     Args:
         program: The program.
-        y: Its solution.
-        shot: The motion.
-        least: Gains below this do not count [s].
+        y: Solution of the program.
+        shot: The motion of the solution.
+        least: Least predicted gain [s].
 
     Returns:
-        Changes, at most one an arc, in the order of the arcs.
+        Changes in the order of the arcs, at most one for each arc.
     """
     weights = _multipliers(program, y, shot)
     slopes = torque_slopes(program, shot, weights)
@@ -104,33 +107,33 @@ def find_changes(
         for j, slope in enumerate(of_arc.T):
             level = float(arcs.levels[k, j])
             if arcs.free[k, j] and not arcs.held[k, j]:
-                offer(_limits_instead(k, j, level, slope))
+                offer(_bang_bang(k, j, level, slope))
                 continue
             if arcs.held[k, j] or arcs.follows[k, j] or abs(level) != 1.0:
                 continue
             wrong = np.maximum(2.0 * level * slope, 0.0)
-            # Beginnings and ends of the stretches where it is wrong.
+            # Beginnings and ends of the runs of steps with the wrong sign.
             turns = np.diff((wrong > 0.0).astype(int), prepend=0, append=0)
             for a, b in np.flatnonzero(turns).reshape(-1, 2).tolist():
                 peak = a + int(np.argmax(wrong[a:b]))
                 share = (peak + 0.5) / wrong.size
                 new = partial(Arcs.insert, arc=k, share=share, joint=j, level=-level)
                 offer(Change(float(wrong[a:b].sum()), k, new))
-    for change in _of_limits(program, weights):
+    for change in _limit_changes(program, weights):
         offer(change)
     return [found[k] for k in sorted(found)]
 
 
-def _limits_instead(arc: int, joint: int, level: float, slopes: Array) -> Change:
-    """Torques at their limits in place of one between them.
+def _bang_bang(arc: int, joint: int, level: float, slopes: Array) -> Change:
+    """Replace a torque between its limits by torques at its limits.
 
-    It is right in the mean only: where more of it would be better, it is to be as large
-    as it can be, where less would be, as small.
+    A constant torque on an arc is optimal in the mean only. It goes to its upper limit
+    where the duration falls with the torque, and to its lower limit where it grows.
 
     Args:
-        arc: The arc.
-        joint: The joint.
-        level: Its torque, as a share of the limits.
+        arc: Index of the arc.
+        joint: Index of the joint.
+        level: Torque of the joint as a share of the limits.
         slopes: Derivatives of the duration by the torque of each step, shape (m,).
     """
     ends = np.flatnonzero(np.diff(np.sign(slopes))) + 1
@@ -138,7 +141,7 @@ def _limits_instead(arc: int, joint: int, level: float, slopes: Array) -> Change
     levels = [-1.0 if run.sum() > 0.0 else 1.0 for run in runs]
     shares = [run.size / slopes.size for run in runs]
     if len(runs) == 2:
-        # As long as it takes for the same mean.
+        # Lengths that preserve the mean torque.
         first = (level - levels[1]) / (levels[0] - levels[1])
         shares = [first, 1.0 - first]
     gain = float(np.sum(np.abs(slopes) + slopes * level))
@@ -146,12 +149,16 @@ def _limits_instead(arc: int, joint: int, level: float, slopes: Array) -> Change
     return Change(gain, arc, new)
 
 
-def _of_limits(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
-    """Joints that touch their speed limit, and held joints that need another torque.
+def _limit_changes(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
+    """Changes for joints at a speed limit, and for held joints at a torque limit.
 
-    A joint that touches its speed limit might stay on it. Where the torque of a held
-    joint comes to its limit at an end of the arc, another torque, first of all one that
-    changes there, might hold the joint for a while.
+    A joint that touches its speed limit may stay at it for an arc. If the torque of a
+    held joint reaches its limit at an end of the arc, the torque of another joint may
+    hold it for an arc: preferably a torque that switches at this end.
+
+    Args:
+        program: The program, at its solution.
+        of_rows: Multipliers of the rows, shape (e + r,).
     """
     watched, arcs = program.watched, program.arcs
     weights = -of_rows[of_rows.size - watched.kind.size :]
@@ -171,11 +178,11 @@ def _of_limits(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
             yield Change(gain, arc, new)
             continue
         last = place > 0.5 * (count - 1)
-        beside = min(max(arc + (1 if last else -1), 0), arcs.count - 1)
+        neighbour = min(max(arc + (1 if last else -1), 0), arcs.count - 1)
         able = (arcs.held[arc] == 0) & ~arcs.follows[arc] & (arcs.levels[arc] != 0.0)
-        changes = able & (arcs.levels[beside] != arcs.levels[arc])
-        for other in np.flatnonzero(changes if changes.any() else able).tolist():
+        switches = able & (arcs.levels[neighbour] != arcs.levels[arc])
+        for other in np.flatnonzero(switches if switches.any() else able).tolist():
             new = partial(
-                Arcs.lean, arc=arc, joint=joint, level=sign, other=other, last=last
+                Arcs.hold_by, arc=arc, joint=joint, level=sign, other=other, last=last
             )
             yield Change(gain, arc, new, urgent=True)

@@ -1,4 +1,4 @@
-"""Switching refinement: from a motion on a grid to arcs of exact length."""
+"""Switching refinement: from a motion on a grid to exact switching times."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tominpmp.exact.detection import arcs_of, one_way, without_friction
+from tominpmp.exact.detection import arcs_of, constant_signs, without_friction
 from tominpmp.exact.perturbed_starts import (
     on_grid,
     perturbed_motions,
@@ -35,22 +35,22 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-# More unknowns than this are left to the grid: the quadratic programs are dense.
+# Largest number of unknowns of a refinement, whose quadratic programs are dense.
 MOST_UNKNOWNS = 160
-# Grids of torques from which arcs are read where those of the plan lead nowhere, and
-# iterations on them.
+# Numbers of intervals of finer grids on which the plan is optimised again if its own
+# grid does not lead to feasible arcs, and iterations on them.
 GRIDS = (60, 90)
 GRID_ITERATIONS = 30
-# Largest relative excess of a refined motion over the plan, and over a plan that its
-# replay does not confirm.
+# Largest relative excess of the duration of a refined motion over that of the plan, and
+# over that of a plan that its replay does not confirm.
 LONGER = 1e-6
 UNCONFIRMED = 0.02
-# Wild paths that are tried, evaluations of the dynamics for each, and up to how many
-# motors there is any hope of finding something.
+# Number of perturbed paths that are tried, evaluations of the dynamics for each path,
+# and largest number of motors for which perturbed paths are tried.
 TRIES = 12
 TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3
-# Time that a refinement has at most [s], for so few motors and for more.
+# Time limit of a refinement [s], for at most EXPLORED_MOTORS motors and for more.
 PATIENCE = 45.0
 PATIENCE_OF_MANY = 20.0
 KEPT = (
@@ -61,20 +61,20 @@ TURNING = (
     "Its switches were not placed exactly: that is not done where a joint with dry "
     "friction turns on the way."
 )
-# Motions shorter by less than this share are the same.
+# Motions that are shorter by less than this share count as equal.
 SAME = 1e-6
 
 
 @dataclass
 class Search:
-    """Locally optimal motions that have been found.
+    """Search for arcs of locally optimal motions.
 
     Attributes:
         system: The functions of the problem.
-        progress: Sees records, and keeps what is found.
-        budget: What may be spent in all.
-        limit: Longer motions are of no use [s].
-        found: The motions, each faster than those before.
+        progress: State of the plan, which receives records and incumbents.
+        budget: Budget of the whole search.
+        limit: Largest duration of a useful motion [s].
+        found: Incumbents, each faster than its predecessors.
     """
 
     system: ProblemFunctions
@@ -85,16 +85,22 @@ class Search:
 
     @property
     def duration(self) -> float:
-        """T to be beaten [s]."""
+        """Duration to beat [s]."""
         return self.found[-1].duration * (1.0 - SAME) if self.found else self.limit
 
-    def seen(self, record: IterationRecord) -> Status | None:
-        """See a record of a motion to begin with; a status ends its iteration."""
+    def record(self, record: IterationRecord) -> Status | None:
+        """Callback of optimisations on grids; a status ends the iteration."""
         status = self.progress.see(record)
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
-    def follow(self, arcs: Arcs, states: States, evaluations: int) -> bool:
-        """Optimise rough arcs; whether the motion is short enough."""
+    def optimise(self, arcs: Arcs, states: States, evaluations: int) -> bool:
+        """Optimise approximate arcs; returns whether the motion is short enough.
+
+        Args:
+            arcs: The arcs.
+            states: States (q, v) at times, shape (m,) to (m, 2n), as a guess.
+            evaluations: Largest number of evaluations of the dynamics.
+        """
         if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.budget.spent:
             return False
         budget = self.budget.share(evaluations)
@@ -107,11 +113,11 @@ class Search:
             self.progress.keep(*_iterate(motion))
         return motion.duration <= self.limit
 
-    def read(self, trajectory: Trajectory, evaluations: int) -> bool:
-        """Read arcs off a motion and optimise them, likewise."""
+    def optimise_motion(self, trajectory: Trajectory, evaluations: int) -> bool:
+        """Detect the arcs of a motion and optimise them, see :meth:`optimise`."""
         arcs = arcs_of(self.system, trajectory)
-        # States (q, v) are the first two parts.
-        return self.follow(
+        # The state (q, v) is the first two fields of a sample.
+        return self.optimise(
             arcs, lambda times: np.hstack(trajectory(times)[:2]), evaluations
         )
 
@@ -119,35 +125,35 @@ class Search:
 def exact_switches(
     system: ProblemFunctions, options: Options, attempt: Candidate, progress: PlanState
 ) -> Candidate:
-    """Place the switches of a motion exactly.
+    """Optimise the switching times of a motion exactly.
 
     Args:
         system: The functions of the problem.
         options: Options of the plan.
-        attempt: What led to the motion.
-        progress: Time limit and callback.
+        attempt: The candidate with the motion.
+        progress: State of the plan, with its time limit and callback.
 
     Returns:
-        The refined motion, which its replay confirms; what was given, with a remark,
-        where no such motion was found that is at least as fast.
+        A candidate with the refined motion, which its replay confirms; the given
+        candidate with a remark, if no such motion was found that is at least as fast.
     """
-    plan, granted = attempt.trajectory, system
+    plan, smooth = attempt.trajectory, system
     if system.friction is not None:
-        ways = one_way(system, plan)
-        if ways is None:
+        signs = constant_signs(system, plan)
+        if signs is None:
             return replace(attempt, history=(), remark=TURNING)
-        granted = replace(system, ways=ways)
+        smooth = replace(system, signs=signs)
     few = driven_joints(system).size <= EXPLORED_MOTORS
     budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
     limit = np.inf
     if attempt.feasible:
-        # A motion that its replay does not confirm may be somewhat too fast; without
-        # arcs that are about as fast, a finer grid is better.
+        # A motion that its replay does not confirm may be slightly too fast; if no arcs
+        # are about as fast, a finer grid is better.
         limit = plan.duration * (1.0 + (LONGER if attempt.confirmed else UNCONFIRMED))
-    search = Search(granted, progress, budget, limit)
-    _look(search, options, without_friction(granted, plan))
+    search = Search(smooth, progress, budget, limit)
+    _search(search, options, without_friction(smooth, plan))
     for motion in reversed(search.found):
-        arcs, iterate = _iterate(sharpen(granted, motion, budget.share()))
+        arcs, iterate = _iterate(sharpen(smooth, motion, budget.share()))
         records = tuple(progress.records)
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
         exact = Candidate.of(attempt.name, attempt.initial, result)
@@ -157,53 +163,53 @@ def exact_switches(
     return replace(attempt, history=(), remark=KEPT)
 
 
-def _look(search: Search, options: Options, plan: Trajectory) -> None:
-    """Look for arcs near to the plan, and elsewhere."""
+def _search(search: Search, options: Options, plan: Trajectory) -> None:
+    """Optimise arcs of the plan, of perturbed motions, and of finer grids."""
     small = driven_joints(search.system).size <= EXPLORED_MOTORS
-    near = search.read(plan, TRY_EVALUATIONS if small else EVALUATIONS)
-    # A single start looks not elsewhere. Where ways are taken for granted, perturbed
-    # motions would not go them.
-    if small and options.starts != 1 and search.system.ways is None:
+    near = search.optimise_motion(plan, TRY_EVALUATIONS if small else EVALUATIONS)
+    # No multi-start for options with a single start, nor with assumed velocity signs,
+    # which perturbed motions would not have.
+    if small and options.starts != 1 and search.system.signs is None:
         _explore(search, options, plan)
-    # What was found elsewhere is no reason to give up what lies near.
+    # Arcs near the plan remain of interest even if others were found.
     if small and not near:
-        near = search.read(plan, EVALUATIONS)
+        near = search.optimise_motion(plan, EVALUATIONS)
     for trajectory in _finer(search, options, plan):
         if near:
             return
-        near = search.read(trajectory, EVALUATIONS)
+        near = search.optimise_motion(trajectory, EVALUATIONS)
 
 
 def _explore(search: Search, options: Options, plan: Trajectory) -> None:
-    """Look for arcs elsewhere."""
+    """Multi-start: optimise arcs of perturbed motions."""
     system, budget = search.system, search.budget
     rng = np.random.default_rng(options.seed)
-    # More starts look at no less than fewer would.
+    # A larger option ``starts`` never reduces the number of tries.
     tries = range(max(TRIES, (options.starts or 1) - 1))
-    perturbed = perturbed_motions(system, options, search.seen, plan, rng)
+    perturbed = perturbed_motions(system, options, search.record, plan, rng)
     for _, trajectory in zip(tries, perturbed, strict=False):
         if budget.spent:
             return
-        search.read(trajectory, TRY_EVALUATIONS)
+        search.optimise_motion(trajectory, TRY_EVALUATIONS)
     if driven_joints(system).size == 1:
         part = budget.share()
         duration = search.duration if search.found else plan.duration
         for rough in single_motor_motions(system, duration, rng, part):
-            search.follow(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
+            search.optimise(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
 
 
 def _finer(search: Search, options: Options, plan: Trajectory) -> Iterator[Trajectory]:
-    """The plan with torques that are constant on finer grids."""
+    """Generate the plan with piecewise constant torques, optimised on finer grids."""
     few = replace(options, max_iterations=min(options.max_iterations, GRID_ITERATIONS))
     for intervals in GRIDS:
         if search.budget.spent:
             return
         ends = np.cumsum(interval_shares("uniform", intervals))
         path = plan(np.append(0.0, ends) * plan.duration).q
-        yield on_grid(search.system, few, search.seen, path, plan.duration)
+        yield on_grid(search.system, few, search.record, path, plan.duration)
 
 
 def _iterate(motion: OptimisedArcs) -> tuple[ArcTranscription, Iterate]:
-    """Optimised arcs as a transcription, and as an iterate of it."""
+    """Optimised arcs as a program, and as an iterate of this program."""
     arcs = ArcTranscription(motion.program, motion.shot)
     return arcs, Iterate.of(arcs, motion.y, 1.0)

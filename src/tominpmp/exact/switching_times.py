@@ -1,10 +1,10 @@
 """Optimal switching times: arcs of exact length in place of intervals of a grid.
 
-A structure of arcs is read off a motion; the lengths are optimised by sequential
-quadratic programming (Kraft, 1988), arcs that vanish are dropped and others put in
-where Pontryagin's conditions are violated, until there is nothing left to change.
-Integration steps are halved until the duration no longer notices: lengths are never
-traded for errors of integration.
+A structure of arcs is detected in a motion. Its lengths are optimised by sequential
+quadratic programming (Kraft, 1988); arcs of zero length are dropped, and arcs are
+inserted where the conditions of Pontryagin's minimum principle are violated, until the
+structure does not change. Integration steps are halved until the duration converges, so
+that the optimisation does not exploit integration errors.
 """
 
 from __future__ import annotations
@@ -29,58 +29,64 @@ logger = logging.getLogger(__name__)
 
 States = Callable[[Array], Array]
 
-# Steps over the whole motion while arcs are looked for, and in the end; what the
-# duration may change by when they are doubled, relatively.
+# Number of integration steps over the whole motion while arcs are searched for, and for
+# the final accuracy: it is doubled up to MOST_STEPS, until the duration changes by less
+# than the share ACCURACY.
 FEWER_STEPS = 30
 STEPS = 60
 ACCURACY = 1e-7
 MOST_STEPS = 960
-# With more steps the structure is no longer changed.
+# With more steps than this, the structure is not changed any more.
 CHANGED_STEPS = 240
-# Steps of an arc at least.
+# Least number of steps of an arc.
 STEPS_OF_ARC = 2
-# What the goal may be missed by, and limits passed by, in scaled units.
+# Tolerated residuals of equations (goal and held speeds), and tolerated violation of
+# limits, in scaled units.
 EXACT = 1e-7
 SLACK = 1e-6
+# Largest number of iterations of SLSQP.
 ITERATIONS = 150
-# Equations whose gradients depend on each other but for this share are one too many.
+# Singular values of the Jacobian of the equations below this share of the largest one
+# count as zero: equations are dependent.
 DEPENDENT = 1e-10
-# How often arcs that have vanished are left out at most.
+# Largest number of rounds of dropping arcs of zero length.
 CLEANINGS = 4
-# Rounds of looking at limits that a solution has come near to.
-LOOKS = 4
-# Largest number of changes of the structure; what one must promise, as a share of the
-# duration, and bring.
+# Largest number of rounds of adding rows for limits that become active.
+LIMIT_ROUNDS = 4
+# Largest number of rounds of changes of the structure. A change needs a predicted gain
+# of the share PROMISE of the duration, and rounds continue after a gain of PROGRESS.
 CHANGES = 25
 PROMISE = 1e-7
 PROGRESS = 1e-8
-# Lengths are at most this much longer than the whole motion was.
+# Largest length of an arc, in units of the initial duration of the whole motion.
 LONGEST = 3.0
-# Relative progress and misses that count as zero, and how often in a row.
+# Relative progress and violation that count as zero; the iteration stops after this
+# number of such steps in succession.
 STILL = 1e-10
 STILL_STEPS = 2
-# While arcs are looked for, relative progress that counts as zero, and the number of
-# steps it is measured over.
+# While arcs are searched for, the iteration stops when the relative progress over
+# SLOW_STEPS steps is smaller than SLOW.
 SLOW = 1e-6
 SLOW_STEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class OptimisedArcs:
-    """Arcs whose lengths are optimal, as far as their kinds go.
+    """Arcs whose lengths are optimal for their structure.
 
     Attributes:
         program: The program.
-        y: Its unknowns.
-        shot: The motion.
-        miss: What the goal is missed by, in the scaled units of the rows.
-        excess: What limits are passed by.
+        y: Unknowns at the solution.
+        shot: The motion, with its rows.
+        violation: Largest violation of goal, held speeds and limits, the limits beyond
+            their slack, in the scaled units of the rows.
+        excess: Largest violation of limits, on all steps.
     """
 
     program: ArcProgram
     y: Array
     shot: Shot
-    miss: float
+    violation: float
     excess: float
 
     @property
@@ -90,16 +96,16 @@ class OptimisedArcs:
 
     @property
     def duration(self) -> float:
-        """T [s]."""
+        """Duration T [s]."""
         return self.arcs.duration
 
     @property
     def feasible(self) -> bool:
-        """Whether goal and limits are kept."""
-        return self.miss <= EXACT and self.excess <= SLACK
+        """Whether goal and limits are kept within their tolerances."""
+        return self.violation <= EXACT and self.excess <= SLACK
 
     def states(self, times: Array) -> Array:
-        """States (q, v) at times, good enough to begin with, shape (m, 2n)."""
+        """States (q, v) at times, linearly interpolated as a guess, shape (m, 2n)."""
         arcs, motion = self.arcs, self.shot.motion
         t = np.concatenate([[0.0], self.program.sample_times(arcs).ravel()])
         x = np.vstack([motion.x_start, motion.stages.reshape(t.size - 1, -1)])
@@ -107,7 +113,7 @@ class OptimisedArcs:
 
 
 def steps_of(arcs: Arcs, total: int) -> IntArray:
-    """Number of steps of each arc for a number over the whole motion."""
+    """Number of steps of each arc, for a total number over the whole motion."""
     share = arcs.lengths / arcs.duration
     return np.maximum(np.ceil(total * share), STEPS_OF_ARC).astype(np.int64)
 
@@ -119,11 +125,18 @@ def solve_lengths(
     budget: Budget,
     total: int = STEPS,
 ) -> OptimisedArcs | None:
-    """Find optimal lengths and free torques for arcs of given kinds and rough lengths.
+    """Optimise the lengths and free torques of arcs with a fixed structure.
 
-    It begins with the states (q, v) of a motion near by, as a function from times of
-    shape (m,) to (m, 2n), or by integrating the arcs; ``total`` steps are taken over
-    the whole motion. None if the motion cannot be integrated.
+    Args:
+        system: The functions of the problem.
+        arcs: The arcs, with approximate lengths.
+        states: States (q, v) of a similar motion as a function of times, shape (m,) to
+            (m, 2n), the initial guess; None integrates the arcs explicitly.
+        budget: Budget of evaluations and time.
+        total: Number of integration steps over the whole motion.
+
+    Returns:
+        The optimised arcs; None if integration fails, or the budget is spent.
     """
     program = ArcProgram(system, arcs, steps_of(arcs, total))
     times = program.sample_times(arcs)
@@ -132,10 +145,10 @@ def solve_lengths(
         program.guess = states(times.ravel()).reshape(*times.shape, -1)
     shot = program.shoot(y)
     excess = np.inf
-    for _ in range(LOOKS):
+    for _ in range(LIMIT_ROUNDS):
         if shot is None or budget.spent:
             return None
-        program.watch(program.look(shot.motion))
+        program.watch(program.nearby(shot.motion))
         y = _minimize(program, y, budget, rough=total <= FEWER_STEPS)
         shot = program.shoot(y)
         excess = np.inf if shot is None else program.excess(shot.motion, 0.1 * SLACK)
@@ -143,31 +156,31 @@ def solve_lengths(
             break
     if shot is None:
         return None
-    return OptimisedArcs(program, y, shot, _miss(shot), excess)
+    return OptimisedArcs(program, y, shot, _violation(shot), excess)
 
 
-def _miss(shot: Shot) -> float:
-    """What the goal is missed by, and limits passed by beyond the slack."""
+def _violation(shot: Shot) -> float:
+    """Largest residual of equations, or violation of limits beyond the slack."""
     return max(
         float(np.max(np.abs(shot.equal), initial=0.0)),
-        float(np.max(-shot.room, initial=0.0)) - SLACK,
+        float(np.max(-shot.margin, initial=0.0)) - SLACK,
     )
 
 
 def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
-    """Equations and limits of a program as SLSQP takes them."""
-    # In place of motions that cannot be integrated.
-    far = replace(
+    """Equations and limits of a program, in the format of SLSQP."""
+    # Large violations for unknowns at which integration fails.
+    failed = replace(
         first,
         equal=np.full_like(first.equal, NOT_INTEGRATED),
         by_equal=np.zeros_like(first.by_equal),
-        room=np.full_like(first.room, -NOT_INTEGRATED),
-        by_room=np.zeros_like(first.by_room),
+        margin=np.full_like(first.margin, -NOT_INTEGRATED),
+        by_margin=np.zeros_like(first.by_margin),
     )
     basis = _independent(first.by_equal)
 
     def shot(z: Array) -> Shot:
-        return program.shoot(z) or far
+        return program.shoot(z) or failed
 
     equations = {
         "type": "eq",
@@ -176,18 +189,22 @@ def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
     }
     limits = {
         "type": "ineq",
-        "fun": lambda z: shot(z).room,
-        "jac": lambda z: shot(z).by_room,
+        "fun": lambda z: shot(z).margin,
+        "jac": lambda z: shot(z).by_margin,
     }
-    return [equations, limits] if first.room.size else [equations]
+    return [equations, limits] if first.margin.size else [equations]
 
 
 def _minimize(
     program: ArcProgram, y: Array, budget: Budget, *, rough: bool = False
 ) -> Array:
-    """Least duration from some unknowns on, with the limits that are watched.
+    """Unknowns of least duration, with the watched limits as rows.
 
-    A rough one ends where hardly anything is gained any more.
+    Args:
+        program: The program.
+        y: Initial unknowns.
+        budget: Budget of evaluations and time.
+        rough: Whether to stop when progress becomes slow.
     """
     count, size = program.arcs.count, program.size
     cost = np.concatenate([np.ones(count), np.zeros(size - count)])
@@ -198,14 +215,14 @@ def _minimize(
     last, still_steps, paid = y, 0, program.evaluations
     durations: list[float] = []
 
-    def follow(z: Array) -> None:
-        # SLSQP's own test asks for more digits than there are.
+    def stop_if_converged(z: Array) -> None:
+        # SLSQP's own stop criterion is stricter than the accuracy of the integration.
         nonlocal last, still_steps, paid
         shot = program.shoot(z)
-        miss = np.inf if shot is None else _miss(shot)
-        still = abs(float(cost @ (z - last))) < STILL and miss < STILL
+        violation = np.inf if shot is None else _violation(shot)
+        still = abs(float(cost @ (z - last))) < STILL and violation < STILL
         still_steps = still_steps + 1 if still else 0
-        durations.append(float(cost @ z) if miss < EXACT else np.inf)
+        durations.append(float(cost @ z) if violation < EXACT else np.inf)
         slow = (
             durations[-SLOW_STEPS] - durations[-1] if len(durations) > SLOW_STEPS else 1
         )
@@ -225,7 +242,7 @@ def _minimize(
             method="SLSQP",
             bounds=list(zip(low, high, strict=True)),
             constraints=_constraints(program, first),
-            callback=follow,
+            callback=stop_if_converged,
             options={"maxiter": ITERATIONS, "ftol": 1e-11},
         )
     except StopIteration:
@@ -235,10 +252,13 @@ def _minimize(
 
 
 def _independent(rows: Array) -> Array:
-    """What combines equations to as many as are independent, which SLSQP asks for.
+    """Matrix from equations to independent combinations of them, as SLSQP requires.
 
-    Others are those of a goal that the arm cannot leave, as its height for an arm that
-    moves in a plane.
+    Dependent equations belong to components of a goal that the arm cannot change, such
+    as its height for an arm that moves in a plane.
+
+    Args:
+        rows: Jacobian of the equations, shape (e, size).
     """
     left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
     rank = int(np.sum(sizes > DEPENDENT * np.max(sizes, initial=1e-300)))
@@ -250,7 +270,7 @@ def _independent(rows: Array) -> Array:
 def polish(
     system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget, total: int
 ) -> OptimisedArcs | None:
-    """Solve again without the arcs that have vanished, until none vanishes any more."""
+    """Drop arcs of zero length and solve again, until no arc has zero length."""
     found: OptimisedArcs | None = None
     for _ in range(CLEANINGS):
         last = found or optimised
@@ -270,7 +290,7 @@ def improve(
     budget: Budget,
     total: int = STEPS,
 ) -> OptimisedArcs:
-    """Change the structure of optimised arcs until nothing is left to gain."""
+    """Change the structure of optimised arcs until no change gains time."""
     for _ in range(CHANGES):
         T = optimised.duration
         changes = find_changes(
@@ -290,12 +310,12 @@ def _changed(
     budget: Budget,
     total: int,
 ) -> OptimisedArcs | None:
-    """Arcs with changes of the structure, solved again; None if that fails."""
+    """Arcs with changes of the structure, solved again; None if the solve fails."""
     if not changes:
         return None
     arcs = optimised.arcs
     for change in sorted(changes, key=lambda change: -change.arc):
-        arcs = change.made(arcs)
+        arcs = change.apply(arcs)
     found = solve_lengths(system, arcs, optimised.states, budget, total)
     if found is not None:
         found = polish(system, found, budget, total)
@@ -305,12 +325,19 @@ def _changed(
 def refine_arcs(
     system: ProblemFunctions, arcs: Arcs, states: States, budget: Budget
 ) -> OptimisedArcs | None:
-    """Find the arcs of a locally time-optimal motion from rough ones.
+    """Find the arcs of a locally time-optimal motion from approximate arcs.
 
-    States (q, v) of a motion near by are a function from times of shape (m,) to (m,
-    2n). None if no motion was found that keeps goal and limits.
+    Args:
+        system: The functions of the problem.
+        arcs: The approximate arcs.
+        states: States (q, v) of a similar motion as a function of times, shape (m,) to
+            (m, 2n).
+        budget: Budget of evaluations and time.
+
+    Returns:
+        The optimised arcs; None if no motion was found that keeps goal and limits.
     """
-    for rough in (arcs, arcs.loosened()):
+    for rough in (arcs, arcs.with_free_torques()):
         found = solve_lengths(system, rough, states, budget, FEWER_STEPS)
         if found is not None and found.feasible:
             polished = polish(system, found, budget, FEWER_STEPS)
@@ -323,9 +350,9 @@ def refine_arcs(
 def sharpen(
     system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget
 ) -> OptimisedArcs:
-    """Halve the integration steps until the duration does not notice.
+    """Halve the integration steps until the duration converges.
 
-    This takes little of the budget, and its end is paid for.
+    This needs a small part of the budget; if less is left, a reserve is granted.
     """
     total = STEPS // 2
     reserve = Budget(max(budget.remaining, EVALUATIONS // 4))
@@ -336,7 +363,8 @@ def sharpen(
             break
         change = abs(finer.duration / optimised.duration - 1.0)
         if change > ACCURACY and total <= CHANGED_STEPS:
-            # Between coarser steps it had passed a limit, where it may rest now.
+            # The motion violated a limit between the coarser steps, at which an arc may
+            # have to be inserted.
             finer = improve(system, finer, reserve, total)
         optimised = finer
         if change < ACCURACY:

@@ -1,7 +1,7 @@
-"""Arcs as a program that is solved, which plans keep like any other.
+"""Solved arcs with the interface of other programs, for the records of plans.
 
-The rows are the goal, the entries of arcs on which a joint is held at its speed limit,
-and the limits that the motion comes near to.
+The rows are the goal, the speeds at the entries of arcs on which a joint is held at its
+speed limit, and the limits to which the margin of the motion is small.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.rows import Rows
 
-# Kinds of rows in their order: equations, bounds of the goal, and watched limits.
+# Names of the kinds of rows: equations first, then "goal region", then watched limits.
 EQUATIONS = ("goal", "speed")
 LIMITS = ("position", "velocity", "torque", "clearance")
-# The torque of a held joint changes all the time: a step is cut this often for it.
+# Number of parts of a step with a held joint, whose torque changes during the step.
 CUTS = 4
-# Steps shorter than this share of the duration are left out: nothing moves in them.
+# Steps shorter than this share of the duration are left out of the motion.
 VANISHED = 1e-9
 
 
 class ArcTranscription:
-    """The program of arcs as plans see it: rows, and motions of their unknowns.
+    """The program of arcs with the interface of :class:`ProgramInterface`.
 
     Attributes:
-        program: The program; its unknowns are those of the transcription.
-        rows: What the rows are.
+        program: The program, which has the same unknowns.
+        rows: Bounds, kinds and groups of the rows.
     """
 
     def __init__(self, program: ArcProgram, shot: Shot) -> None:
         self.program = program
         watched = program.watched.kind  # sorted
         entries = int(program.arcs.entries.sum())
-        counts = [shot.equal.size - entries, entries, shot.room.size - watched.size]
+        counts = [shot.equal.size - entries, entries, shot.margin.size - watched.size]
         counts += np.bincount(watched, minlength=len(LIMITS)).tolist()
         names = (*EQUATIONS, "goal region", *LIMITS)
         parts = []
@@ -57,15 +57,15 @@ class ArcTranscription:
             np.arange(self.program.size) < count, self.program.duration, 0.0
         )
 
-    def evaluate(self, z: Array, room: float = np.inf) -> Array:
+    def evaluate(self, z: Array, attention: float = np.inf) -> Array:
         """Row values."""
         shot = self.program.shoot(z)
         if shot is None:
             return np.full(self.rows.size, -NOT_INTEGRATED)
-        return np.concatenate([shot.equal, shot.room])
+        return np.concatenate([shot.equal, shot.margin])
 
     def time_scale(self, z: Array, factor: float) -> Array:
-        """The same torques on longer arcs."""
+        """Iterate with the same torques on longer arcs."""
         out = z.copy()
         out[: self.program.arcs.count] *= factor
         return out
@@ -87,7 +87,7 @@ class ArcTranscription:
             if not modes[i].any():
                 pieces.append((x[i + 1 : i + 2], u[i : i + 1], h[i : i + 1]))
                 continue
-            # Through the start and the stages of the step.
+            # Collocation polynomial through the start and the stages of the step.
             points = np.vstack([x[i], motion.stages[i]])
             inside = BarycentricInterpolator(known, points)(ticks)
             middle, ends = inside[::2], inside[1::2]

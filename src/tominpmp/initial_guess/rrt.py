@@ -75,7 +75,7 @@ def check_of(system: ProblemFunctions) -> Check:
         for row in q:
             yield checker.hulls_clear(row, PADDING) or next(pieces(row[None]))
 
-    return hulls if system.watched is not None and checker.single_arm else pieces
+    return hulls if system.clearance_rows is not None and checker.single_arm else pieces
 
 
 def sample_paths(

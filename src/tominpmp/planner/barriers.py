@@ -86,7 +86,7 @@ def _between(
 ) -> Barrier | None:
     """The barrier between two configurations; None if there is none."""
     checker, robot = problem.checker, problem.robot
-    joint = checker.lone_joints
+    joint = checker.single_joints
     pairs = np.flatnonzero((joint >= 0) & (begin != end)[joint])
     if not pairs.size:
         return None

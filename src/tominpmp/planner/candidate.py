@@ -14,7 +14,7 @@ from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.base import Solved
+from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
@@ -30,7 +30,7 @@ class KeptIterate(NamedTuple):
         feasible: Whether the iterate keeps all constraints of the program.
     """
 
-    program: Solved
+    program: ProgramInterface
     iterate: Iterate
     feasible: bool
 

@@ -25,7 +25,7 @@ from tominpmp.solvers.objective import SMALL_VIOLATION
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.bends import BENDS, to_be_split
+from tominpmp.transcription.bends import BENDS, intervals_to_halve
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.layout import Gridded, split_intervals
 from tominpmp.transcription.program import NonlinearProgram
@@ -115,7 +115,7 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
     for _ in range(budget.rounds):
         transcription, z = program.transcription, best.z
         assert isinstance(transcription, Gridded)  # noqa: S101
-        split = to_be_split(transcription, z, budget.bends)
+        split = intervals_to_halve(transcription, z, budget.bends)
         if not np.any(split):
             break
         rows = times_of_rows(program, z)

@@ -20,7 +20,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
-from tominpmp.transcription.base import Solved
+from tominpmp.transcription.base import ProgramInterface
 
 # Iterates kept per candidate in addition to the newest, one per nonlinear program.
 MOST_KEPT = 4
@@ -133,7 +133,7 @@ class PlanState:
         self.cut_short = None
         self._set_deadline()
 
-    def keep(self, program: Solved, iterate: Iterate) -> None:
+    def keep(self, program: ProgramInterface, iterate: Iterate) -> None:
         """Keep an iterate of the candidate in progress, in case it is cut short."""
         feasible = iterate.violation <= self.options.feasibility
         new = KeptIterate(program, iterate, feasible)

@@ -56,7 +56,7 @@ def with_missing_rows(
     Returns:
         The changed program and the iterate within its bounds; None without a change.
     """
-    turned = program.transcription.turned(z)
+    turned = program.transcription.with_signs_of(z)
     if turned is not None:
         program, z = replace(program, transcription=turned[0]), turned[1]
     more = exchanged(program, z, effort_tolerance)

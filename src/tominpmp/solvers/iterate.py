@@ -8,7 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.base import Solved
+from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.rows import Rows
 
 # Penalty weights exceed the largest sum of multipliers of their groups by this factor.
@@ -84,7 +84,7 @@ class Iterate:
     gains: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, program: Solved, z: Array, weights: Array | float) -> Iterate:
+    def of(cls, program: ProgramInterface, z: Array, weights: Array | float) -> Iterate:
         """An iterate without known multipliers.
 
         Args:
@@ -135,7 +135,7 @@ class Iterate:
         weights = np.where(stuck, 2.0 * self.weights, self.weights)
         return np.asarray(np.maximum(weights, needed))
 
-    def on(self, program: Solved, z: Array) -> Iterate:
+    def on(self, program: ProgramInterface, z: Array) -> Iterate:
         """The iterate on a similar program, with other rows and unknowns."""
         return replace(
             self,
@@ -163,7 +163,7 @@ class SlpResult:
     iterate: Iterate
     best: Iterate | None
     history: tuple[IterationRecord, ...]
-    program: Solved
+    program: ProgramInterface
     dropped: bool = False
 
 

@@ -161,7 +161,7 @@ class Loop:
 
     def advance(self, state: Iterate, outcome: Outcome | None) -> None:
         """Advance to the iterate after a step, and record the iteration."""
-        self.program = self.program.near(state.z)
+        self.program = self.program.centred_at(state.z)
         self.state, self.outcome = state, outcome
         self.best = self.objective.better(self.program, state, self.best)
         self.save()

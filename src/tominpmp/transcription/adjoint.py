@@ -1,11 +1,11 @@
 r"""Adjoint: torques and duration as unknowns, the paper's transcription.
 
 The motion is integrated forward from the start (single shooting). Goal residuals and
-path constraints depend on the torques and the lengths of the intervals through it;
-their differentials (the paper's delta g and delta h, equations 12 and 13) follow from
-one backward sweep of the discrete adjoint equation for all rows together. Path
-constraints enter a linear program only at active instants, the paper's set S;
-everything else is a bound on a variable.
+path constraints depend on the torques and the lengths of the intervals through the
+integrated states; their differentials (the paper's delta g and delta h, equations 12
+and 13) follow from one backward sweep of the discrete adjoint equation for all rows
+together. Path constraints enter a linear program only at active instants, the paper's
+set S; all other limits are bounds of unknowns.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
-from tominpmp.constraints.friction import Ways
+from tominpmp.constraints.friction import Signs
 from tominpmp.transcription.base import StepBounds
 from tominpmp.transcription.controls import (
     SPEED_FACTOR,
@@ -34,26 +34,27 @@ from tominpmp.transcription.integrator import (
 )
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Torques change by this share of their range per radian of the trust region: the
-# larger, the likelier the obstacle of the paper's example is passed on the faster side.
+# Largest change of the torques per radian of the trust region radius, as a share of
+# their range: the larger it is, the more likely motions pass the obstacle of the
+# paper's example on the faster side.
 CONTROL_FACTOR = 2.0
-# A step leaves at least this share of the duration (the paper: T + dT >= 0).
+# Least duration after a step, as a share of the duration before (paper: T + dT >= 0).
 SHORTEST = 0.1
-# Clearances above this share of the arm's reach are left out of a linear program.
+# Clearances above this share of the arm's reach are left out of linear programs.
 NEAR = 0.2
 
 
 class AdjointTranscription(TorqueTranscription):
-    """A problem in z = (torques, lengths); with one length as in the paper.
+    """A problem in z = (torques, lengths), with a single length as in the paper.
 
     Attributes:
-        substeps: Integration steps an interval.
-        ways: Directions of joints; at first dry friction is left out.
-        centre: An iterate and its motion, the guess of integrations; None solves step
-            by step, which takes several times as long.
+        substeps: Number of integration steps in each interval.
+        signs: Velocity signs of joints; None leaves out dry friction, as at first.
+        centre: An iterate and its motion, the initial guess of integrations; None
+            integrates step by step, which takes several times as long.
     """
 
-    kept = frozenset({"u"})
+    bounded = frozenset({"u"})
     by_component = True
 
     def __init__(
@@ -63,13 +64,13 @@ class AdjointTranscription(TorqueTranscription):
         duration: float,
         *,
         substeps: int = 1,
-        ways: Ways | None = None,
+        signs: Signs | None = None,
     ) -> None:
-        super().__init__(system, shares, duration, ways)
+        super().__init__(system, shares, duration, signs)
         self.substeps = substeps
         self.centre: tuple[Array, SteppedMotion] | None = None
         self._start = np.concatenate([system.problem.q_start, system.v_start])
-        # The last motion, which is requested many times.
+        # Cache of the last motion, which is requested many times.
         self._last: tuple[Array, SteppedMotion] | None = None
 
     # -- unknowns ----------------------------------------------------------------------
@@ -85,7 +86,7 @@ class AdjointTranscription(TorqueTranscription):
         Args:
             u: Torques of the intervals, shape (N, n) [N m or N]; they are clipped to
                 their limits.
-            eta: Shape (m,).
+            eta: Lengths, shape (m,).
         """
         return np.concatenate([torque_shares(self.system, u).ravel(), eta])
 
@@ -96,7 +97,7 @@ class AdjointTranscription(TorqueTranscription):
     def motion(self, z: Array) -> SteppedMotion:
         """The motion of an iterate, integrated forward.
 
-        Newton's iteration begins with the motion of the centre.
+        Newton's iteration starts from the motion of the centre.
         """
         for known in (self.centre, self._last):
             if known is not None and np.array_equal(known[0], z):
@@ -109,21 +110,21 @@ class AdjointTranscription(TorqueTranscription):
             self._last = z.copy(), motion
         return motion
 
-    def near(self, z: Array) -> AdjointTranscription:
+    def centred_at(self, z: Array) -> AdjointTranscription:
         """The transcription with the motion of an iterate as centre."""
         motion = self.motion(z)
         if not motion.finite:
             return self
-        near = copy(self)
-        near.centre = near._last = z.copy(), motion
-        return near
+        centred = copy(self)
+        centred.centre = centred._last = z.copy(), motion
+        return centred
 
     def scaled_at(self, z: Array) -> AdjointTranscription:
-        """The transcription centred at an iterate; it has no scales."""
-        return self.near(z)
+        """The transcription centred at an iterate; its controls need no scales."""
+        return self.centred_at(z)
 
     def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
-        """Steps of the torques within their limits: a share of the whole range."""
+        """Steps of the torques within their limits, up to a share of the full range."""
         reach = 2.0 * min(1.0, CONTROL_FACTOR * radius)
         return self.torque_steps(z, np.full(self._n, reach))
 
@@ -145,17 +146,17 @@ class AdjointTranscription(TorqueTranscription):
         less, more = -shorter * eta, factor * eta
         return StepBounds(np.append(lower, less), np.append(upper, more))
 
-    def with_ways(self, duration: float, ways: Ways) -> AdjointTranscription:
-        """The transcription with other velocity scales, and directions of joints."""
+    def with_signs(self, duration: float, signs: Signs) -> AdjointTranscription:
+        """The transcription with velocity scales of a duration, and given signs."""
         return AdjointTranscription(
-            self.system, self.shares, duration, substeps=self.substeps, ways=ways
+            self.system, self.shares, duration, substeps=self.substeps, signs=signs
         )
 
     # -- states ------------------------------------------------------------------------
 
     @property
     def goal_scale(self) -> Array:
-        """Scale of the goal rows; velocities, of joints or a frame, are last."""
+        """Scale of the goal rows; velocities, of joints or of a frame, come last."""
         scale = np.ones(self.system.goal_bounds[0].size)
         speed = SPEED_FACTOR / self.duration
         if self.system.problem.goal.fixes_velocity:
@@ -187,7 +188,7 @@ class AdjointTranscription(TorqueTranscription):
             motion: The motion.
             at: Instants.
             partials: Partial derivatives of values there.
-            rows: The sum that each value belongs to.
+            rows: Index of the sum to which each value is added.
         """
         n, N, interval = self._n, self._N, at.interval[partials.at]
         seeds, direct = self.by_states(motion, at, partials)
@@ -206,7 +207,7 @@ class AdjointTranscription(TorqueTranscription):
         # States at the ends of the steps, torques, and lengths.
         ends, by_ends = np.concatenate([step, step + 1]), np.concatenate([first, last])
         swept = sweep_adjoint(motion.sensitivities, ends, by_ends, np.tile(rows, 2))
-        # Steps of an interval have its torque, and shares of its length.
+        # All steps of an interval share its torque and have equal parts of its length.
         each = (len(swept[0]), N, self.substeps)
         by_control = swept[0].reshape(*each, n).sum(axis=2)
         by_length = swept[1].reshape(each).sum(axis=2)
@@ -220,18 +221,21 @@ class AdjointTranscription(TorqueTranscription):
         return np.hstack([by_share, by_eta])
 
     def attention(self, steps: StepBounds) -> float:
-        """Clearance below which distances, costly to differentiate, are rows."""
+        """Clearance below which distances enter programs, over the reach.
+
+        Other distances are left out, as their derivatives are costly.
+        """
         return NEAR
 
     @property
     def moving_attention(self) -> float:
-        """The same clearance for moving obstacles."""
+        """This clearance for moving obstacles."""
         return NEAR
 
     # -- the rest of the interface -----------------------------------------------------
 
     def time_scale(self, z: Array, factor: float) -> Array:
-        """The torques for about the same configurations, traversed slower."""
+        """Torques that pass approximately the same configurations more slowly."""
         x, n = self.motion(z).x, self._n
         eta = z[-self._m :] * factor
         u = driving_torque(self.system, x[:, :n], x[:, n:] / factor, self.shares @ eta)

@@ -1,10 +1,11 @@
 """Interfaces of transcriptions, and of the programs that solvers see.
 
-A transcription is a parameterisation of motions by a vector z: it gives states at
-instants and pulls derivatives by them back to z. With constraints at instants it makes
-a nonlinear program (:mod:`~tominpmp.transcription.program`), whose objective is linear
-in z (the duration) and whose rows lower <= g(z) <= upper are scaled so that a violation
-of 1 means about "by 100 %". Solvers see a robot only through this program.
+A transcription is a parameterisation of motions by a vector z: it evaluates states at
+instants, and pulls derivatives with respect to states back to z. Together with
+constraints at instants it forms a nonlinear program
+(:mod:`~tominpmp.transcription.program`), whose objective (the duration) is linear in z
+and whose rows lower <= g(z) <= upper are scaled so that a violation of 1 means about
+"by 100 %". Solvers see a robot only through this program.
 """
 
 from __future__ import annotations
@@ -27,18 +28,18 @@ from tominpmp.transcription.rows import Rows
 if TYPE_CHECKING:
     from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Value of the rows of a motion that could not be integrated to its end, or of those of
-# an interval whose inner stage cannot be solved for.
+# Value of all rows of a motion that could not be integrated to its end, and of the
+# defects of an interval whose inner stage could not be solved for.
 NOT_INTEGRATED = 1e3
-# Lengths of intervals change by this share at most in one step.
+# Largest relative change of the lengths of intervals in one step.
 LENGTH_STEP = 0.3
 
 
 class Linearization(NamedTuple):
-    """Jacobian of some rows.
+    """Jacobian of the rows that enter a linear program.
 
     Attributes:
-        rows: Indices of the rows that can matter for the step, shape (k,).
+        rows: Indices of the rows that can become active in the step, shape (k,).
         matrix: Their Jacobian, shape (k, size).
     """
 
@@ -82,8 +83,8 @@ class Variation(NamedTuple):
         return float(np.sum(self.at(z) ** 2))
 
 
-class Solved(Protocol):
-    """A nonlinear program, as those see it who keep what it was solved to."""
+class ProgramInterface(Protocol):
+    """Interface of a nonlinear program for records of its iterates and solutions."""
 
     @property
     def rows(self) -> Rows:
@@ -93,15 +94,16 @@ class Solved(Protocol):
     def cost(self) -> Array:
         """Gradient of the duration, which is cost @ z, shape (size,)."""
 
-    def evaluate(self, z: Array, room: float = np.inf) -> Array:
+    def evaluate(self, z: Array, attention: float = np.inf) -> Array:
         """Row values g(z), shape (m,).
 
-        Values of gradual constraints that are below their bounds by more than ``room``
-        may be returned too large, but never closer to the bounds than ``room``.
+        Values of gradual constraints whose margin to their bound is larger than
+        ``attention`` may be returned too large, but with no smaller margin than
+        ``attention``.
         """
 
     def time_scale(self, z: Array, factor: float) -> Array:
-        """The same path, slower by a factor."""
+        """Iterate for the same path, slower by a factor."""
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate."""
@@ -122,13 +124,15 @@ class Motion(Protocol):
 M = TypeVar("M", bound=Motion)
 
 
-class Hull(ABC, Generic[M]):
+class HullRows(ABC, Generic[M]):
     """Rows that keep a derivative of the positions within bounds at all times.
 
-    Equations of a transcription are such rows, too.
+    Most bound the control points of the derivative, in whose convex hull it stays. The
+    equations of motion of a transcription are such rows as well, whose values are its
+    defects.
 
     Attributes:
-        name: Name of the kind.
+        name: Name of the kind of rows.
         lower: Lower bounds, shape (1, m).
         upper: Upper bounds, shape (1, m).
         curable: Whether a slower motion violates them less.
@@ -147,13 +151,15 @@ class Hull(ABC, Generic[M]):
 
     @abstractmethod
     def by_unknowns(self, motion: M) -> sp.csr_matrix:
-        """Their Jacobian, shape (m, size)."""
+        """Jacobian of the row values, shape (m, size)."""
 
     def groups(self, by_component: bool) -> IntArray:
-        """One group."""
+        """Group of each row: all rows are in one group, shape (m,)."""
         return np.zeros(self.lower.size, dtype=np.int64)
 
-    def values(self, of: Transcription[M], motion: M, room: float = np.inf) -> Array:
+    def values(
+        self, of: Transcription[M], motion: M, attention: float = np.inf
+    ) -> Array:
         """Row values, shape (m,)."""
         return self.of_motion(motion)
 
@@ -168,27 +174,28 @@ class Hull(ABC, Generic[M]):
 class Transcription(ABC, Generic[M]):
     """A parameterisation of motions: gives states, pulls derivatives back to unknowns.
 
-    Its only constraints are the bounds of its own unknowns.
+    The only constraints it knows are bounds of its unknowns.
 
     Attributes:
         system: The functions of the problem.
         shares: Lengths of the intervals by the last unknowns, shape (N, m).
-        kept: Fields of joint limits that are kept by bounds of unknowns.
-        by_component: Whether an elastic variable is for one value at all instants (the
-            paper's maximum over time) instead of all values at one instant.
-        inspected: Shares of intervals at which values that jump at the nodes are
-            inspected between their rows, by parts of an interval.
-        highest: Highest order of constraints that can be kept: 3 where accelerations
-            do not jump.
+        bounded: Fields of the joint limits that bounds of the unknowns keep.
+        by_component: Whether one elastic variable relaxes one component of a constraint
+            at all instants (the paper's maximum over time); otherwise it relaxes all
+            components at one instant.
+        inspected: Shares of an interval at which values that may jump at the nodes are
+            inspected between their rows; one tuple for each part of the interval.
+        highest_order: Highest order of constraints that motions can keep: 3 where
+            accelerations are continuous.
         segment_ends: Number of intervals up to the end of each segment.
     """
 
     system: ProblemFunctions
     shares: Array
-    kept: frozenset[str] = frozenset()
+    bounded: frozenset[str] = frozenset()
     by_component: bool = False
     inspected: tuple[tuple[float, ...], ...] = ()
-    highest: int = 2
+    highest_order: int = 2
     segment_ends: tuple[int, ...]
 
     @property
@@ -198,14 +205,13 @@ class Transcription(ABC, Generic[M]):
 
     @property
     def segments(self) -> list[tuple[int, int]]:
-        """First interval of each segment, and the one after its last."""
+        """Half-open range (first, end) of the intervals of each segment."""
         return list(itertools.pairwise((0, *self.segment_ends)))
 
     @cached_property
     def delays(self) -> Array:
-        """Sum of the dwells before each interval [s], shape (N,)."""
-        out = np.zeros(self.intervals)
-        segments = self.system.problem.segments
+        """Total duration of the dwells before each interval [s], shape (N,)."""
+        out, segments = np.zeros(self.intervals), self.system.problem.segments
         for end, segment in zip(self.segment_ends, segments, strict=False):
             out[end:] += segment.dwell
         return out
@@ -217,7 +223,7 @@ class Transcription(ABC, Generic[M]):
 
     @property
     def cost(self) -> Array:
-        """Gradient of the duration."""
+        """Gradient of the duration, shape (size,)."""
         columns = self.shares.shape[1]
         cost = np.zeros(self.size)
         cost[-columns:] = self.shares.sum(axis=0)
@@ -227,7 +233,8 @@ class Transcription(ABC, Generic[M]):
     def goal_scale(self) -> Array | None:
         """Scale of the residuals of the goal.
 
-        None for a configuration, which is a bound or eliminated.
+        None if the goal is a configuration: bounds of unknowns keep it, or the unknowns
+        are eliminated.
         """
         given = self.system.final_configuration is not None
         return None if given else self.system.goal_scale
@@ -238,19 +245,19 @@ class Transcription(ABC, Generic[M]):
 
     @abstractmethod
     def states(self, motion: M, at: Instants, order: int) -> States:
-        """States at instants, with derivatives up to an order."""
+        """States at instants, with derivatives of the positions up to an order."""
 
     def rates(self, motion: M, at: Instants) -> Array:
-        """Derivatives by time of the positions that :meth:`states` gives, (m, n).
+        """Time derivatives of the positions that :meth:`states` gives, shape (m, n).
 
-        These are the velocities where the defects of the dynamics are zero, and slopes
-        of the polynomials between nodes elsewhere.
+        They are the velocities where the defects of the dynamics are zero, and the
+        slopes of the polynomials between the nodes elsewhere.
         """
         return self.states(motion, at, 1).v
 
     @abstractmethod
     def pull_back(self, motion: M, at: Instants, partials: Partials) -> sp.csr_matrix:
-        """Derivatives by the unknowns, shape (k, size), from derivatives by states."""
+        """Derivatives by the unknowns from derivatives by states, shape (k, size)."""
 
     def pull_back_sum(
         self, motion: M, at: Instants, partials: Partials, weights: Array
@@ -260,63 +267,63 @@ class Transcription(ABC, Generic[M]):
 
     @abstractmethod
     def instants(self, order: int, field: str) -> Instants:
-        """Instants at which a constraint of an order is a row at first."""
+        """Initial instants of the rows of a constraint of an order and a field."""
 
     @property
     def torque_sequence(self) -> sp.csr_matrix | None:
-        """Matrix that picks a sequence of torques from the first rows of torques.
+        """Matrix from the initial torque rows to the torque sequence of a motion.
 
         None where torques are unknowns.
         """
         return None
 
     def sequence_times(self, z: Array) -> Array:
-        """Instants of the torque sequence as shares of T; the middles of intervals."""
+        """Times of the torque sequence as shares of T: the middles of intervals."""
         t = np.concatenate([[0.0], np.cumsum(self.motion(z).h)])
         return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
 
     def hull(
         self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
-    ) -> Hull[M] | None:
-        """Rows that keep a joint limit at all times; None without them.
+    ) -> HullRows[M] | None:
+        """Rows that keep a joint limit at all times; None where it must be sampled.
 
         Args:
             limit: The limit.
             name: Name of the kind of rows.
-            within: First interval of the segment on which it holds, and the one after
-                its last; None for all.
+            within: Half-open range of the intervals on which the limit holds; None for
+                all.
         """
         return None
 
     @property
-    def equations(self) -> Hull[M] | None:
-        """Rows of the equations of motion, if they are not eliminated."""
+    def equations(self) -> HullRows[M] | None:
+        """Rows of the equations of motion; None where they are eliminated."""
         return None
 
     def attention(self, steps: StepBounds) -> float:
-        """How far below their bounds gradual constraints matter to steps of a box."""
+        """Margin within which steps of a box can make gradual constraints active."""
         return np.inf
 
     @property
     def moving_attention(self) -> float:
-        """The same for constraints that depend on time, for steps of any size."""
+        """This margin for constraints that depend on time and steps of any size."""
         return np.inf
 
     @property
     def cutoff(self) -> float:
-        """Values of gradual constraints further below their bounds are not exact."""
+        """Margin above which the values of gradual constraints are not exact."""
         return np.inf
 
     @abstractmethod
     def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
-        """Least and largest steps of all unknowns but the durations, in their order.
+        """Lower and upper bounds of the step of all unknowns but the durations.
 
         Args:
             z: Iterate.
             radius: Radius of the trust region [rad].
 
         Returns:
-            An entry for each of these unknowns, in any shape.
+            Two arrays of any shape, with one entry for each of these unknowns in order.
         """
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
@@ -327,29 +334,29 @@ class Transcription(ABC, Generic[M]):
 
     @abstractmethod
     def variation(self, z: Array) -> Variation:
-        """Differences of the controls, as a linear function near z."""
+        """Differences of neighbouring controls, as a linear function near z."""
 
     @abstractmethod
     def time_scale(self, z: Array, factor: float) -> Array:
-        """The same path, slower by a factor."""
+        """Iterate for the same path, slower by a factor."""
 
     @abstractmethod
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate."""
 
     def scaled_at(self, z: Array) -> Transcription[M]:
-        """The transcription with scales of the controls from a motion."""
+        """The transcription with the scales of its controls taken from an iterate."""
         return self
 
-    def near(self, z: Array) -> Transcription[M]:
-        """The transcription, quicker to evaluate near z; motions differ by rounding."""
+    def centred_at(self, z: Array) -> Transcription[M]:
+        """The transcription, faster to evaluate near z; motions differ by rounding."""
         return self
 
-    def turned(self, z: Array) -> tuple[Transcription[M], Array] | None:
-        """The transcription with torque bounds for the directions in an iterate.
+    def with_signs_of(self, z: Array) -> tuple[Transcription[M], Array] | None:
+        """The transcription with torque bounds for the velocity signs of an iterate.
 
         Returns:
-            The transcription, and the iterate within its bounds; None if joints with
-            dry friction move in the assumed directions.
+            The transcription, and the iterate clipped to its bounds; None if all joints
+            with dry friction move in the assumed directions.
         """
         return None

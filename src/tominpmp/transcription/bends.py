@@ -1,9 +1,9 @@
-"""Bends of the controls of a motion, and the intervals to be halved for them.
+"""Choice of the intervals to halve, by the jumps of the controls or unused torque.
 
 Constant accelerations leave a part of the torque range unused, as torques change while
 accelerations are constant. A torque that saturates in an interval reaches its limit at
-one end, and is below the limit for the rest. The shorter the interval, the smaller the
-missing torque.
+one end of it only, and stays below the limit elsewhere. The shorter the interval, the
+smaller the unused torque.
 """
 
 from __future__ import annotations
@@ -16,32 +16,39 @@ from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import Gridded
 
-# The largest number of intervals.
+# Largest number of intervals of a grid.
 MOST_INTERVALS = 300
-# The intervals that are halved hold this share of all bends, weighted by length.
+# The intervals to halve hold this share of the sum of all bends, weighted by length; a
+# bend is the largest jump of the controls, or of their slopes, around an interval.
 BENDS = 0.95
-# Shorter intervals, as shares of T, are not halved.
+# Intervals shorter than this share of T are not halved.
 SHORTEST = 1e-3
-# A finer grid gains nothing on an interval where a ruling joint, on which T depends, is
-# at its speed limit from end to end: a ruling joint is at its limit for this share of
-# T. Other joints may swing at their limits to help it elsewhere.
+# A finer grid gains nothing on an interval in which a limiting joint, one that
+# determines T, is at its speed limit throughout. A joint counts as limiting if it is at
+# its speed limit for the share RULING of T; other joints may reach theirs only to
+# support its motion elsewhere. AT_LIMIT is the share of the limit that counts as it.
 AT_LIMIT, RULING = 0.999, 0.4
-# Where constant accelerations leave this much of saturated torques unused, in shares of
-# their half ranges in the mean, the missing torque rather than the jumps picks the
-# intervals.
+# If constant accelerations leave more than this mean share of the half range of
+# saturated torques unused, intervals are chosen by the unused torque instead of the
+# jumps.
 MUCH_MISSING = 1e-2
-# Torques beyond this share of their limits are at them.
+# Torques beyond this share of their limits count as saturated.
 AT_TORQUE_LIMIT = 0.98
 
 
-def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
-    """Which intervals are to be halved: intervals that hold a share of all bends, (N,).
+def intervals_to_halve(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
+    """Whether to halve each interval, (N,): the intervals that hold most of the bends.
 
-    Constant accelerations limited by torques are divided where the torques saturate:
-    the halves jump no less, but recover missing torque.
+    Where torques limit constant accelerations, the intervals with saturated torques are
+    halved: the jumps of the halves are no smaller, but they use more of the torque.
+
+    Args:
+        of: The parameterisation.
+        z: An iterate of it.
+        share: Share of the sum of all bends that the chosen intervals hold.
     """
     h = of.motion(z).h
-    bends = _losses(of, z, h)
+    bends = _unused_torques(of, z, h)
     if bends is None:
         bends = _bends(of, z, h)
     bends[h < SHORTEST * h.sum()] = 0.0
@@ -53,15 +60,15 @@ def to_be_split(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
     return split
 
 
-def _losses(of: Gridded, z: Array, h: Array) -> Array | None:
-    """Missing torque of saturated joints, times length, (N,); None if it is small.
+def _unused_torques(of: Gridded, z: Array, h: Array) -> Array | None:
+    """Unused torque of saturated joints times interval length, (N,); None if small.
 
-    It is the mean over an interval, in shares of the half range, of the joint that
-    misses most.
+    For each interval, it is the largest over all joints of the mean unused torque, as a
+    share of the half range.
     """
     if not isinstance(of, InverseTranscription):
         return None
-    at = of.instants(2, "")  # where all intervals begin, and where they end
+    at = of.instants(2, "")  # the beginnings of all intervals, then their ends
     _, q, v, a, _ = of.states(of.motion(z), at, 2)
     torques = np.empty_like(a)
     for part, (first, last) in zip(of.system.segments, of.segments, strict=True):
@@ -70,17 +77,17 @@ def _losses(of: Gridded, z: Array, h: Array) -> Array | None:
     begin, end = torques.reshape(2, h.size, -1)
     at_limit = np.maximum(np.abs(begin), np.abs(end)) > AT_TORQUE_LIMIT
     missing = np.where(at_limit, 0.5 * np.abs(end - begin), 0.0)
-    losses = h * np.max(missing, axis=1)
-    return losses if losses.sum() > MUCH_MISSING * h.sum() else None
+    unused = h * np.max(missing, axis=1)
+    return unused if unused.sum() > MUCH_MISSING * h.sum() else None
 
 
 def _bends(of: Gridded, z: Array, h: Array) -> Array:
-    """Bends of the controls, times length, where speeds are not saturated, (N,)."""
+    """Bends of the controls times length, (N,); zero where limiting speeds saturate."""
     speeds = np.abs(of.trajectory(z).v)
     limits = of.system.problem.robot.limits
     bends = h * _bends_of_controls(of, z)
     at_limit = speeds > AT_LIMIT * limits.velocity
-    if at_limit.shape[0] == h.size + 1:  # no dwells on the way
+    if at_limit.shape[0] == h.size + 1:  # without dwells, nodes match intervals
         at_limit = at_limit[1:] & at_limit[:-1]
         ruling = h @ at_limit > RULING * h.sum()
         bends[np.any(at_limit[:, ruling], axis=1)] = 0.0
@@ -94,7 +101,7 @@ def _bends_of_controls(of: Gridded, z: Array) -> Array:
     N, more = of.intervals, 0
     if isinstance(of, BSplineTranscription):
         more = max(of.degree - 3, 0)
-    # Jumps are between N intervals, or between as many control points and some more.
+    # The jumps are between N intervals, or between N control points and a few more.
     jumps = np.max(jumps.reshape(N - 1 + more, -1), axis=1, initial=0.0)
     jumps = np.concatenate([[0.0], jumps, [0.0]])
     return np.asarray(np.max(sliding_window_view(jumps, 2 + more), axis=1))

@@ -15,28 +15,29 @@ from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError
-from tominpmp.transcription.base import Hull, Motion, Transcription
+from tominpmp.transcription.base import HullRows, Motion, Transcription
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Share of an interval over which rates of accelerations are taken.
+# Rates of velocities and accelerations are differences over this share of an interval.
 ASIDE = 1e-3
-# Positions that differ by no more than this are equal up to rounding [rad or m].
+# Positions that differ by no more than this are equal to rounding [rad or m].
 SAME_PLACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class SampledRows:
-    """A constraint at instants.
+    """Rows of a constraint that is sampled at instants.
 
     Attributes:
         constraint: The constraint, with its assumptions at the instants.
-        fixed: Instants at shares of intervals. Instants at which the constraint has
-            kinks in real time are added to them, if it holds all the time.
-        within: First interval of the segment on which it holds, and the one after its
-            last; None for all.
-        suffix: Suffix of its name.
-        ignored: Values that are no rows at the first of the instants, shape (r, p).
+        fixed: Instants at fixed shares of intervals. A constraint that holds on all
+            segments has rows at its kinks, which are in real time, as well.
+        within: Half-open range of the intervals on which the constraint holds; None for
+            all.
+        suffix: Suffix of the name of the rows.
+        ignored: Whether a value is left out of the rows, at the first r instants, shape
+            (r, p).
     """
 
     constraint: Constraint
@@ -47,7 +48,7 @@ class SampledRows:
 
     @property
     def name(self) -> str:
-        """Name of the constraint, with the segment that it holds on."""
+        """Name of the constraint, with the segment on which it holds."""
         return self.constraint.name + self.suffix
 
     @property
@@ -57,16 +58,16 @@ class SampledRows:
 
     @property
     def curable(self) -> bool:
-        """Whether a slower motion violates them less."""
+        """Whether a slower motion violates the rows less."""
         return self.constraint.curable
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
         lower, upper = self.constraint.bounds(self.fixed.size + self.kinks.size)
         if self.ignored is not None:
-            none = np.zeros(upper.shape, dtype=bool)
-            none[: len(self.ignored)] = self.ignored
-            lower, upper = np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
+            free = np.zeros(upper.shape, dtype=bool)
+            free[: len(self.ignored)] = self.ignored
+            lower, upper = np.where(free, -np.inf, lower), np.where(free, np.inf, upper)
         return lower, upper
 
     @property
@@ -80,7 +81,7 @@ class SampledRows:
         return self._bounds[1]
 
     def groups(self, by_component: bool) -> IntArray:
-        """Group of each row: one in all, or one for each component, or instant."""
+        """Group of each row: one for all rows, for each component, or each instant."""
         rows, count = self.lower.shape
         if by_component and rows > 1:
             return np.tile(np.arange(count), rows)
@@ -90,34 +91,34 @@ class SampledRows:
 
     @property
     def kinks(self) -> Array:
-        """Times of the kinks at which the constraint is a row [s], shape (k,)."""
+        """Times of the kinks at which the constraint has rows [s], shape (k,)."""
         return self.constraint.kinks if self.within is None else np.zeros(0)
 
     def instants(self, of: Transcription[Any], h: Array) -> Instants:
-        """The instants on intervals of given lengths [s], shape (N,).
+        """Instants of the rows, for intervals of lengths h [s], shape (N,).
 
-        Kinks after the end of the motion are put at its end.
+        Kinks after the end of the motion are moved to its end.
         """
         if not self.kinks.size:
             return self.fixed
         return self.fixed.joined(Instants.at_times(self.kinks, h, of.delays))
 
     def states(self, of: Transcription[Any], motion: Motion) -> tuple[Instants, States]:
-        """The instants, and the states there."""
+        """Instants of the rows, and the states at them."""
         at = self.instants(of, motion.h)
         return at, of.states(motion, at, self.constraint.order)
 
     def values(
-        self, of: Transcription[Any], motion: Motion, room: float = np.inf
+        self, of: Transcription[Any], motion: Motion, attention: float = np.inf
     ) -> Array:
-        """Row values; values with a margin above ``room`` may be too large."""
+        """Row values; those with a margin above ``attention`` may be too large."""
         _, states = self.states(of, motion)
-        return self.constraint.evaluate(states, min(of.cutoff, room)).ravel()
+        return self.constraint.evaluate(states, min(of.cutoff, attention)).ravel()
 
-    def keeps(self, of: Transcription[Any], motion: Motion, former: Motion) -> bool:
-        """Whether row values that are costly to evaluate are those of a former motion.
+    def reusable(self, of: Transcription[Any], motion: Motion, former: Motion) -> bool:
+        """Whether costly row values (clearances) equal the values of a former motion.
 
-        They depend on positions alone, unless obstacles move.
+        Clearances to obstacles at rest depend on the positions alone.
         """
         constraint = self.constraint
         if not constraint.gradual or constraint.moving or constraint.order:
@@ -128,7 +129,7 @@ class SampledRows:
     def jacobian(
         self, of: Transcription[Any], motion: Motion, chosen: IntArray
     ) -> sp.csr_matrix:
-        """Jacobian of some of the values."""
+        """Jacobian of some of the rows, shape (k, size)."""
         if not chosen.size:
             return sp.csr_matrix((0, of.size))
         at, partials = self.partials(of, motion, chosen)
@@ -142,24 +143,24 @@ class SampledRows:
     def partials(
         self, of: Transcription[Any], motion: Motion, chosen: IntArray
     ) -> tuple[Instants, Partials]:
-        """Instants, and partial derivatives of some of the values there."""
+        """Instants of the rows, and partial derivatives of some of the row values."""
         at, states = self.states(of, motion)
         row, which = np.divmod(chosen, max(self.constraint.count, 1))
         partials = self.constraint.differentiate(states, row, which)
         return at, self._pinned(of, motion, at, partials)
 
-    def bend(
+    def curvature(
         self, of: Transcription[Any], motion: Motion, multipliers: Array
     ) -> sp.csr_matrix | None:
-        """Root of the curvature of the weighted sum of the values.
+        """Root of the curvature of the weighted sum of the row values.
 
         Args:
             of: The transcription.
             motion: A motion of it.
-            multipliers: Weights of the values, positive at upper bounds.
+            multipliers: Weights of the row values, positive at upper bounds.
 
         Returns:
-            Matrix R, shape (k, size), with curvature R^T R; None without curvature.
+            Matrix R, shape (k, size), with curvature R^T R; None for zero curvature.
         """
         chosen = np.flatnonzero(multipliers > 0.0)
         if not chosen.size:
@@ -176,12 +177,12 @@ class SampledRows:
     def _pinned(
         self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
     ) -> Partials:
-        """Partial derivatives of values some of whose instants are fixed in real time.
+        """Partial derivatives corrected for the rows at fixed real times (kinks).
 
-        An obstacle that begins to move at once, or turns a corner, makes a kink in the
-        time that the arm may be somewhere. A row at a share of an interval jumps over
-        it when the duration changes; a row at that very instant stays there, and the
-        path shifts under it.
+        An obstacle that starts abruptly, or turns a corner, makes a kink in the
+        constraint as a function of time. A row at a share of an interval would cross
+        the kink when the duration changes; a row at the time of the kink stays there,
+        and the path shifts relative to it.
         """
         end = motion.h.sum() + of.delays[-1]
         due = np.concatenate([np.zeros(self.fixed.size, dtype=bool), self.kinks < end])
@@ -190,70 +191,70 @@ class SampledRows:
             return partials
         rates = of.rates(motion, at)[partials.at]
         shift = np.einsum("kj,kj->k", partials.by_q, rates)
-        for part, rate in self._higher(of, motion, at, partials):
+        for part, rate in self._rates(of, motion, at, partials):
             shift += np.einsum("kj,kj->k", part, rate[partials.at])
         return partials._replace(by_t=np.where(pinned, -shift, partials.by_t))
 
-    def _higher(
+    def _rates(
         self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
     ) -> Iterator[tuple[Array, Array]]:
-        """Partial derivatives by v and a, and the rates of these, shape (m, n).
+        """Partial derivatives by v and by a, each with the rate of v or a, (m, n).
 
         The rates are slopes of the polynomials between nodes, which may have defects.
         """
         if partials.by_v is None and partials.by_a is None:
             return
-        share = [np.clip(at.share + shift, 0.0, 1.0) for shift in (-ASIDE, ASIDE)]
+        shares = [np.clip(at.share + shift, 0.0, 1.0) for shift in (-ASIDE, ASIDE)]
         order = self.constraint.order
         before, after = (
-            of.states(motion, Instants(at.interval, one), order) for one in share
+            of.states(motion, Instants(at.interval, share), order) for share in shares
         )
-        apart = ((share[1] - share[0]) * motion.h[at.interval])[:, None]
+        span = ((shares[1] - shares[0]) * motion.h[at.interval])[:, None]
         if partials.by_v is not None:
-            yield partials.by_v, (after.v - before.v) / apart
+            yield partials.by_v, (after.v - before.v) / span
         if partials.by_a is not None:
-            yield partials.by_a, (after.a - before.a) / apart
+            yield partials.by_a, (after.a - before.a) / span
 
     def informed(self, of: Transcription[Any], motion: Motion) -> SampledRows:
-        """The block with the assumptions of its constraint, from a motion."""
+        """The block with the assumptions of its constraint taken from a motion."""
         if self.constraint.informed:
             return self
         informed = assumed(self.constraint, of, motion, self.fixed)
         return replace(self, constraint=informed)
 
 
-Block = Hull[Any] | SampledRows
+Block = HullRows[Any] | SampledRows
 
 
 def assumed(
     constraint: Constraint, of: Transcription[Any], motion: Motion, at: Instants
 ) -> Constraint:
-    """A constraint with its assumptions about a motion at instants."""
+    """A constraint with its assumptions taken from a motion at instants."""
     if not constraint.assumes:
         return constraint
-    beside = of.states(motion, at.middles, 1).v
-    return constraint.assumed(of.states(motion, at, constraint.order), beside)
+    middle_v = of.states(motion, at.middles, 1).v
+    return constraint.assumed(of.states(motion, at, constraint.order), middle_v)
 
 
 def blocks_of(of: Transcription[Any]) -> list[Block]:
-    """Rows of all constraints along the motion of a problem.
+    """Blocks of rows for all constraints along the motion of a problem.
 
-    Position and speed limits of the arm, and constraints that all segments share, hold
-    on all segments; other constraints hold on their own segment.
+    Position and speed limits of the arm, and constraints that all segments have in
+    common, hold on all segments; other constraints hold on a single segment.
     """
-    parts, found = of.system.segments, []
+    parts, blocks = of.system.segments, []
     for constraint in parts[0].constraints:
         if constraint.field in ("q", "v") or _shared(constraint, parts):
-            found.append(block_of(of, constraint))
+            blocks.append(block_of(of, constraint))
     for number, (part, within) in enumerate(zip(parts, of.segments, strict=True)):
         for constraint in part.constraints:
             if constraint.field not in ("q", "v") and not _shared(constraint, parts):
-                found.append(block_of(of, constraint, within, number))
-    return [block for block in found if block is not None]
+                blocks.append(block_of(of, constraint, within, number))
+    return [block for block in blocks if block is not None]
 
 
 def _shared(constraint: Constraint, parts: Sequence[ProblemFunctions]) -> bool:
-    """Whether a constraint holds on all segments."""
+    """Whether all segments have a constraint."""
     return all(any(_same(constraint, c) for c in part.constraints) for part in parts)
 
 
@@ -267,20 +268,20 @@ def block_of(
     within: tuple[int, int] | None = None,
     segment: int = 0,
 ) -> Block | None:
-    """Rows of a constraint; None where bounds of the unknowns keep it.
+    """Rows of a constraint; None if bounds of the unknowns keep it.
 
     Args:
         of: The parameterisation.
         constraint: The constraint.
-        within: First interval of the segment on which it holds, and the one after its
-            last; None for all.
-        segment: Number of that segment.
+        within: Half-open range of the intervals of the segment on which the constraint
+            holds; None for all segments.
+        segment: Number of this segment, from 0.
     """
-    if constraint.field in of.kept:
+    if constraint.field in of.bounded:
         return None
-    if constraint.order > of.highest:
+    if constraint.order > of.highest_order:
         raise OptionsError(
-            f"{constraint.name}: limits of it need continuous accelerations, expected "
+            f"{constraint.name}: its limits need continuous accelerations, expected "
             "control 'linear' or 'spline'",
             "control",
         )
@@ -300,10 +301,10 @@ def block_of(
 def _on_segment(
     at: Instants, constraint: Constraint, within: tuple[int, int]
 ) -> Instants:
-    """Instants on a segment, with its beginning and its end."""
-    if constraint.order > 2:  # pairs of instants
+    """Instants on a segment, completed by its beginning and its end."""
+    if constraint.order > 2:  # instants come in pairs, for rates
         return at
     first, end = within
     known, ends = set(at.pairs), [(first, 0.0)] if first else []
-    missing = [one for one in (*ends, (end - 1, 1.0)) if one not in known]
+    missing = [pair for pair in (*ends, (end - 1, 1.0)) if pair not in known]
     return at.joined(Instants.of_pairs(missing))

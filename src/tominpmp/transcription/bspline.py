@@ -1,18 +1,18 @@
-r"""B-splines of degree 2, 3 or 5 in one duration, or in the durations of segments.
+r"""B-splines of degree 2, 3 or 5, with one duration or a duration for each segment.
 
 Degree 2 has constant accelerations (:mod:`~tominpmp.transcription.inverse`), degree 3
-continuous, piecewise linear ones (the paper's quasi-linear control), degree 5 smooth
-ones. The unknowns are the control points C and the durations eta. With matrices B_d of
-basis functions on the grid of one duration T,
+continuous and piecewise linear ones (the paper's quasi-linear control), degree 5 smooth
+ones. The unknowns are the control points C and the durations eta. With the matrices B_d
+of the basis functions and their derivatives on a grid with a single duration T,
 
 .. math:: q = B_0 C, \quad \dot q = B_1 C / T, \quad \ddot q = B_2 C / T^2,
 
 so that torque rates, jerks and accelerations can be limited (paper, section 4: the
 torque becomes a state and its rate the control). Positions, speeds, accelerations and
-jerks stay in the convex hull of the control points of the derivatives: their limits
-hold at every time. Control points at the ends are eliminated: they follow from the
-given states. A motion of several segments is one spline, whose derivatives are
-continuous where they meet; its knots move with the durations.
+jerks stay in the convex hull of the control points of these derivatives, so that their
+limits hold at all times. The control points at the ends follow from the given states,
+and are eliminated. A motion of several segments is one spline, whose derivatives are
+continuous where segments meet; its knots move with the durations.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import Hull, StepBounds, Transcription, Variation
+from tominpmp.transcription.base import HullRows, StepBounds, Transcription, Variation
 from tominpmp.transcription.curve import (
     KnotVector,
     SplineMotion,
@@ -45,61 +45,63 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 DEGREES = {"linear": 3, "spline": 5}
-# Instants of each interval at which constraints other than torques are rows at first.
+# Shares of each interval at which constraints have initial rows, other than torques.
 SHARES = (0.5, 1.0)
-# Instants at which torques are rows at first; at the end of the last interval too.
+# Shares at which torques have initial rows; the end of the last interval is added.
 TORQUE_SHARES = (0.0, 0.5)
-# Instants at which torques are inspected between these: torques of fast wrists rise and
-# fall by half of their range within a quarter of an interval.
+# Shares at which torques are inspected between these rows: the torques of fast wrists
+# rise and fall by half of their range within a quarter of an interval.
 SIXTEENTHS = tuple((np.arange(16) / 16).tolist())
 INSPECTED = SIXTEENTHS[1:8], SIXTEENTHS[9:]
-# A torque rate is taken over this share of an interval, at both of its ends; a hair
-# inside, so that both instants are of the same interval.
+# Pairs of shares between which torque rates are taken, at both ends of an interval. The
+# last is slightly below 1, so that both instants of its pair are in the same interval.
 RATE_SHARES = (0.0, 0.05, 0.95, 1.0 - 1e-9)
-# Clearances beyond this, in shares of the reach per rad of trust region, are no rows of
-# the linear program: a step that uses them up all the same is cut short by the merit.
+# Clearances beyond this, in shares of the reach per rad of the trust region radius, are
+# left out of the linear program; the merit function shortens a step that nevertheless
+# uses one up.
 ATTENTION = 0.07
-# Upper bound on that, for any trust region; clearances beyond it are not exact.
+# Upper bound of this margin for any trust region; larger clearances are not exact.
 MAX_ATTENTION = 0.05
 
 
-class Hung(NamedTuple):
-    """How the coordinates of control points depend on the unknowns.
+class ControlPointMap(NamedTuple):
+    """Affine map from the unknowns to the coordinates of the control points.
 
     Attributes:
-        column: The unknown that moves each coordinate, shape (M n,); -1 where it is
-            fixed.
-        offset: Coordinates relative to the start for unknowns of zero, shape (M n,).
+        column: Index of the unknown that is added to each coordinate, shape (M n,); -1
+            for fixed coordinates.
+        offset: Coordinates relative to the start if all unknowns are zero, shape
+            (M n,).
         slopes: Derivatives of the coordinates by the durations, shape (M n, m).
-        alone: Whether no two coordinates share an unknown.
+        one_to_one: Whether no two coordinates share an unknown.
         moving: Whether any coordinate changes with the durations.
     """
 
     column: IntArray
     offset: Array
     slopes: Array
-    alone: bool
+    one_to_one: bool
     moving: bool
 
 
 class BSplineTranscription(Transcription[SplineMotion]):
-    """A problem in z = (free control points from the start on, durations).
+    """A problem in z = (free control points relative to the start, durations).
 
     Attributes:
         system: The functions of the problem.
         shares: Lengths of the intervals by the durations, shape (N, m).
         degree: Degree of the spline.
         segment_ends: Number of intervals up to the end of each segment.
-        breaks: Numbers of intervals before nodes at which the derivative below the
-            highest may jump: accelerations of degree 3.
-        knots_by_durations: Knots by each of the durations, shape (K, m).
-        hung: How control points depend on the unknowns.
-        acceleration_range: Accelerations by the full torque range of each joint, shape
-            (n,), the unit of the controls; ones before it was scaled at a motion.
+        breaks: Nodes, as the number of intervals before each, at which the derivative
+            one order below the highest may jump: the acceleration for degree 3.
+        knots_by_durations: Derivatives of the knots by the durations, shape (K, m).
+        point_map: Map from the unknowns to the control points.
+        acceleration_range: Acceleration that the full torque range of each joint gives,
+            shape (n,), the unit of the controls; ones until it is taken from a motion.
     """
 
     inspected: tuple[tuple[float, ...], ...] = INSPECTED
-    highest = 3
+    highest_order = 3
 
     def __init__(
         self,
@@ -117,17 +119,18 @@ class BSplineTranscription(Transcription[SplineMotion]):
         self._base = system.problem.q_start
         self.acceleration_range = np.ones(self._n)
         self.knots_by_durations = clamped(shares, degree, breaks)
-        self.hung = self._eliminated()
-        # With one duration the knots keep their proportions.
+        self.point_map = self._eliminated()
+        # With a single duration the proportions of the knots are constant.
         self._knots = KnotVector(shares[:, 0], degree, breaks) if self._m == 1 else None
 
     # -- unknowns ----------------------------------------------------------------------
 
-    def _eliminated(self) -> Hung:
+    def _eliminated(self) -> ControlPointMap:
         """Eliminate the control points at the ends, which follow from given states.
 
         At a known velocity v the second point from an end is C_0 + v T dt / p; the
-        third follows where the acceleration has to begin at zero, as it must not jump.
+        third point follows if the acceleration must not jump, and so is zero at the
+        end.
         """
         system, p, t = self.system, self.degree, self.knots_by_durations
         M = len(t) - p - 1
@@ -144,7 +147,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         if last and goal is not None:
             offset[M - last :] = goal - self._base
         elif last:
-            # A free final configuration moves the points that depend on it together.
+            # A free final configuration moves all points that depend on it.
             column[M - last :] = inner
         if last and v_end is not None:
             back = _reach((t[-1] - t)[::-1], p, last)[::-1]
@@ -152,13 +155,13 @@ class BSplineTranscription(Transcription[SplineMotion]):
         columns = self._n * column[:, None] + np.arange(self._n)
         columns = np.where(column[:, None] >= 0, columns, -1).ravel()
         free, moved = int(column.max()) + 1, np.count_nonzero(column >= 0)
-        by_coordinate, moving = slopes.reshape(-1, self._m), bool(np.any(slopes))
-        return Hung(columns, offset.ravel(), by_coordinate, moved == free, moving)
+        by_eta, moving = slopes.reshape(-1, self._m), bool(np.any(slopes))
+        return ControlPointMap(columns, offset.ravel(), by_eta, moved == free, moving)
 
     @cached_property
     def point_unknowns(self) -> int:
         """Number of unknowns without the durations."""
-        return int(self.hung.column.max()) + 1
+        return int(self.point_map.column.max()) + 1
 
     @property
     def size(self) -> int:
@@ -167,9 +170,9 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     def _from_base(self, z: Array) -> Array:
         """Control points relative to the start, shape (M, n)."""
-        hung, moved = self.hung, self.hung.column >= 0
-        found = hung.offset + hung.slopes @ z[self.point_unknowns :]
-        found[moved] += z[hung.column[moved]]
+        mapping, moved = self.point_map, self.point_map.column >= 0
+        found = mapping.offset + mapping.slopes @ z[self.point_unknowns :]
+        found[moved] += z[mapping.column[moved]]
         return np.asarray(found.reshape(-1, self._n))
 
     def by_unknowns(
@@ -182,23 +185,23 @@ class BSplineTranscription(Transcription[SplineMotion]):
             points: Indices of these coordinates, ascending, shape (k, w).
             by_durations: Derivatives by the durations alone, shape (k, m).
         """
-        hung = self.hung
-        if hung.moving:
-            moved = np.einsum("kw,kwm->km", by_points, hung.slopes[points])
+        mapping = self.point_map
+        if mapping.moving:
+            moved = np.einsum("kw,kwm->km", by_points, mapping.slopes[points])
             by_durations = by_durations + moved
         durations = np.arange(self.point_unknowns, self.size)
         columns = np.broadcast_to(durations, by_durations.shape)
         matrix = Compressed.of_table(
             np.concatenate([by_points, by_durations], axis=1),
-            np.concatenate([hung.column[points], columns], axis=1),
+            np.concatenate([mapping.column[points], columns], axis=1),
             self.size,
         ).rows()
-        if not hung.alone:
+        if not mapping.one_to_one:
             matrix.sum_duplicates()
         return matrix
 
     def unknowns(self, points: Array, eta: Array) -> Array:
-        """Unknowns whose control points come nearest to given ones.
+        """Unknowns whose control points are nearest to given control points.
 
         Coordinates that share an unknown get the mean of their given values.
 
@@ -206,10 +209,10 @@ class BSplineTranscription(Transcription[SplineMotion]):
             points: Control points, shape (M, n).
             eta: Durations, shape (m,).
         """
-        hung, moved = self.hung, self.hung.column >= 0
-        wanted = (points - self._base).ravel() - hung.offset - hung.slopes @ eta
+        mapping, moved = self.point_map, self.point_map.column >= 0
+        wanted = (points - self._base).ravel() - mapping.offset - mapping.slopes @ eta
         wanted = wanted[moved]
-        column, size = hung.column[moved], self.point_unknowns
+        column, size = mapping.column[moved], self.point_unknowns
         sums = np.bincount(column, wanted, minlength=size)
         return np.concatenate([sums / np.bincount(column, minlength=size), eta])
 
@@ -231,8 +234,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
         Args:
             eta: Durations, shape (m,).
-            position: Configurations at times [s], shape (k,) to (k, n); they are met at
-                all times if they are a spline on this grid.
+            position: Configurations at times [s], shape (k,) to (k, n); a spline on
+                this grid is reproduced exactly.
         """
         knots = self._knots_for(eta)
         sites = knots.greville
@@ -247,15 +250,15 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return np.concatenate([(points - self._base).ravel(), z[count:]])
 
     def fitted(self, times: Array, q: Array, duration: float) -> Array:
-        """Iterate that is nearest to positions at shares of T, in least squares."""
-        hung, eta = self.hung, np.array([duration])
+        """Least-squares fit of an iterate to positions at shares of T."""
+        mapping, eta = self.point_map, np.array([duration])
         knots = self._knots_for(eta)
         design = knots.design(times * knots.knots[-1])
         design = sp.kron(design, sp.identity(self._n), format="csr")
-        ones, column = np.ones((hung.column.size, 1)), hung.column[:, None]
-        moved = Compressed.of_table(ones, column, self.point_unknowns).rows()
-        by_free = design @ moved
-        rest = (q - self._base).ravel() - design @ (hung.offset + hung.slopes @ eta)
+        ones, column = np.ones((mapping.column.size, 1)), mapping.column[:, None]
+        by_free = design @ Compressed.of_table(ones, column, self.point_unknowns).rows()
+        fixed = mapping.offset + mapping.slopes @ eta
+        rest = (q - self._base).ravel() - design @ fixed
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
         return self.within_limits(np.concatenate([points, eta]))
 
@@ -283,7 +286,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return KnotVector(self.shares @ (eta / eta[-1]), self.degree, self.breaks)
 
     def instants(self, order: int, field: str) -> Instants:
-        """Nodes and middles for torques; middles and ends, or pairs for rates."""
+        """Nodes and middles for torques, pairs for rates, else middles and ends."""
         N = self.intervals
         if order >= 3:
             return Instants.spread(N, RATE_SHARES)
@@ -326,36 +329,36 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     def hull(
         self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
-    ) -> Hull[SplineMotion] | None:
+    ) -> HullRows[SplineMotion] | None:
         """Derivatives are in the convex hull of their control points."""
         return DerivativeHull(self, limit, name, within)
 
     def attention(self, steps: StepBounds) -> float:
-        """Clearance that a step of the control points can use up."""
+        """Clearance that a step of the control points can use up, over the reach."""
         radius = float(np.max(steps.upper[: self.point_unknowns], initial=0.0))
         return min(ATTENTION * radius, MAX_ATTENTION)
 
     @property
     def cutoff(self) -> float:
-        """Clearances beyond this are not exact."""
+        """Largest clearance that is exact, over the reach."""
         return MAX_ATTENTION
 
     @property
     def moving_attention(self) -> float:
-        """Clearance to moving obstacles, which time alone can use up."""
+        """Clearance to moving obstacles that a change of time alone can use up."""
         return MAX_ATTENTION
 
     # -- the rest of the interface -----------------------------------------------------
 
     def scaled_at(self, z: Array) -> BSplineTranscription:
-        """The transcription with the range of accelerations at a motion."""
+        """The transcription with the range of accelerations of an iterate's motion."""
         scaled = copy(self)  # cached values of the grid stay valid
         motion, at = self.motion(z), self._torque_instants
         _, q, v, a, _ = self.states(motion, at, 2)
         by = self.system.dynamics.inverse_jacobians(q, v, a)
         inertia = np.abs(np.einsum("mii->mi", by.tau_a))
         if self.degree == 2:
-            # An acceleration lasts for an interval, and friction changes with it.
+            # An acceleration over an interval changes the speed, and so the friction.
             drag = np.abs(np.einsum("mii->mi", by.tau_v))
             inertia += drag * motion.h[at.interval, None]
         full = 2.0 * self.system.effort_half
@@ -365,8 +368,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def variation(self, z: Array) -> Variation:
         """Jumps of the highest derivative, up to jerks, in full torque ranges.
 
-        Jumps between control points of the jerk count as accelerations, over the mean
-        interval.
+        Jumps between control points of the jerk are multiplied by the mean interval,
+        and so count as accelerations.
         """
         motion, order = self.motion(z), min(self.degree, 3)
         scale = self.acceleration_range
@@ -385,30 +388,30 @@ class BSplineTranscription(Transcription[SplineMotion]):
         data /= np.tile(scale, len(between))[:, None]
         by_durations = np.zeros((len(data), self._m))
         if self._m > 1:
-            # Changes of single durations change the jumps, too.
+            # The jumps depend on the ratios of the durations, too.
             by_durations = motion.by_durations(jumps, 2).reshape(-1, self._m)
         matrix = self.by_unknowns(data, points, by_durations)
         return Variation(matrix, jumps(motion).ravel() - matrix @ z)
 
     @property
     def torque_sequence(self) -> sp.csr_matrix:
-        """Torques at nodes and middles, in the order of their rows."""
+        """Identity: torques at nodes and middles, in the order of their rows."""
         return sp.csr_matrix(sp.identity(self._torque_instants.size))
 
     def sequence_times(self, z: Array) -> Array:
-        """Instants of the torque sequence as shares of T: nodes and middles."""
+        """Times of the torque sequence as shares of T: nodes and middles."""
         h = self.motion(z).h
         times = self.torque_sequence @ self._torque_instants.times(h)
         return np.asarray(times / h.sum())
 
     def time_scale(self, z: Array, factor: float) -> Array:
-        """The same control points, traversed slower."""
+        """The same control points with longer durations."""
         out = z.copy()
         out[self.point_unknowns :] *= factor
         return out
 
     def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate; its torque follows from the inverse dynamics."""
+        """The motion of an iterate; its torques follow from the inverse dynamics."""
         motion, nodes = self.motion(z), Instants.nodes(self.intervals)
         _, q, v, a, _ = self.states(motion, nodes, 2)
         accelerations = {2: motion.derivative(2), 3: None}
@@ -423,12 +426,12 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return _of_segments(self, whole)
 
 
-class DerivativeHull(Hull[SplineMotion]):
-    """Control points of a derivative over its limit.
+class DerivativeHull(HullRows[SplineMotion]):
+    """Bounds on the control points of a derivative.
 
-    On a segment, the rows are the control points that any of its intervals depends on.
-    Of the points of the curve itself, they are the points that depend on velocities at
-    the ends: other points are unknowns, whose bounds keep the limits.
+    On a segment, there are rows for the control points on which any of its intervals
+    depends. For positions, there are rows only for the points that depend on velocities
+    at the ends: all other points are unknowns, whose bounds keep the limits.
     """
 
     def __init__(
@@ -448,7 +451,7 @@ class DerivativeHull(Hull[SplineMotion]):
         ends = np.searchsorted(intervals, point, side="right")
         mine = (begins < end) & (ends > first)
         if limit.order == 0:
-            moving = of.hung.slopes.reshape(mine.size, -1)
+            moving = of.point_map.slopes.reshape(mine.size, -1)
             mine &= np.any(moving, axis=1)
         self._points = np.flatnonzero(mine)
         times = 1, self._points.size
@@ -456,13 +459,13 @@ class DerivativeHull(Hull[SplineMotion]):
         self.upper = np.tile(limit.upper / limit.scale, times)
 
     def of_motion(self, motion: SplineMotion) -> Array:
-        """Control points of the derivative."""
+        """Control points of the derivative, over the scale of the limit."""
         limit = self._limit
         points = motion.derivative(limit.order)[self._points]
         return np.asarray(points[:, limit.joints] / limit.scale).ravel()
 
     def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
-        """By the unknowns."""
+        """Jacobian of the control points of the derivative."""
         limit, points, of = self._limit, self._points, self._of
         bands = motion.knots.bands(limit.order)[points]
         by_points, places = of_each_joint(bands, points, limit.joints, of.system.n)
@@ -473,10 +476,15 @@ class DerivativeHull(Hull[SplineMotion]):
 
 
 def _reach(knots: Array, degree: int, count: int) -> Array:
-    """Distance of the first control points from the end, per unit of velocity.
+    """Distance of the first control points from the end, per unit of velocity there.
 
-    Its derivatives by the durations, shape (count, 1, m), from the knots by the
-    durations, shape (K, m).
+    Args:
+        knots: Derivatives of the knots by the durations, shape (K, m).
+        degree: Degree of the spline.
+        count: Number of control points.
+
+    Returns:
+        Derivatives of the distances by the durations, shape (count, 1, m).
     """
     spans = (knots[degree + 1 : degree + count] - knots[1:count]) / degree
     return nodes_of(spans)[:, None]
@@ -486,11 +494,11 @@ def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:
     """A motion with the loads of its segments and the dwells at their ends.
 
     Args:
-        of: Its parameterisation.
+        of: Parameterisation of the motion.
         motion: The motion, with the load of the first segment and without dwells.
 
     Returns:
-        The motion; unchanged where the problem has no segments.
+        The motion; unchanged if the problem has no segments.
     """
     segments = of.system.problem.segments
     if not segments:
@@ -499,7 +507,7 @@ def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:
     dwells = np.array([segment.dwell for segment in segments])
     stays = dwells > 0.0
     at = ends[stays]
-    # After a dwell its node comes once more.
+    # The node of a dwell is repeated at the end of the dwell.
     node = np.insert(np.arange(count), at + 1, at)
     dwelt = np.cumsum(np.insert(np.zeros(count), at + 1, dwells[stays]))
     t, still = motion.t[node] + dwelt, np.isin(node, at)[:, None]

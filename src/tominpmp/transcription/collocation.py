@@ -1,15 +1,15 @@
 r"""Collocation: states and torques as unknowns, the dynamics as equations.
 
-The states at the nodes are lifted out of the paper's linear program:
+The states at the nodes are unknowns as well, related by equations of the program:
 
 .. math:: \delta x_{k+1} = A_k \delta x_k + B_k \delta u_k + c_k \delta h_k + d_k .
 
-Eliminating them gives the paper's program back (see
+Eliminating the states gives the paper's linear program (see
 :mod:`tominpmp.transcription.adjoint`), and the multipliers of these rows are the
-paper's psi. Limits on positions and velocities become bounds, the trust region is a box
-on the states, where the error of the linearisation lives, and an initial guess may be
-any path, whether the dynamics allow it or not. The step is Radau IIA with the inner
-stage condensed (:mod:`tominpmp.transcription.integrator`).
+paper's costates psi. Limits on positions and velocities become bounds, the trust region
+is a box on the states, which determine the error of the linearisation, and an initial
+guess may be any path, dynamically feasible or not. The integration step is Radau IIA
+with the inner stage eliminated (:mod:`tominpmp.transcription.integrator`).
 """
 
 from __future__ import annotations
@@ -19,48 +19,48 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
-from tominpmp.constraints.friction import Ways
+from tominpmp.constraints.friction import Signs
 from tominpmp.linear_programs.compressed import Compressed
-from tominpmp.transcription.base import NOT_INTEGRATED, Hull, StepBounds
+from tominpmp.transcription.base import NOT_INTEGRATED, HullRows, StepBounds
 from tominpmp.transcription.controls import (
     SPEED_FACTOR,
     TorqueTranscription,
     driving_torque,
-    first_ways,
+    first_signs,
     torque_shares,
 )
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Clearances above this, per rad of trust region and in shares of the reach, are no rows
-# of the linear program.
+# Clearances above this, in shares of the reach per rad of the trust region radius, are
+# left out of linear programs.
 ATTENTION = 2.0
 
 
 class CollocationTranscription(TorqueTranscription):
     """A problem in z = (states, torques, lengths).
 
-    States (q, v) are at N + 1 nodes; torques and lengths see the base class.
+    The states (q, v) are at N + 1 nodes; for torques and lengths see the base class.
     """
 
-    kept = frozenset({"q", "u"})
+    bounded = frozenset({"q", "u"})
 
     def __init__(
         self,
         system: ProblemFunctions,
         shares: Array,
         duration: float,
-        ways: Ways | None = None,
+        signs: Signs | None = None,
     ) -> None:
-        super().__init__(system, shares, duration, ways)
+        super().__init__(system, shares, duration, signs)
         velocity = SPEED_FACTOR / duration * system.step_scale
         self.scale = np.concatenate([system.step_scale, velocity])
         self._columns = self._interval_columns()
         limits = system.problem.robot.limits
         self._low = np.concatenate([limits.position_lower, -limits.velocity])
         self._high = np.concatenate([limits.position_upper, limits.velocity])
-        # Given states at the ends; NaN for unknown ones.
+        # States that the problem fixes at the ends; NaN for unknown states.
         self._given = np.full((self._N + 1, 2 * self._n), np.nan)
         self._given[0] = np.concatenate([system.problem.q_start, system.v_start])
         if system.final_configuration is not None:
@@ -84,7 +84,7 @@ class CollocationTranscription(TorqueTranscription):
         Args:
             x: States (q, v) at the nodes, shape (N + 1, 2n).
             u: Torques of the intervals without dry friction, shape (N, n) [N m or N].
-            eta: Shape (m,).
+            eta: Lengths, shape (m,).
 
         Returns:
             z, with the torques as shares of their limits.
@@ -94,7 +94,7 @@ class CollocationTranscription(TorqueTranscription):
         return np.concatenate([x.ravel(), shares.ravel(), eta])
 
     def start(self, q: Array, eta: Array) -> Array:
-        """Turn positions at the nodes into unknowns; the dynamics need not hold.
+        """Turn positions at the nodes into unknowns; the defects need not be zero.
 
         Velocities are taken from parabolas through neighbouring nodes, torques from the
         inverse dynamics in the middle of the intervals, within their limits.
@@ -126,7 +126,7 @@ class CollocationTranscription(TorqueTranscription):
         return x, self.torques(z), self.lengths(z)
 
     def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
-        """Steps of states and torques within their limits, for fixed ends."""
+        """Steps of states and torques within their limits; given states are fixed."""
         scale, (x, _, h) = self.system.step_scale, self.split(z)
         box = radius * np.concatenate([scale, SPEED_FACTOR / h.sum() * scale])
         box = np.where(np.isnan(self._given), box, 0.0)
@@ -137,22 +137,22 @@ class CollocationTranscription(TorqueTranscription):
 
     # -- dry friction ------------------------------------------------------------------
 
-    def with_ways(self, duration: float, ways: Ways) -> CollocationTranscription:
-        """The transcription with other velocity scales, and directions of joints."""
-        return CollocationTranscription(self.system, self.shares, duration, ways)
+    def with_signs(self, duration: float, signs: Signs) -> CollocationTranscription:
+        """The transcription with velocity scales of a duration, and given signs."""
+        return CollocationTranscription(self.system, self.shares, duration, signs)
 
-    def assumed(self, z: Array) -> Ways | None:
-        """Assumed directions of the joints; at first the directions in the iterate."""
-        if self.system.friction is None or self.ways is not None:
-            return self.ways
-        return first_ways(self.system, self.split(z)[0][:, self._n :])
+    def assumed(self, z: Array) -> Signs | None:
+        """Assumed velocity signs of the joints; initially the signs in the iterate."""
+        if self.system.friction is None or self.signs is not None:
+            return self.signs
+        return first_signs(self.system, self.split(z)[0][:, self._n :])
 
     def scaled_at(self, z: Array) -> CollocationTranscription:
-        """The transcription with the directions of joints with dry friction."""
-        ways = self.assumed(z)
-        if ways is None or ways is self.ways:
+        """The transcription with velocity signs of joints with dry friction."""
+        signs = self.assumed(z)
+        if signs is None or signs is self.signs:
             return self
-        return self.with_ways(self.duration, ways)
+        return self.with_signs(self.duration, signs)
 
     # -- states ------------------------------------------------------------------------
 
@@ -161,14 +161,14 @@ class CollocationTranscription(TorqueTranscription):
         return SteppedMotion(self.system.dynamics, *self.split(z))
 
     @property
-    def equations(self) -> Hull[SteppedMotion]:
-        """The dynamics."""
+    def equations(self) -> HullRows[SteppedMotion]:
+        """The equations of motion, as rows of defects."""
         return Defects(self)
 
     def instants(self, order: int, field: str) -> Instants:
-        """Nodes; the inner stages for velocities, which are bounded at the nodes.
+        """Nodes; for velocities, which have bounds at the nodes, the inner stages.
 
-        Both ends of the intervals for accelerations, which jump at the nodes.
+        For accelerations, which jump at the nodes, both ends of the intervals.
         """
         if field == "v":
             return Instants.spread(self._N, (float(NODES[0]),))
@@ -191,18 +191,18 @@ class CollocationTranscription(TorqueTranscription):
         return self.interval_rows(data, k, by_eta)
 
     def attention(self, steps: StepBounds) -> float:
-        """Clearance that a step of the states can use up."""
+        """Clearance that a step of the states can use up, over the reach."""
         states = steps.upper[: (self._N + 1) * 2 * self._n]
         boxes = states.reshape(self._N + 1, -1)[:, : self._n]
         return ATTENTION * float(np.max(boxes / self.system.step_scale, initial=0.0))
 
     @property
     def moving_attention(self) -> float:
-        """Clearance to moving obstacles, which time alone can use up."""
+        """Clearance to moving obstacles that a change of time alone can use up."""
         return ATTENTION
 
     def _interval_columns(self) -> IntArray:
-        """Unknowns that an interval depends on, shape (N, 5n + m)."""
+        """Indices of the unknowns on which each interval depends, (N, 5n + m)."""
         N, n = self._N, self._n
         states = (N + 1) * 2 * n
         k = np.arange(N)[:, None]
@@ -217,12 +217,12 @@ class CollocationTranscription(TorqueTranscription):
         """Rows from derivatives with respect to (ends, torques, length) of an interval.
 
         Args:
-            entries: Shape (k, 5n + 1).
-            interval: The intervals, shape (k,).
+            entries: Derivatives, shape (k, 5n + 1).
+            interval: Interval of each row, shape (k,).
             by_eta: Additional derivatives by the last unknowns, shape (k, m).
 
         Returns:
-            Shape (k, size).
+            Rows of a Jacobian, shape (k, size).
         """
         ends, torques, length = np.split(entries, [4 * self._n, 5 * self._n], axis=1)
         by_eta = length * self.shares[interval] + by_eta
@@ -233,7 +233,7 @@ class CollocationTranscription(TorqueTranscription):
     # -- the rest of the interface -----------------------------------------------------
 
     def time_scale(self, z: Array, factor: float) -> Array:
-        """The same configurations, traversed slower, with the torques that it takes."""
+        """The same configurations, passed more slowly, with the torques it requires."""
         x, _, _ = self.split(z)
         n, eta = self._n, z[-self._m :] * factor
         q, v = x[:, :n], x[:, n:] / factor
@@ -241,11 +241,11 @@ class CollocationTranscription(TorqueTranscription):
         return self.pack(np.hstack([q, v]), u, eta)
 
 
-class Defects(Hull[SteppedMotion]):
-    """Defects of the steps, which are zero for a motion, over the scale of states.
+class Defects(HullRows[SteppedMotion]):
+    """Defects of the steps over the scale of the states; zero for a motion.
 
-    The defects are one group: all shrink in proportion, which took half the iterations
-    of a group for each interval on the paper's example.
+    All defects are in one group, so that a relaxed step reduces them in proportion. On
+    the paper's example this took half the iterations of one group for each interval.
     """
 
     name = "dynamics"
@@ -255,12 +255,12 @@ class Defects(Hull[SteppedMotion]):
         self.lower = self.upper = np.zeros((1, of.intervals * of.scale.size))
 
     def of_motion(self, motion: SteppedMotion) -> Array:
-        """Defects; a large value on intervals whose inner stage was not solved."""
+        """Defects; a large value on intervals whose inner stage was not solved for."""
         solved = motion.stage.solved[:, None]
         return np.where(solved, motion.defects / self._of.scale, NOT_INTEGRATED).ravel()
 
     def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
-        """By the unknowns."""
+        """Jacobian of the defects."""
         by, scale = motion.derivatives, self._of.scale
         parts = by.by_start, by.by_end, by.by_control, by.by_length[..., None]
         entries = np.concatenate(parts, axis=2)

@@ -1,7 +1,7 @@
-"""Piecewise-constant torques (the paper's equation 16) as unknowns.
+"""Piecewise constant torques (the paper's equation 16) as unknowns.
 
-They are the torques of the motors less dry friction: their limits depend on the
-direction in which a joint moves.
+The unknowns are motor torques less dry friction, so that their limits depend on the
+sign of the joint velocity.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials, States
-from tominpmp.constraints.friction import EFFORT_TOLERANCE, Ways, interval_signs
+from tominpmp.constraints.friction import EFFORT_TOLERANCE, Signs, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.motion.trajectory import Trajectory, reversals
 from tominpmp.problem.controls import control_bounds
@@ -23,23 +23,23 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import SteppedMotion
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Scale of velocities, in units of the scale of positions over the duration.
+# Scale of velocities, as a multiple of the scale of positions over the duration.
 SPEED_FACTOR = 5.0
 
 
 class TorqueTranscription(Transcription[SteppedMotion]):
     """A problem whose torques are unknowns, as shares of their limits in [-1, 1].
 
-    The last of its unknowns are the torques of N intervals, and the lengths h = H eta
-    with a matrix H of shares, of one column (scaling of a given grid) or more. Torques
-    are those of the motors less dry friction.
+    The last unknowns are the torques of N intervals, and eta with the lengths of the
+    intervals h = H eta: the matrix H of shares has one column (scaling of a given grid)
+    or more. The torques are motor torques less dry friction.
 
     Attributes:
         system: The functions of the problem.
-        shares: H, shape (N, m): lengths of the intervals [s] per unit of eta.
+        shares: Matrix H, shape (N, m): lengths of the intervals [s] per unit of eta.
         duration: Duration that scales velocities [s].
-        ways: Directions of joints with dry friction on the intervals; None without
-            friction, or before they were taken from a motion.
+        signs: Velocity signs of joints with dry friction on the intervals; None without
+            friction, or before they are taken from a motion.
     """
 
     def __init__(
@@ -47,20 +47,20 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         system: ProblemFunctions,
         shares: Array,
         duration: float,
-        ways: Ways | None,
+        signs: Signs | None,
     ) -> None:
         self.system, self.shares, self.duration = system, shares, duration
-        self.ways, self.segment_ends = ways, (len(shares),)
+        self.signs, self.segment_ends = signs, (len(shares),)
         self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
         self._n = system.n
 
     @abstractmethod
-    def with_ways(self, duration: float, ways: Ways) -> TorqueTranscription:
-        """The transcription with other velocity scales, and directions of joints."""
+    def with_signs(self, duration: float, signs: Signs) -> TorqueTranscription:
+        """The transcription with velocity scales of a duration, and given signs."""
 
     @property
     def _torques(self) -> slice:
-        """Slice of the unknowns that holds the shares of torques."""
+        """Slice of the torque shares in the unknowns."""
         end = self.size - self._m
         return slice(end - self._N * self._n, end)
 
@@ -80,15 +80,15 @@ class TorqueTranscription(Transcription[SteppedMotion]):
     @property
     def torque_bounds(self) -> tuple[Array, Array]:
         """Bounds of the torque shares, shape (N, n) each."""
-        if self.ways is None:
+        if self.signs is None:
             ones = np.ones((self._N, self._n))
             return -ones, ones
-        return self.ways.lower, self.ways.upper
+        return self.signs.lower, self.signs.upper
 
     def torque_steps(self, z: Array, largest: Array) -> tuple[Array, Array]:
-        """Smallest and largest steps of torque shares, shape (N, n) each.
+        """Lower and upper bounds of the step of the torque shares, shape (N, n) each.
 
-        Zero for joints without a motor.
+        The bounds are zero for joints without a motor.
 
         Args:
             z: Iterate.
@@ -99,26 +99,26 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         most[driven] = largest[driven]
         return np.clip(low - shares, -most, 0.0), np.clip(high - shares, 0.0, most)
 
-    def turned(self, z: Array) -> tuple[TorqueTranscription, Array] | None:
-        """With the directions of joints in an iterate, and the iterate within limits.
+    def with_signs_of(self, z: Array) -> tuple[TorqueTranscription, Array] | None:
+        """The transcription with the velocity signs of an iterate, which is clipped.
 
-        None if the assumed directions are consistent with the iterate.
+        None if the assumed signs are consistent with the iterate.
         """
         motion = self.motion(z)
         if self.system.friction is None or not motion.finite:
             return None
         known, v, shares = self.assumed(z), motion.x[:, self._n :], self.shares_at(z)
-        # Friction was left out while no directions were known.
-        ways = turned_ways(known, v, shares) if known else first_ways(self.system, v)
-        if ways is None:
+        # Friction is left out until signs are known.
+        signs = new_signs(known, v, shares) if known else first_signs(self.system, v)
+        if signs is None:
             return None
         out = z.copy()
-        out[self._torques] = np.clip(shares, ways.lower, ways.upper).ravel()
-        return self.with_ways(float(self.cost @ z), ways), out
+        out[self._torques] = np.clip(shares, signs.lower, signs.upper).ravel()
+        return self.with_signs(float(self.cost @ z), signs), out
 
-    def assumed(self, z: Array) -> Ways | None:
-        """Assumed directions of joints in an iterate; None if not known."""
-        return self.ways
+    def assumed(self, z: Array) -> Signs | None:
+        """Assumed velocity signs of joints in an iterate; None if unknown."""
+        return self.signs
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes; both ends of the intervals for accelerations, which jump there."""
@@ -133,15 +133,15 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
 
     def rates(self, motion: SteppedMotion, at: Instants) -> Array:
-        """Slopes of the polynomials; they are velocities where the defects are zero."""
+        """Slopes of the polynomials: the velocities where the defects are zero."""
         return motion.rates(at)[:, : self._n]
 
     def by_states(
         self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> tuple[Array, Array]:
-        """Derivatives of k values by states and torques where they are.
+        """Derivatives of k values by the states and the torques at their instants.
 
-        Shapes (k, 2n) and (k, n).
+        Accelerations are eliminated by the forward dynamics. Shapes (k, 2n) and (k, n).
         """
         n, which = self._n, partials.at
         by_x, by_u = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
@@ -170,7 +170,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         return Variation(matrix, np.zeros(count))
 
     def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate, joined by Hermite polynomials between nodes."""
+        """The motion of an iterate, by Hermite interpolation between its nodes."""
         motion, n = self.motion(z), self._n
         held = Trajectory(
             joint_names=self.system.problem.robot.joint_names,
@@ -180,28 +180,28 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             u=np.concatenate([motion.u, motion.u[-1:]]),
             holding=self.system.dynamics.inverse,
         )
-        return motor_torques(self.system, held, self.ways)
+        return motor_torques(self.system, held, self.signs)
 
 
 def driven_joints(system: ProblemFunctions) -> IntArray:
-    """Indices of the joints with a motor, whose torque is free."""
+    """Indices of the joints with a motor: those with a nonempty torque range."""
     limits = system.problem.robot.limits
     return np.flatnonzero(limits.effort_upper > limits.effort_lower)
 
 
 def torque_shares(system: ProblemFunctions, u: Array) -> Array:
-    """Torques as shares of their limits, brought within them, shape (N, n)."""
+    """Torques as shares of their limits, clipped to them, shape (N, n)."""
     robot = system.problem.robot
     weakest, strongest = control_bounds(robot, system.problem.motion_limits)
     low, high = weakest - robot.friction, strongest + robot.friction
-    if system.ways is not None:
+    if system.signs is not None:
         low, high = weakest - system.resistance, strongest - system.resistance
     u = np.clip(u, low, high)
     return np.asarray((u - system.effort_middle) / system.effort_half)
 
 
 def net_torque(system: ProblemFunctions, u: Array, v: Array) -> Array:
-    """Torques of the motors less dry friction, shape (N, n) [N m or N]."""
+    """Motor torques less dry friction, shape (N, n) [N m or N]."""
     if system.friction is None:
         return u
     return np.asarray(u - system.problem.robot.friction * directions(v, 0.0 * v))
@@ -210,8 +210,13 @@ def net_torque(system: ProblemFunctions, u: Array, v: Array) -> Array:
 def driving_torque(system: ProblemFunctions, q: Array, v: Array, h: Array) -> Array:
     """Torques that drive a motion, in the middle of its intervals, shape (N, n).
 
-    The torques are not clipped to limits. Positions and velocities are those at the
-    nodes, shape (N + 1, n).
+    The torques are not clipped to their limits.
+
+    Args:
+        system: The functions of the problem.
+        q: Positions at the nodes, shape (N + 1, n).
+        v: Velocities at the nodes, shape (N + 1, n).
+        h: Lengths of the intervals [s], shape (N,).
     """
     step = h[:, None]
     middle = 0.5 * (q[:-1] + q[1:])
@@ -219,50 +224,50 @@ def driving_torque(system: ProblemFunctions, q: Array, v: Array, h: Array) -> Ar
     return system.dynamics.inverse(middle, speed, acceleration)
 
 
-def first_ways(system: ProblemFunctions, v: Array) -> Ways:
-    """Directions of joints on intervals, from velocities at the nodes, (N, n)."""
+def first_signs(system: ProblemFunctions, v: Array) -> Signs:
+    """Signs on N intervals from velocities at their nodes, shape (N + 1, n)."""
     assert system.friction is not None  # noqa: S101
     sign, change = interval_signs(v)
-    ways = Ways.of(system.friction, sign)
-    return replace(ways, both=change & (system.friction > 0.0))
+    signs = Signs.of(system.friction, sign)
+    return replace(signs, both=change & (system.friction > 0.0))
 
 
-def turned_ways(ways: Ways, v: Array, shares: Array) -> Ways | None:
-    """Directions of joints on intervals of a motion, if they affect its torques.
+def new_signs(signs: Signs, v: Array, shares: Array) -> Signs | None:
+    """Velocity signs on the intervals of a motion, if they affect a torque limit.
 
     Args:
-        ways: Assumed directions on N intervals.
+        signs: Assumed signs on N intervals.
         v: Velocities at the nodes, shape (N + 1, n) [rad/s or m/s].
         shares: Torques without friction as shares of their limits, shape (N, n).
 
     Returns:
-        The directions; None if the assumed ones are consistent with the motion.
+        The signs; None if the assumed signs are consistent with the motion.
     """
     sign, change = interval_signs(v)
-    # A joint that reverses within an interval moves in both directions there.
-    wrong = ways.wrong(np.where(change, 1.0, sign), shares, EFFORT_TOLERANCE)
-    wrong |= ways.wrong(np.where(change, -1.0, sign), shares, EFFORT_TOLERANCE)
+    # A joint that reverses within an interval has both signs there.
+    wrong = signs.wrong(np.where(change, 1.0, sign), shares, EFFORT_TOLERANCE)
+    wrong |= signs.wrong(np.where(change, -1.0, sign), shares, EFFORT_TOLERANCE)
     if not wrong.any():
         return None
-    new = ways.turned(sign, wrong)
-    # Its torque has to suit both of them.
-    both = new.both | (change & (ways.friction > 0.0))
+    new = signs.corrected(sign, wrong)
+    # Torques on this interval must then be within the limits for both signs.
+    both = new.both | (change & (signs.friction > 0.0))
     return replace(new, sign=np.where(both, 0.0, new.sign), both=both)
 
 
 def motor_torques(
-    system: ProblemFunctions, motion: Trajectory, ways: Ways | None
+    system: ProblemFunctions, motion: Trajectory, signs: Signs | None
 ) -> Trajectory:
-    """Torques of the motors for a motion with given torques without friction.
+    """A motion with motor torques, from a motion with torques less dry friction.
 
     Args:
-        system: The problem.
-        motion: The motion, joined by cubic polynomials between its nodes.
-        ways: Directions of joints with dry friction on its intervals; None takes them
-            from the motion.
+        system: The functions of the problem.
+        motion: The motion, cubic between its nodes.
+        signs: Velocity signs of joints with dry friction on its intervals; None takes
+            the signs from the motion.
 
     Returns:
-        The motion with nodes where joints with friction reverse.
+        The motion, with additional nodes where joints with dry friction reverse.
     """
     friction = system.problem.robot.friction
     if system.friction is None:
@@ -271,9 +276,9 @@ def motor_torques(
     middle = 0.5 * (t[1:] + t[:-1])
     state = motion(middle)
     sign = motion.turns.at(middle)
-    if ways is not None:
+    if signs is not None:
         index = np.searchsorted(motion.t, middle) - 1
-        sign = np.where(ways.both[index], sign, ways.sign[index])
+        sign = np.where(signs.both[index], sign, signs.sign[index])
     u = state.u + friction * sign
     nodes = motion(t)
     u = np.vstack([u, u[-1:]])

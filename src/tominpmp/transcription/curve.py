@@ -1,11 +1,11 @@
 """B-spline curves, on knots that move with the durations of a motion.
 
-At an instant p + 1 control points matter. Their weights, in the curve and in its
-derivatives, are computed for all instants at once: SciPy's ``design_matrix`` takes ten
-times as long, and would dominate the iterations.
+The curve at an instant depends on p + 1 control points. Their weights, in the curve and
+in its derivatives, are computed for all instants at once: SciPy's ``design_matrix``
+takes ten times as long, and would dominate the iterations.
 
-Where there is one duration the knots keep their proportions, and all functions of the
-proportions are computed once. Derivatives by further durations are taken by complex
+With a single duration the proportions of the knots are constant, and all functions of
+the proportions are computed once. Derivatives by further durations are taken by complex
 steps (Squire and Trapp, 1998), which are exact to rounding.
 """
 
@@ -24,7 +24,7 @@ from scipy.interpolate import BSpline
 from tominpmp.arrays import Array, IntArray
 from tominpmp.transcription.instants import Instants
 
-# Imaginary step of a duration: too small to change real parts.
+# Imaginary step of a duration, too small to change any real part.
 COMPLEX_STEP = 1e-30
 
 
@@ -33,14 +33,15 @@ class KnotVector:
 
     Args:
         h: Lengths of the intervals, shape (N,).
-        degree: p.
+        degree: Degree p of the spline.
+        breaks: See the attribute.
 
     Attributes:
-        degree: p.
-        breaks: Numbers of intervals before nodes that are knots twice, so that the
-            derivative below the highest may jump there.
-        knots: With multiplicity at the ends, from 0, shape (N + 2p + 1 + breaks,).
-        first: Number of the first control point that each interval depends on, (N,).
+        degree: Degree p of the spline.
+        breaks: Nodes that are double knots, as the number of intervals before each: the
+            derivative one order below the highest may jump there.
+        knots: Knots from 0, repeated at the ends, shape (N + 2p + 1 + breaks,).
+        first: Index of the first control point on which each interval depends, (N,).
     """
 
     def __init__(self, h: Array, degree: int, breaks: tuple[int, ...] = ()) -> None:
@@ -60,15 +61,15 @@ class KnotVector:
 
     @property
     def greville(self) -> Array:
-        """Greville abscissae of the control points: means of inner knots, (M,)."""
+        """Greville abscissae of the control points: means of p knots, shape (M,)."""
         sums = np.cumsum(np.append(0.0, self.knots[1:-1]))
         means = (sums[self.degree :] - sums[: -self.degree]) / self.degree
         return np.asarray(np.clip(means, self.knots[0], self.knots[-1]))
 
     def bands(self, order: int) -> Array:
-        """Matrix from control points of the curve to those of a derivative, cached.
+        """Banded matrix from control points to control points of a derivative, cached.
 
-        Rows of the matrix from the diagonal on, shape (M - order, order + 1).
+        Each row holds the entries from the diagonal on, shape (M - order, order + 1).
         """
         if order not in self._bands:
             below = np.pad(self.bands(order - 1), ((0, 0), (1, 1)))
@@ -77,9 +78,10 @@ class KnotVector:
         return self._bands[order]
 
     def slopes(self, order: int) -> Array:
-        """Factors that turn differences of control points into those of a derivative.
+        """Factors from differences of control points to control points of a derivative.
 
-        The control points are of one order below; the factor is 0 where a curve jumps.
+        The differences are taken one order below; the factor is 0 where the derivative
+        one order below jumps.
         """
         k = order - 1
         p, t = self.degree - k, self.knots[k : self.knots.size - k]
@@ -89,15 +91,15 @@ class KnotVector:
         return np.where(wide, p / np.where(wide, spans, 1.0), 0.0)
 
     def design(self, times: Array) -> sp.csr_matrix:
-        """Values at times on the scale of the knots, from the control points."""
+        """Matrix from control points to values at times, in units of the knots."""
         inside = np.clip(times, self.knots[0], self.knots[-1])
         return sp.csr_matrix(BSpline.design_matrix(inside, self.knots, self.degree))
 
     def functions(self, at: Instants, order: int) -> Array:
-        """Basis functions of a derivative that are not zero, shape (m, p + 1 - order).
+        """Nonzero basis functions of a derivative, shape (m, p + 1 - order).
 
-        By the recursion of Cox (1972) and de Boor (1972); remembered as long as the
-        instants.
+        Computed by the recursion of Cox (1972) and de Boor (1972), and cached as long
+        as the instants exist.
         """
         known, key = self._known.setdefault(at, {}), ("functions", order)
         if key in known:
@@ -119,14 +121,14 @@ class KnotVector:
         return known[key]
 
     def weights(self, at: Instants, order: int) -> Array:
-        """Weights of the control points in a derivative, (m, p + 1), remembered too."""
+        """Weights of the control points in a derivative, (m, p + 1), cached as well."""
         known, key = self._known.setdefault(at, {}), ("weights", order)
         found = self.functions(at, order)
         if key not in known:
             first = self.first[at.interval]
             for k in range(order, 0, -1):
-                # A control point of a derivative is a difference of two one order
-                # below.
+                # Each control point of a derivative is a scaled difference of two
+                # control points one order below.
                 along = self.slopes(k)
                 scaled = found * along[places(first, found.shape[1])]
                 found = np.pad(scaled, ((0, 0), (1, 0)))
@@ -137,15 +139,16 @@ class KnotVector:
 
 @dataclass(frozen=True, eq=False)
 class SplineMotion:
-    """A B-spline of an iterate.
+    """The B-spline of an iterate.
 
     Attributes:
-        points: Control points relative to the base, shape (M, n): in motions by
-            micrometres the differences of absolute points would be rounded.
+        points: Control points relative to the base, shape (M, n): for motions of a few
+            micrometres, differences of absolute points would suffer from rounding.
         base: Configuration that is added to the points, shape (n,).
         eta: Durations by which the shares are multiplied, shape (m,).
         shares: Lengths of the intervals by eta, shape (N, m).
         knots: Knots of the spline, in units of the last duration.
+        finite: Whether all states are finite, which they always are.
     """
 
     points: Array
@@ -183,7 +186,7 @@ class SplineMotion:
     def values(
         self, at: Instants, order: int, which: IntArray | slice = slice(None)
     ) -> Array:
-        """A derivative at some of the instants, shape (k, n)."""
+        """Values of a derivative at some of the instants, shape (k, n)."""
         functions = self.knots.functions(at, order)[which]
         first = self.knots.first[at.interval[which]]
         points = self.derivative(order)[places(first, functions.shape[1])]
@@ -200,8 +203,9 @@ class SplineMotion:
 
         Args:
             quantity: The quantity as a function of the curve.
-            order: Power of a common factor of all durations that divides the quantity:
-                by Euler's theorem the last derivative follows from the others.
+            order: Order k of the quantity, which is homogeneous of degree -k in the
+                durations: by Euler's theorem the last derivative follows from the
+                others.
         """
         found = [quantity(one).imag / COMPLEX_STEP for one in self._stepped]
         rest = -order * quantity(self)
@@ -211,7 +215,7 @@ class SplineMotion:
 
     @cached_property
     def _stepped(self) -> list[SplineMotion]:
-        """Curves of the same points after a step of each duration but the last."""
+        """Curves with a complex step in one duration each, without the last one."""
         degree, breaks = self.knots.degree, self.knots.breaks
         out = []
         for j in range(self.eta.size - 1):
@@ -228,12 +232,12 @@ def nodes_of(h: Array) -> Array:
 
 
 def clamped(h: Array, degree: int, breaks: tuple[int, ...] = ()) -> Array:
-    """Knots of a spline that begins and ends at its outer control points.
+    """Knots of a spline that begins and ends at its outermost control points.
 
     Args:
         h: Lengths of the intervals, shape (N, ...).
         degree: Degree of the spline.
-        breaks: Numbers of intervals before nodes that are knots twice.
+        breaks: Nodes that are double knots, as the number of intervals before each.
     """
     nodes = nodes_of(h)
     if breaks:
@@ -243,24 +247,24 @@ def clamped(h: Array, degree: int, breaks: tuple[int, ...] = ()) -> Array:
 
 
 def places(first: IntArray, width: int) -> IntArray:
-    """Numbers of the control points that matter at instants, shape (m, width)."""
+    """Indices of the control points with nonzero weights, shape (m, width)."""
     return first[:, None] + np.arange(width)
 
 
 def of_each_joint(
     bands: Array, first: IntArray, joints: IntArray, n: int
 ) -> tuple[Array, IntArray]:
-    """Banded rows on control points, repeated for each of some joints.
+    """Banded rows on control points, repeated for some of the joints.
 
     Args:
         bands: Weights of neighbouring control points, shape (m, w).
         first: The first control point of each row, shape (m,).
         joints: The joints, shape (k,).
-        n: Number of all joints.
+        n: Number of joints of the robot.
 
     Returns:
-        The weights for the first row and all joints, for the second, ..., shape
-        (m k, w), and the coordinates of control points that they multiply.
+        The weights, row by row with all joints of a row together, shape (m k, w), and
+        the indices of the coordinates that they multiply.
     """
     data = np.repeat(bands, joints.size, axis=0)
     coordinate = n * first[:, None] + joints

@@ -1,8 +1,8 @@
-"""Rows of distances between the nodes, kept when a motion changes its grid.
+"""Transfer of clearance rows between the nodes to a program on another grid.
 
-A motion depends on the rows that joined its program by exchange. Without these rows, on
-another grid it would pass through obstacles between the nodes, seem faster than is
-admissible, and have to find the rows anew.
+A motion depends on the clearance rows that joined its program by row exchange. Without
+them, a program on another grid would let the motion pass through obstacles between the
+nodes, appear faster than is feasible, and have to exchange the same rows again.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from tominpmp.transcription.blocks import SampledRows
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
-# Rows closer than this share of the motion count as one.
+# Rows closer than this share of the duration count as one.
 APART = 1e-4
 
 
 def times_of_rows(program: NonlinearProgram, z: Array) -> dict[str, Array]:
-    """Times of the rows of distances of a program [s], by the name of the block.
+    """Times of the clearance rows of a program [s], by the name of the block.
 
     Args:
         program: The program.
-        z: Its iterate.
+        z: Iterate of the program.
     """
     of = program.transcription
     h = of.motion(z).h
@@ -40,12 +40,12 @@ def times_of_rows(program: NonlinearProgram, z: Array) -> dict[str, Array]:
 def with_rows_at(
     program: NonlinearProgram, z: Array, times: Mapping[str, Array]
 ) -> NonlinearProgram:
-    """The program with rows of distances at times, where rows are missing.
+    """The program with clearance rows added at times that have no row yet.
 
     Args:
         program: The program.
-        z: Its iterate, the motion that the rows are of.
-        times: Times of rows [s], by the name of the block.
+        z: Iterate of the program, the motion whose rows they are.
+        times: Times of the rows [s], by the name of the block.
     """
     of, blocks = program.transcription, list(program.blocks)
     h = of.motion(z).h
@@ -53,12 +53,12 @@ def with_rows_at(
     for index, block in enumerate(blocks):
         if not isinstance(block, SampledRows) or block.name not in own:
             continue
-        wanted = times.get(block.name, np.zeros(0))
+        added = times.get(block.name, np.zeros(0))
         known = np.sort(own[block.name])
-        place = np.searchsorted(known, wanted)
+        place = np.searchsorted(known, added)
         padded = np.concatenate([[-np.inf], known, [np.inf]])
-        apart = np.minimum(wanted - padded[place], padded[place + 1] - wanted)
-        more = np.unique(wanted[apart > APART * float(h.sum())])
+        apart = np.minimum(added - padded[place], padded[place + 1] - added)
+        more = np.unique(added[apart > APART * float(h.sum())])
         if more.size:
             at = Instants.at_times(more, h, of.delays)
             at = at if block.within is None else at.within(*block.within)

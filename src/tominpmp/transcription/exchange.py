@@ -1,14 +1,15 @@
-"""Semi-infinite exchange: rows where a motion violates its limits between the rows.
+"""Row exchange for semi-infinite constraints: rows where a motion violates limits.
 
-Constraints are rows at chosen instants only. After a solve the motion is inspected
-between them, and the worst instants become rows of the next program (Hettich and
-Kortanek, 1993), until no violation is found. The assumptions of constraints about the
-motion (directions of dry friction, say) are updated at the same time.
+Constraints have rows at chosen instants only. After a solve the motion is inspected
+between these instants, and the instants with the largest violations become rows of the
+next program (Hettich and Kortanek, 1993), until no violation is found. The assumptions
+of constraints about the motion (such as the signs of dry friction) are updated at the
+same time.
 
-Quantities that may jump at the nodes, as torques do, are inspected a few times an
-interval. Each joint breaks its limits at an instant of its own, and a row of every
-joint at each of these instants would make the programs of thirty joints twice as large:
-values with a margin are no rows there, until they violate their limits.
+Quantities that may jump at the nodes, as torques do, are inspected at a few instants of
+each interval. Different joints violate their limits at different instants, and rows of
+all joints at each of these instants would double the size of the programs of thirty
+joints: values with a margin are left out of the rows, until they violate their limits.
 """
 
 from __future__ import annotations
@@ -30,59 +31,62 @@ from tominpmp.transcription.blocks import Block, SampledRows, assumed
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
-# Continuous values are inspected at this share of the motion, in steps between these
-# [s], and at least this often an interval. With steps of 2 ms throughout, plans for the
-# Fetch, whose motions take seconds, took a fifth longer.
+# Continuous values are inspected in steps of this share of the duration, within these
+# least and largest steps [s], and at least this number of times in each interval. With
+# steps of 2 ms throughout, plans for the Fetch, whose motions take seconds, took a
+# fifth longer.
 STEP_SHARE, STEPS = 2e-3, (2e-3, 5e-3)
 SAMPLES = 4
-# Collision pairs closer than this beyond the required clearance are inspected more
-# closely [m], as are values of other constraints closer than the second number to their
-# bounds: at these places around an instant, in shares of the step.
+# Values with a margin smaller than this are inspected more closely: the first is for
+# collision pairs, beyond the required clearance [m], the second for other values.
 CLOSE, CLOSE_VALUE = 1e-3, 1e-2
+# Instants of the closer inspection around an instant, in shares of the step.
 CLOSER_LOOK = np.arange(8) / 8 - 0.5
-# Instants closer than this share of an interval count as one; instants of distances
-# only if they are closer than this time, too [s]: a tip at 20 m/s moves by 3 cm in that
-# share of an interval.
+# Instants closer than this share of an interval count as one. Instants of distances
+# count as one only if they are closer than this time as well [s]: a tip at 20 m/s moves
+# by 3 cm during this share of an interval.
 APART = 0.03
 APART_IN_TIME = 2e-5
-# The step is cut where obstacles move, until they move by no more than this share of
-# the padding in it, and so often at most.
+# Where obstacles move, the step is refined until they move in it by no more than this
+# share of the padding, at most this number of times.
 FINE, CUTS = 0.25, 2
-# Numbers of instants inspected at a time, and of entries in a table of instants by
-# values: tables take memory, and the verification inspects the motion again.
+# Least and largest number of instants inspected in one pass, and largest number of
+# entries in a table of instants by values: tables take memory, and the verification
+# inspects the motion again.
 FEWEST_SAMPLES, MOST_SAMPLES, MOST_NUMBERS = 200, 20_000, 4_000_000
-# Tolerated violation where the padding is zero.
+# Tolerated violation if the padding is zero.
 LEAST = 1e-5
-# Values with a larger margin than this are no rows at an instant that joins for other
-# values, in units of their limits.
+# If an instant joins because some values are violated there, other values with a larger
+# margin than this are left out of its rows, in units of their limits.
 ROOM = 0.3
-# Where one torque exceeds its limit by more than the tolerance, all torques that exceed
-# it by this share of the tolerance become rows: most would be found one after another.
+# As soon as one torque exceeds its limit by more than the tolerance, all torques that
+# exceed theirs by this share of the tolerance become rows: otherwise most of them would
+# join one after another.
 WITH_IT = 0.5
-# Pairs of instants of each interval between which torque rates are taken.
+# Pairs of shares of each interval between which torque rates are inspected.
 RATES_INSPECTED = (
     *(0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525),
     *(0.6, 0.65, 0.73, 0.78, 0.85, 0.9),
 )
-# Number of instants an interval at which velocities are inspected for reversals.
-LOOKS = 8
-# Distance from a reversal at which torques are inspected, in shares of the interval.
-BESIDE = 0.02
+# Number of steps in each interval between which velocities are compared for reversals.
+REVERSAL_STEPS = 8
+# Torques are inspected at this distance from a reversal, in shares of the interval.
+REVERSAL_OFFSET = 0.02
 
 
 def exchanged(
     program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
 ) -> NonlinearProgram | None:
-    """The program with rows where a motion violates limits between its rows.
+    """The program with more rows where a motion violates limits between its rows.
 
     Args:
         program: The program.
-        z: Its iterate.
-        effort_tolerance: Tolerated relative excess of torques; below zero, a margin
-            that torques must keep.
+        z: Iterate of the program.
+        effort_tolerance: Tolerated relative excess of torques; a negative value is a
+            margin that torques must keep.
 
     Returns:
-        The program; None if nothing has to change.
+        The program; None if no rows and no assumptions change.
     """
     of = program.transcription
     motion = of.motion(z)
@@ -98,7 +102,7 @@ def exchanged(
 def _exchanged(
     block: SampledRows, of: Transcription[Any], motion: Motion, effort_tolerance: float
 ) -> tuple[SampledRows, int]:
-    """A block with the assumptions of its constraint updated, and more instants.
+    """A block with updated assumptions of its constraint, and rows at more instants.
 
     Returns:
         The block, and the number of changes.
@@ -106,8 +110,8 @@ def _exchanged(
     constraint, count = block.constraint, 0
     if constraint.assumes:
         at, states = block.states(of, motion)
-        beside = of.states(motion, at.middles, 1).v
-        constraint, count = constraint.corrected(states, beside, effort_tolerance)
+        middle_v = of.states(motion, at.middles, 1).v
+        constraint, count = constraint.corrected(states, middle_v, effort_tolerance)
     more = _violated(block, of, motion, effort_tolerance)
     if more.at.size and isinstance(constraint, PathConstraint) and constraint.window:
         times = more.at.times(motion.h) + of.delays[more.at.interval]
@@ -118,22 +122,22 @@ def _exchanged(
 
 def _violated(
     block: SampledRows, of: Transcription[Any], motion: Motion, effort_tolerance: float
-) -> Missing:
+) -> MissingRows:
     """Instants between the rows of a constraint at which it is violated."""
     constraint = block.constraint
     if constraint.usable is None:
-        return Missing(Instants.none())
+        return MissingRows(Instants.none())
     if constraint.order >= 3:
-        return Missing(rising(constraint, of, motion, effort_tolerance))
+        return MissingRows(violated_rates(constraint, of, motion, effort_tolerance))
     if constraint.order >= 2:
-        return jumping(constraint, of, motion, effort_tolerance, block.within)
+        return violated_jumps(constraint, of, motion, effort_tolerance, block.within)
     known = block.instants(of, motion.h)
     if block.ignored is not None:
-        # A new instant may be near one at which not all values are rows.
+        # Instants at which some values are no rows must not exclude instants near them.
         whole = np.ones(known.size, dtype=bool)
         whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
         known = Instants(known.interval[whole], known.share[whole])
-    return Missing(_worst_instants(constraint, of, motion, block.within, known))
+    return MissingRows(_worst_instants(constraint, of, motion, block.within, known))
 
 
 def _worst_instants(
@@ -143,27 +147,27 @@ def _worst_instants(
     within: tuple[int, int] | None,
     known: Instants,
 ) -> Instants:
-    """For each interval and continuous value the worst instant, if it is violated.
+    """Instant of the largest violation for each interval and violated value.
 
     Args:
-        constraint: The constraint.
+        constraint: The constraint, whose values are continuous.
         of: The transcription.
         motion: A motion of it.
-        within: First interval on which it holds, and the one after its last; None for
+        within: Half-open range of the intervals on which the constraint holds; None for
             all.
         known: Instants that have rows; instants near them are left out.
     """
-    at, missing = _closer_looks(constraint, of, motion, within or (0, of.intervals))
-    worst = np.max(missing, axis=1, initial=-np.inf)
+    at, excess = _violations(constraint, of, motion, within or (0, of.intervals))
+    worst = np.max(excess, axis=1, initial=-np.inf)
     found: list[tuple[int, float]] = []
     taken: dict[int, list[float]] = {}
     for k, share in known.pairs:
         taken.setdefault(k, []).append(share)
     for k in np.unique(at.interval).tolist():
         inside = np.flatnonzero(at.interval == k)
-        block = missing[inside]
-        pairs = np.flatnonzero(block.max(axis=0) > 0.0)
-        peaks = inside[np.argmax(block[:, pairs], axis=0)]
+        values = excess[inside]
+        violated = np.flatnonzero(values.max(axis=0) > 0.0)
+        peaks = inside[np.argmax(values[:, violated], axis=0)]
         apart = APART
         if constraint.gradual:
             apart = min(apart, APART_IN_TIME / float(motion.h[k]))
@@ -176,7 +180,7 @@ def _worst_instants(
     return Instants.of_pairs(found)
 
 
-def _closer_looks(
+def _violations(
     constraint: Constraint,
     of: Transcription[Any],
     motion: Motion,
@@ -184,10 +188,10 @@ def _closer_looks(
 ) -> tuple[Instants, Array]:
     """Instants at which a continuous constraint is violated, and its violations there.
 
-    The step is cut around instants beside which a bound may be violated: values rise
-    from one to the next as they do from a sample to the next, and those of moving
-    obstacles by no more than the obstacles move. Pairs that do not move are looked at
-    more closely only once.
+    The step is refined around instants near which a bound may be violated. Between two
+    samples, values are assumed to rise no faster than from one sample to the next, and
+    clearances to moving obstacles to shrink no faster than the obstacles move. For
+    obstacles at rest, the step is refined only once.
     """
     usable, h, most = constraint.usable, motion.h, most_instants(constraint.count)
     assert usable is not None  # noqa: S101
@@ -197,8 +201,8 @@ def _closer_looks(
     width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
     attention = CLOSE / of.system.reach if constraint.gradual else CLOSE_VALUE
     if constraint.gradual:
-        # Corners pass each other between instants: the tip of an arm of 5 m moves by
-        # centimetres.
+        # Two corners may pass each other between instants: the tip of an arm of 5 m
+        # moves by centimetres in a step.
         v = of.states(motion, at, 1).v / of.system.step_scale
         speed = np.max(np.abs(v), axis=1, initial=0.0)
         way = 0.5 * width * h[at.interval] * speed
@@ -207,13 +211,12 @@ def _closer_looks(
     found: list[tuple[Instants, Array]] = []
     while True:
         excess = excess_at(constraint, of, motion, at, attention)
-        missing = np.asarray(excess - usable)
-        over = np.flatnonzero(np.max(missing, axis=1, initial=-np.inf) > 0.0)
-        there = Instants(at.interval[over], at.share[over]), missing[over]
+        violation = np.asarray(excess - usable)
+        over = np.flatnonzero(np.max(violation, axis=1, initial=-np.inf) > 0.0)
         near = np.zeros(0, dtype=np.int64)
         if not found:
-            near = between_samples(missing, 0.0, attention)
-        found.append(there)
+            near = between_samples(violation, 0.0, attention)
+        found.append((Instants(at.interval[over], at.share[over]), violation[over]))
         step = width * h[at.interval]
         if float(np.max(step, initial=0.0)) * rise > room and len(found) <= CUTS:
             ahead = excess[:, moving] + 0.5 * step[:, None] * rises[moving]
@@ -221,7 +224,7 @@ def _closer_looks(
         if not near.size:
             instants, violations = zip(*found, strict=True)
             return reduce(Instants.joined, instants), np.concatenate(violations)
-        near = _worst(near, missing, CLOSER_LOOK.size, most)
+        near = _worst(near, violation, CLOSER_LOOK.size, most)
         share = at.share[near, None] + CLOSER_LOOK * width[near, None]
         at = Instants(np.repeat(at.interval[near], CLOSER_LOOK.size), share.ravel())
         width = np.repeat(width[near], CLOSER_LOOK.size) / CLOSER_LOOK.size
@@ -229,22 +232,22 @@ def _closer_looks(
 
 
 def most_instants(values: int) -> int:
-    """Number of instants that are inspected, for a number of values at each."""
+    """Largest number of instants to inspect, for a number of values at each."""
     most = MOST_NUMBERS // max(values, 1)
     return int(np.clip(most, FEWEST_SAMPLES, MOST_SAMPLES))
 
 
-def _worst(near: IntArray, missing: Array, parts: int, most: int) -> IntArray:
-    """The rows with the largest violations, as many as ``most`` instants allow."""
+def _worst(near: IntArray, violation: Array, parts: int, most: int) -> IntArray:
+    """The instants with the largest violations, at most ``most`` after refinement."""
     count = max(most // parts, 1)
     if near.size <= count:
         return near
-    lacking = np.max(missing[near], axis=1)
-    return np.sort(near[np.argsort(-lacking, kind="stable")[:count]])
+    largest = np.max(violation[near], axis=1)
+    return np.sort(near[np.argsort(-largest, kind="stable")[:count]])
 
 
 def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
-    """Instants at which to inspect continuous values; fewer a second if T is long."""
+    """Instants at which to inspect continuous values, sparser if the motion is long."""
     apart = max(np.clip(STEP_SHARE * h.sum(), *STEPS), float(h.sum()) / most)
     counts: IntArray = np.maximum(np.ceil(h / apart).astype(np.int64), SAMPLES)
     interval = np.repeat(np.arange(h.size), counts)
@@ -253,20 +256,20 @@ def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
     return Instants(interval, (step + 0.5) / counts[interval])
 
 
-class Missing(NamedTuple):
+class MissingRows(NamedTuple):
     """Instants at which rows are missing.
 
     Attributes:
-        at: The instants, each of them once.
-        wanted: Which values become rows there, shape (m, p); None for all of them.
+        at: The instants, without repetitions.
+        values: Whether each value becomes a row there, shape (m, p); None for all.
     """
 
     at: Instants
-    wanted: BoolArray | None = None
+    values: BoolArray | None = None
 
 
 def _with_rows(
-    block: SampledRows, of: Transcription[Any], motion: Motion, more: Missing
+    block: SampledRows, of: Transcription[Any], motion: Motion, more: MissingRows
 ) -> tuple[SampledRows, int]:
     """A block with missing rows added.
 
@@ -274,26 +277,26 @@ def _with_rows(
         block: The block.
         of: The transcription.
         motion: A motion of it, from which constraints take their assumptions.
-        more: The rows.
+        more: The rows to add.
 
     Returns:
-        The block, and the number of instants at which it was changed: values that are
-        rows already are not added twice.
+        The block, and the number of instants whose rows were changed: values that have
+        a row already are not added again.
     """
-    new, wanted = more.at, more.wanted
+    new, values = more.at, more.values
     count, ignored = 0, block.ignored
-    if wanted is not None:
-        ignored = np.zeros((block.fixed.size, wanted.shape[1]), dtype=bool)
+    if values is not None:
+        ignored = np.zeros((block.fixed.size, values.shape[1]), dtype=bool)
         if block.ignored is not None:
             ignored[: len(block.ignored)] = block.ignored
-        places = {one: place for place, one in enumerate(block.fixed.pairs)}
-        found = np.array([places.get(one, -1) for one in new.pairs], dtype=np.int64)
-        known = found >= 0
-        lacking = ignored[found[known]] & wanted[known]
-        ignored[found[known]] &= ~wanted[known]
-        count = int(np.any(lacking, axis=1).sum())
+        indices = {pair: index for index, pair in enumerate(block.fixed.pairs)}
+        index = np.array([indices.get(pair, -1) for pair in new.pairs], dtype=np.int64)
+        known = index >= 0
+        added = ignored[index[known]] & values[known]
+        ignored[index[known]] &= ~values[known]
+        count = int(np.any(added, axis=1).sum())
         new = Instants(new.interval[~known], new.share[~known])
-        ignored = np.concatenate([ignored, ~wanted[~known]])
+        ignored = np.concatenate([ignored, ~values[~known]])
     if new.size:
         constraint = block.constraint
         constraint = constraint.joined(assumed(constraint, of, motion, new))
@@ -308,37 +311,38 @@ def excess_at(
     at: Instants,
     attention: float = np.inf,
 ) -> Array:
-    """Excess of the values over their bounds at instants beside the rows, (m, p)."""
+    """Excess of the values over their bounds at any instants, shape (m, p)."""
     states = of.states(motion, at, constraint.order)
     constraint = assumed(constraint, of, motion, at)
     values = constraint.evaluate(states, attention)
     lower, upper = constraint.bounds(at.size)
     if isinstance(constraint, PathConstraint) and constraint.window is not None:
-        holds = constraint.window.asked(states.t)[:, None]
+        holds = constraint.window.contains(states.t)[:, None]
         values = np.where(holds, values, np.clip(values, lower, upper))
     if np.all(np.isinf(lower)):
         return np.asarray(values - upper)
     return np.maximum(values - upper, lower - values)
 
 
-def jumping(
+def violated_jumps(
     constraint: Constraint,
     of: Transcription[Any],
     motion: Motion,
     tolerance: float,
     within: tuple[int, int] | None,
-) -> Missing:
-    """Rows for values that may jump at the nodes: torques, and functions of them.
+) -> MissingRows:
+    """Rows for violated values that may jump at the nodes: functions of torques.
 
-    The instants are the worst of the inspected ones for each part of an interval and
-    value, and instants beside reversals of joints with dry friction.
+    For each value and each part of an interval, the instant is the inspected instant
+    with the largest violation. Instants around the reversals of joints with dry
+    friction are inspected as well.
 
     Args:
         constraint: The constraint.
         of: The transcription.
         motion: A motion of it.
         tolerance: Tolerated excess.
-        within: First interval on which it holds, and the one after its last; None for
+        within: Half-open range of the intervals on which the constraint holds; None for
             all.
     """
     found: dict[tuple[int, float], BoolArray] = {}
@@ -352,29 +356,29 @@ def jumping(
             continue
         over = largest > (WITH_IT if tolerance > 0.0 else 1.0) * tolerance
         for k, j in np.argwhere(over).tolist():
-            place = worst[k, j]
-            found[first + k, shares[place]] = excess[k, place] > -ROOM
+            sample = worst[k, j]
+            found[first + k, shares[sample]] = excess[k, sample] > -ROOM
     if isinstance(constraint, MotorLimit) and constraint.motors.friction is not None:
         joints = constraint.motors.friction > 0.0
-        at = turning(of, motion, joints, (first, end))
+        at = around_reversals(of, motion, joints, (first, end))
         if at.size:
             excess = excess_at(constraint, of, motion, at)
             over = np.any(excess > tolerance, axis=1)
-            for place, one in enumerate(at.pairs):
-                if over[place]:
-                    found[one] = excess[place] > -ROOM
-    instants = sorted(found)
-    wanted = [found[one] for one in instants]
-    shape = len(instants), constraint.count
-    return Missing(Instants.of_pairs(instants), np.reshape(wanted, shape).astype(bool))
+            for k, pair in enumerate(at.pairs):
+                if over[k]:
+                    found[pair] = excess[k] > -ROOM
+    pairs = sorted(found)
+    shape = len(pairs), constraint.count
+    values = np.reshape([found[pair] for pair in pairs], shape).astype(bool)
+    return MissingRows(Instants.of_pairs(pairs), values)
 
 
-def rising(
+def violated_rates(
     constraint: Constraint, of: Transcription[Any], motion: Motion, tolerance: float
 ) -> Instants:
-    """Pairs of instants between which rates are too large, the worst of each interval.
+    """Pairs of instants between which rates exceed their limits.
 
-    One pair for each interval and value, without repetitions.
+    For each interval and value, the pair with the largest excess; without repetitions.
     """
     pairs = Instants.spread(of.intervals, RATES_INSPECTED)
     excess = excess_at(constraint, of, motion, pairs)
@@ -387,7 +391,7 @@ def rising(
     return Instants(np.repeat(interval, 2), shares.ravel())
 
 
-def turning(
+def around_reversals(
     of: Transcription[Any], motion: Motion, joints: BoolArray, within: tuple[int, int]
 ) -> Instants:
     """Instants before and after each reversal, shared by joints that reverse together.
@@ -395,19 +399,19 @@ def turning(
     Args:
         of: The parameterisation.
         motion: The motion.
-        joints: Which joints have dry friction, shape (n,).
-        within: First interval that is inspected, and the one after the last.
+        joints: Whether each joint has dry friction, shape (n,).
+        within: Half-open range of the intervals to inspect.
     """
-    first, end = within
-    shares = tuple(np.linspace(0.0, 1.0, LOOKS + 1).tolist())
+    (first, end), steps = within, REVERSAL_STEPS
+    shares = tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
     at = Instants.spread(of.intervals, shares).within(first, end)
-    v = of.states(motion, at, 1).v[:, joints].reshape(end - first, LOOKS + 1, -1)
+    v = of.states(motion, at, 1).v[:, joints].reshape(end - first, steps + 1, -1)
     before, after = v[:, :-1], v[:, 1:]
-    interval, look, joint = np.nonzero(before * after < 0.0)
-    v0, v1 = before[interval, look, joint], after[interval, look, joint]
-    # A velocity is nearly linear between two of these instants.
-    share = (look + v0 / (v0 - v1)) / LOOKS
-    beside = np.concatenate([share - BESIDE, share + BESIDE])
-    found = np.stack([np.tile(first + interval, 2), np.clip(beside, 0.0, 1.0)], axis=1)
+    interval, step, joint = np.nonzero(before * after < 0.0)
+    v0, v1 = before[interval, step, joint], after[interval, step, joint]
+    # The velocity is nearly linear within a step.
+    share = (step + v0 / (v0 - v1)) / steps
+    around = np.concatenate([share - REVERSAL_OFFSET, share + REVERSAL_OFFSET])
+    found = np.stack([np.tile(first + interval, 2), np.clip(around, 0.0, 1.0)], axis=1)
     found = np.unique(found, axis=0)
     return Instants(found[:, 0].astype(np.int64), found[:, 1])

@@ -1,9 +1,10 @@
-"""Knots of a motion: shares of its duration, and ticks of a clock.
+"""Knots of a motion: shares of its duration, and ticks of the clock of a controller.
 
-A controller takes a motion as samples at its period and joins them by polynomials:
-cubic ones through positions and velocities, of degree 5 through accelerations too. A
-motion that is a polynomial of this degree between ticks is joined exactly, so that the
-controller runs the planned motion. It is one if all knots are ticks.
+A controller receives a motion as samples at its period and interpolates them by
+polynomials: cubic ones through positions and velocities, of degree 5 if accelerations
+are given as well. A motion that is a polynomial of this degree between any two ticks is
+reproduced exactly, so that the controller runs the planned motion. This is the case if
+all knots are ticks.
 """
 
 from __future__ import annotations
@@ -15,32 +16,34 @@ from scipy.linalg import block_diag
 from tominpmp.arrays import Array, IntArray
 from tominpmp.motion.samples import multiples
 
-# Nodes inside the first interval of the cosine grid, as shares of it, and mirrored in
-# the last: found on benchmarks/random_goals.py, where without them a few motions were
-# 0.1 % slower than a time-optimal straight line.
+# Additional nodes inside the first interval of the cosine grid, as shares of it, and
+# mirrored in the last interval: found on benchmarks/random_goals.py, where without them
+# a few motions were 0.1 % slower than a time-optimal straight line.
 END_NODES = (0.05, 0.3)
-# Intervals of the wait before a motion.
+# Number of intervals of the wait before a motion.
 DELAY_INTERVALS = 10
-# Least number of intervals of a segment, unless fewer are asked for.
+# Least number of intervals of a segment, unless the whole motion has fewer.
 LEAST_INTERVALS = 10
-# Durations within this share of the period of a multiple of it count as the multiple.
+# A duration this close to a multiple of the period counts as the multiple, in shares of
+# the period.
 ROUNDING = 1e-6
 
 
 def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
-    """Shares of the duration that the intervals take.
+    """Lengths of the intervals as shares of the duration.
 
-    Fast joints change speed at once when a motion begins and ends; with one
-    acceleration an interval, a uniform grid makes their motion longer by about one
-    interval, 1/(N - 1). The cosine grid has short intervals at both ends: nodes at
-    (1 - cos(pi k / M)) / 2, of which the first and the last interval are split again.
+    Fast joints reach their speed almost at once when a motion begins and ends; with
+    constant accelerations on intervals, a uniform grid makes such motions longer by
+    about one interval, 1/(N - 1). The cosine grid has short intervals at both ends: its
+    nodes are at (1 - cos(pi k / M)) / 2, and its first and last interval are split
+    further.
 
     Args:
         kind: "uniform" or "cosine".
         intervals: Number N of intervals.
-        sudden: Whether accelerations may begin and end suddenly. Where they may not,
-            the first and the last interval are left whole: shorter intervals would
-            demand useless jerks, and make linear programs with limits of jerks fail.
+        sudden: Whether accelerations may jump at the start and at the end of a motion.
+            If not, the first and the last interval are not split: shorter intervals
+            would need excessive jerks, and make linear programs with jerk limits fail.
 
     Returns:
         Shares that add up to 1, shape (N, 1).
@@ -56,20 +59,19 @@ def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
 
 
 def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Array:
-    """A grid for a motion that begins with a wait.
+    """Lengths of the intervals of a motion that begins with a wait.
 
-    Intervals are short at both ends, as on the cosine grid, and not where the two parts
-    meet.
+    Intervals are short at both ends, as on the cosine grid, but not where the wait and
+    the motion meet.
 
     Args:
         intervals: Number of intervals of the motion that follows the wait.
         delay: Share of the wait in the whole duration, between 0 and 1.
-        sudden: Whether accelerations may begin and end suddenly, see
-            :func:`interval_shares`.
+        sudden: Whether accelerations may jump at the ends, see :func:`interval_shares`.
 
     Returns:
-        Lengths of the intervals for the unit of time, shape (W + N, 2): the wait and
-        the motion have a duration each.
+        Lengths of the intervals for a whole duration of 1, shape (W + N, 2): the wait
+        and the motion have a column, that is a duration, each.
     """
     before = np.linspace(0.0, 1.0, DELAY_INTERVALS + 1)
     if sudden:
@@ -80,7 +82,7 @@ def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Arra
 
 
 def _sine_shares(intervals: int, sudden: bool = True) -> Array:
-    """Shares of intervals that become short towards the end only, (intervals,)."""
+    """Shares of intervals that become shorter towards the end only, (intervals,)."""
     extra = len(END_NODES) if sudden else 0
     nodes = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, max(intervals - extra, 2) + 1))
     last = (1.0 - nodes[-2]) * np.array(END_NODES[:extra])
@@ -90,11 +92,11 @@ def _sine_shares(intervals: int, sudden: bool = True) -> Array:
 def segment_intervals(intervals: int, durations: Array) -> IntArray:
     """Number of intervals of each of several segments, shape (k,).
 
-    The segments share the intervals of one segment in proportion to their durations,
-    with a least number each.
+    The intervals of a motion without segments are divided among the segments in
+    proportion to their durations, with a least number for each segment.
 
     Args:
-        intervals: Number of intervals that one segment would have.
+        intervals: Number of intervals of a motion without segments.
         durations: Durations of the segments, in any unit, shape (k,).
     """
     shared = np.rint(intervals * durations / durations.sum()).astype(np.int64)
@@ -105,22 +107,22 @@ def segment_intervals(intervals: int, durations: Array) -> IntArray:
 def segmented_shares(
     kind: str, counts: IntArray, durations: Array, smooth: bool, *, sudden: bool = True
 ) -> Array:
-    """A grid for a motion of several segments, each with a duration of its own.
+    """Lengths of the intervals of several segments with separate durations.
 
-    Intervals are short at both ends of each segment, where torques are apt to switch;
-    if accelerations are continuous, at both ends of the whole motion only. The shortest
-    intervals are at the ends of the whole motion too: where the position is free, they
-    make the linear programs ill-conditioned.
+    Intervals are short at both ends of each segment, where torques are likely to
+    switch; for continuous accelerations, only at both ends of the whole motion. The
+    shortest intervals are at the ends of the whole motion only: where the position is
+    free, they make the linear programs ill-conditioned.
 
     Args:
         kind: "uniform" or "cosine".
         counts: Number of intervals of each segment, shape (k,).
         durations: Durations of the segments, in any unit, shape (k,).
         smooth: Whether accelerations are continuous.
-        sudden: Whether they may begin and end suddenly, see :func:`interval_shares`.
+        sudden: Whether accelerations may jump at the ends, see :func:`interval_shares`.
 
     Returns:
-        Lengths of the intervals for the unit of time, shape (sum of counts, k).
+        Lengths of the intervals for a whole duration of 1, shape (sum of counts, k).
     """
     count, parts = durations.size, list[Array]()
     for k, intervals in enumerate(counts.tolist()):
@@ -139,7 +141,7 @@ def segmented_shares(
 
 
 def _cosine_shares(intervals: int, first: bool, last: bool) -> Array:
-    """Cosine grid whose first and last interval are split again, if they are to be."""
+    """Shares of a cosine grid, with the first or last interval split on request."""
     extra = len(END_NODES)
     inner = _cosine_nodes(max(intervals - extra * (first + last), 2))
     ends = inner[1] * np.array(END_NODES)
@@ -148,20 +150,21 @@ def _cosine_shares(intervals: int, first: bool, last: bool) -> Array:
 
 
 def _cosine_nodes(intervals: int) -> Array:
+    """Nodes of the cosine grid without splits, shape (intervals + 1,)."""
     return 0.5 * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, intervals + 1)))
 
 
 def ticks_of(duration: float, period: float) -> int:
-    """Least number of periods that last as long as a duration, up to rounding."""
+    """Least number of periods that cover a duration, up to rounding."""
     return int(np.ceil(duration / period - ROUNDING))
 
 
 def whole_periods(duration: float, period: float | None) -> float:
-    """The least time on a clock that is as long as a duration, up to rounding [s].
+    """Duration rounded up to whole periods [s]; unchanged without a clock.
 
     Args:
         duration: The duration [s].
-        period: The period of the clock [s]; None where there is no clock.
+        period: Period of the clock [s]; None without a clock.
     """
     if period is None:
         return duration
@@ -169,20 +172,20 @@ def whole_periods(duration: float, period: float | None) -> float:
 
 
 def at_ticks(times: ArrayLike, period: float) -> Array:
-    """Times at ticks up to rounding, put on them to the last bit [s].
+    """Times snapped to the nearest ticks of a clock, exact to the last bit [s].
 
     Args:
-        times: The times [s].
-        period: The period of the clock [s].
+        times: Times that are ticks up to rounding [s].
+        period: Period of the clock [s].
     """
     return multiples(np.rint(np.asarray(times) / period), period)
 
 
 def knots_near(nodes: Array, count: int, intervals: int = 0) -> IntArray:
-    """Knots on a clock near the nodes of a motion, stretched to a number of periods.
+    """Knots at ticks near the nodes of a motion, scaled to a number of periods.
 
-    Nodes that come to lie on one tick are one knot. Where that leaves too few
-    intervals, the longest are split, as far as there are ticks.
+    Nodes that fall on the same tick become one knot. If this leaves too few intervals,
+    the longest intervals are split, as far as there are ticks.
 
     Args:
         nodes: Times of the nodes, shape (M,), in any unit.
@@ -190,7 +193,7 @@ def knots_near(nodes: Array, count: int, intervals: int = 0) -> IntArray:
         intervals: Least number of intervals.
 
     Returns:
-        Numbers of the ticks, increasing from 0, shape (N + 1,).
+        Indices of the ticks, increasing from 0, shape (N + 1,).
     """
     share = (nodes - nodes[0]) / (nodes[-1] - nodes[0])
     knots = np.unique(np.rint(share * count).astype(np.int64))

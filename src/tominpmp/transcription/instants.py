@@ -1,4 +1,4 @@
-"""Instants of a motion on a grid: intervals, and shares of them."""
+"""Instants of a motion on a grid: indices of intervals, and shares of their length."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tominpmp.arrays import Array, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Instants within intervals.
+    """Instants within the intervals of a grid.
 
     Attributes:
-        interval: Index of the interval, shape (m,).
-        share: Where in it, from 0 to 1, shape (m,).
+        interval: Index of the interval of each instant, shape (m,).
+        share: Share of the interval before the instant, from 0 to 1, shape (m,).
     """
 
     interval: IntArray
@@ -25,18 +25,18 @@ class Instants:
 
     @classmethod
     def none(cls) -> Instants:
-        """No instants at all."""
+        """An empty set of instants."""
         return cls(np.zeros(0, dtype=np.int64), np.zeros(0))
 
     @classmethod
     def of_pairs(cls, pairs: Sequence[tuple[int, float]]) -> Instants:
-        """Instants from pairs of an interval and a share of it."""
+        """Instants from pairs of the index of an interval and a share of it."""
         interval = np.array([k for k, _ in pairs], dtype=np.int64)
         return cls(interval, np.array([share for _, share in pairs]))
 
     @property
     def pairs(self) -> list[tuple[int, float]]:
-        """Pairs of the interval and the share of it."""
+        """Pairs of the index of the interval and the share of it."""
         return list(zip(self.interval.tolist(), self.share.tolist(), strict=True))
 
     @staticmethod
@@ -44,12 +44,12 @@ class Instants:
     def spread(intervals: int, shares: tuple[float, ...]) -> Instants:
         """The same shares of all intervals, interval by interval.
 
-        Instants that are equal are one object, which caches of values are keyed by.
+        Equal arguments give the same object, which is the key of caches of values.
         """
-        every = np.repeat(np.arange(intervals), len(shares))
-        where = np.tile(shares, intervals)
-        every.flags.writeable = where.flags.writeable = False
-        return Instants(every, where)
+        interval = np.repeat(np.arange(intervals), len(shares))
+        share = np.tile(shares, intervals)
+        interval.flags.writeable = share.flags.writeable = False
+        return Instants(interval, share)
 
     @classmethod
     def end(cls, intervals: int) -> Instants:
@@ -58,17 +58,17 @@ class Instants:
 
     @classmethod
     def nodes(cls, intervals: int) -> Instants:
-        """Beginnings of all intervals, and the end."""
+        """All nodes: the beginnings of all intervals, and the end of the motion."""
         return cls.spread(intervals, (0.0,)).joined(cls.end(intervals))
 
     @classmethod
     def at_times(cls, times: Array, h: Array, delays: float | Array = 0.0) -> Instants:
-        """Instants at times [s]; times after the end are put at the end.
+        """Instants at times [s]; times after the end are moved to the end.
 
         Args:
-            times: Shape (m,).
+            times: Times [s], shape (m,).
             h: Lengths of the intervals [s], shape (N,).
-            delays: Sum of the dwells before each interval [s].
+            delays: Total duration of the dwells before each interval [s].
         """
         ends = np.cumsum(h) + delays
         interval = np.minimum(np.searchsorted(ends, times), h.size - 1)
@@ -95,11 +95,12 @@ class Instants:
         )
 
     def times(self, h: Array) -> Array:
-        """Times of the instants [s], shape (m,).
+        """Times of the instants without dwells [s], shape (m,).
 
         Args:
-            h: Lengths of the intervals [s], shape (N,); or shares of them by durations,
-                shape (N, k), for shares of the times, shape (m, k).
+            h: Lengths of the intervals [s], shape (N,); or derivatives of the lengths
+                by k durations, shape (N, k), for derivatives of the times, shape
+                (m, k).
         """
         begins, share = np.cumsum(h, axis=0) - h, self.share
         share = share if h.ndim == 1 else share[:, None]
@@ -107,5 +108,5 @@ class Instants:
 
     @property
     def middles(self) -> Instants:
-        """The middles of their intervals."""
+        """The middles of the intervals of these instants."""
         return Instants(self.interval, np.full(self.size, 0.5))

@@ -1,19 +1,19 @@
-r"""Two-stage Radau IIA: one implicit step of the dynamics over each interval.
+r"""Two-stage Radau IIA: implicit integration steps of the dynamics.
 
-With the torque constant on an interval of length h, the stages X_1 and X_2 solve
+With constant torque on an interval of length h, the stages X_1 and X_2 solve
 
 .. math::
     X_i = x_k + h \sum_j a_{ij} f(X_j, u_k), \qquad x_{k+1} = X_2,
 
 with the nodes c = (1/3, 1) and a = ((5/12, -1/12), (3/4, 1/4)). The scheme has order 3
-and is L-stable (Hairer and Wanner, 1996, section IV.5): joint friction whose time
-constant is a small fraction of the interval, which robot descriptions contain, does no
-harm.
+and is L-stable (Hairer and Wanner, 1996, section IV.5), so that it tolerates stiff
+joint friction: robot descriptions contain friction whose time constant is a small
+fraction of an interval.
 
-Collocation knows both ends of an interval, so that only the inner stage is solved for
-(:func:`differentiate_defects`); single shooting solves for both, one interval after the
-other (:func:`rollout`). Either way Newton's iteration is driven to rounding, and the
-derivatives follow exactly from the implicit function theorem.
+In collocation both ends of an interval are unknowns, and only the inner stage is solved
+for (:func:`differentiate_defects`); single shooting solves for both stages, interval by
+interval (:func:`rollout`). Newton's iteration converges to rounding in both cases, and
+the derivatives follow exactly from the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from tominpmp.transcription.instants import Instants
 NODES = np.array([1.0 / 3.0, 1.0])
 WEIGHTS = np.array([[5.0 / 12.0, -1.0 / 12.0], [3.0 / 4.0, 1.0 / 4.0]])
 
-# Newton's iteration: relative size of a step that is rounding, and of one after which
-# the quadratic convergence has certainly reached it.
+# Newton's iteration has converged when its step, or ten times the predicted next step,
+# is smaller than this, relative to the unknowns.
 ROUNDING = 1e-13
 NEWTON_STEPS = 30
-NEWTON_STEPS_NEAR = 8  # on all steps at once, before giving up
+NEWTON_STEPS_NEAR = 8  # on all steps at once, before they are solved one by one
 
 
 class Stage(NamedTuple):
     """Inner stages of intervals whose two ends are given.
 
     Attributes:
-        x: State at a third of each interval, shape (m, 2n); an interpolation where it
-            could not be solved for.
+        x: State at a third of each interval, shape (m, 2n); interpolated between the
+            ends if Newton's iteration failed.
         solved: Whether Newton's iteration converged, for each interval, shape (m,).
     """
 
@@ -59,8 +59,8 @@ class DefectJacobians(NamedTuple):
         by_end: With respect to x_{k+1}, shape (m, 2n, 2n).
         by_control: With respect to u_k, shape (m, 2n, n).
         by_length: With respect to h_k, shape (m, 2n).
-        inner: Derivatives of the inner stage by all of these, side by side in the order
-            above, shape (m, 2n, 5n + 1).
+        inner: Derivatives of the inner stage by x_k, x_{k+1}, u_k and h_k, stacked in
+            this order, shape (m, 2n, 5n + 1).
     """
 
     by_start: Array
@@ -73,8 +73,10 @@ class DefectJacobians(NamedTuple):
 def stage_weights(share: Array) -> Array:
     """Weights of start, inner stage and end in the states within steps, shape (m, 3).
 
-    The weights are those of the collocation polynomial, at shares of the steps from 0
-    to 1, shape (m,).
+    They are the Lagrange basis functions of the collocation polynomial.
+
+    Args:
+        share: Elapsed share of the step, from 0 to 1, shape (m,).
     """
     s, c = share, NODES[0]
     parts = (
@@ -86,10 +88,10 @@ def stage_weights(share: Array) -> Array:
 
 
 def stage_weights_by_share(share: Array) -> Array:
-    """Derivatives of these weights by the share of the step, shape (m, 3).
+    """Derivatives of :func:`stage_weights` by the share of the step, shape (m, 3).
 
     Args:
-        share: Share of the step that has passed, from 0 to 1, shape (m,).
+        share: Elapsed share of the step, from 0 to 1, shape (m,).
     """
     s, c = 2.0 * share, NODES[0]
     parts = (s - c - 1.0) / c, (s - 1.0) / (c * (c - 1.0)), (s - c) / (1.0 - c)
@@ -110,13 +112,13 @@ def solve_inner_stage(
     """
     step = h[:, None]
     n = u.shape[1]
-    # Hermite's cubic for the positions and a straight line for the velocities.
+    # Cubic Hermite interpolation of the positions, linear of the velocities.
     guess = start + NODES[0] * (end - start)
     guess[:, :n] = (20.0 * start[:, :n] + 7.0 * end[:, :n]) / 27.0 + step * (
         4.0 * start[:, n:] - 2.0 * end[:, n:]
     ) / 27.0
     x = guess
-    progress = Newton(x.shape[0])
+    progress = NewtonConvergence(x.shape[0])
     eye = np.eye(x.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
         known = start + step * WEIGHTS[0, 1] * dynamics.forward(end, u)
@@ -126,7 +128,7 @@ def solve_inner_stage(
             matrix = eye - (WEIGHTS[0, 0] * h)[:, None, None] * by.f_x
             change = solve_systems(matrix, residual[..., None])[..., 0]
             x = x - change
-            if progress.settled(change, x):
+            if progress.reached(change, x):
                 break
     return Stage(np.where(progress.solved[:, None], x, guess), progress.solved)
 
@@ -134,9 +136,9 @@ def solve_inner_stage(
 def evaluate_defects(
     dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
 ) -> Array:
-    """Defects x_{k+1} - x_k - h (3/4 f(X_1) + 1/4 f(x_{k+1})) of m intervals.
+    """Defects x_{k+1} - x_k - h (3/4 f(X_1) + 1/4 f(x_{k+1})), shape (m, 2n).
 
-    Shape (m, 2n); for the inner stages X_1 see :func:`solve_inner_stage`.
+    For the arguments see :func:`differentiate_defects`.
     """
     m = h.size
     f = dynamics.forward(np.concatenate([inner, end]), np.concatenate([u, u]))
@@ -147,7 +149,7 @@ def evaluate_defects(
 def differentiate_defects(
     dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
 ) -> DefectJacobians:
-    """Derivatives of defects, the inner stage eliminated.
+    """Derivatives of the defects, with the inner stages eliminated.
 
     Args:
         dynamics: Equations of motion.
@@ -155,7 +157,7 @@ def differentiate_defects(
         end: x_{k+1}, shape (m, 2n).
         u: Torques, shape (m, n).
         h: Lengths, shape (m,) [s].
-        inner: Inner stages, shape (m, 2n), see :func:`solve_inner_stage`.
+        inner: Inner stages X_1, shape (m, 2n), see :func:`solve_inner_stage`.
     """
     m, size = start.shape
     n = u.shape[1]
@@ -166,7 +168,7 @@ def differentiate_defects(
     step = h[:, None, None]
     eye = np.broadcast_to(np.eye(size), (m, size, size))
     (a11, a12), (a21, a22) = WEIGHTS
-    # The inner stage by (start, end, control, length).
+    # Derivatives of the inner stage by (start, end, control, length).
     by_control = step * (a11 * B1 + a12 * B2)
     by_length = (a11 * f1 + a12 * f2)[..., None]
     right = np.concatenate([eye, step * a12 * F2, by_control, by_length], axis=2)
@@ -183,15 +185,15 @@ def differentiate_defects(
 
 
 def solve_systems(matrix: Array, right: Array) -> Array:
-    """Linear systems; NaN where a matrix is singular."""
+    """Solutions of linear systems; NaN for all if a matrix is singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.full(np.broadcast_shapes(right.shape), np.nan)
 
 
-class Newton:
-    """Tells when Newton's iteration has reached rounding, for several systems at once.
+class NewtonConvergence:
+    """Stop criterion of Newton's iteration on several systems at once.
 
     Attributes:
         solved: Whether the last step of each system was small enough, shape (m,).
@@ -201,10 +203,12 @@ class Newton:
         self.solved: BoolArray = np.zeros(systems, dtype=bool)
         self._last = np.full(systems, np.inf)
 
-    def settled(self, change: Array, x: Array) -> bool:
+    def reached(self, change: Array, x: Array) -> bool:
         """Record a step of each system; returns whether the iteration can stop.
 
-        The steps, and the points that they led to, have shape (m, k).
+        Args:
+            change: Newton steps, shape (m, k).
+            x: Iterates after the steps, shape (m, k).
         """
         size = np.max(np.abs(change), axis=1) / (1.0 + np.max(np.abs(x), axis=1))
         # Quadratic convergence: the next step is about size^2 / last (times size).
@@ -212,19 +216,19 @@ class Newton:
             following = (size / self._last) ** 2 * size
         following = np.where((size < 1e-3) & (self._last < 1.0), following, np.inf)
         self.solved = np.minimum(size, 10.0 * following) <= ROUNDING
-        # Rounding in stiff terms may keep small steps from shrinking: then stop, too.
+        # Rounding errors of stiff terms may keep small steps from shrinking further.
         self.solved |= (size < 1e-9) & (size >= 0.1 * self._last)
         self._last = size
         return bool(np.all(self.solved)) or not bool(np.all(np.isfinite(size)))
 
 
 class Sensitivities(NamedTuple):
-    """Derivatives of the end of each step by its start, torque and length.
+    """Derivatives of the state at the end of each step.
 
     Attributes:
-        A: With respect to x_k, shape (M, 2n, 2n).
-        B: With respect to u_k, shape (M, 2n, n).
-        c: With respect to the length of its interval, shape (M, 2n).
+        A: With respect to the start x_k of the step, shape (M, 2n, 2n).
+        B: With respect to the torque u_k, shape (M, 2n, n).
+        c: With respect to the length of the interval of the step, shape (M, 2n).
     """
 
     A: Array
@@ -234,17 +238,17 @@ class Sensitivities(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SteppedMotion:
-    """States at the ends of steps and torques, whose defects need not be zero.
+    """States at the ends of steps, and torques; the defects need not be zero.
 
     Attributes:
         dynamics: Equations of motion.
-        ends: States at the ends of all steps, from the start on, shape (M + 1, 2n).
+        ends: State at the start and at the end of each step, shape (M + 1, 2n).
         u: Torques of the intervals, shape (N, n) [N m or N].
         h: Lengths of the intervals [s], shape (N,).
-        substeps: Steps an interval.
-        known: Inner stages of the steps, shape (M, 2n); None if they are to be solved
-            for.
-        finite: Whether every step could be solved; states after a failure are NaN.
+        substeps: Number of steps in each interval.
+        known_inner: Inner stages of the steps, shape (M, 2n); None if they have yet to
+            be solved for.
+        finite: Whether all steps were solved; states after a failed step are NaN.
     """
 
     dynamics: Dynamics
@@ -252,7 +256,7 @@ class SteppedMotion:
     u: Array
     h: Array
     substeps: int = 1
-    known: Array | None = None
+    known_inner: Array | None = None
     finite: bool = True
 
     @property
@@ -275,7 +279,7 @@ class SteppedMotion:
     @property
     def inner(self) -> Array:
         """Inner stages, shape (M, 2n)."""
-        return self.stage.x if self.known is None else self.known
+        return self.stage.x if self.known_inner is None else self.known_inner
 
     @cached_property
     def defects(self) -> Array:
@@ -289,17 +293,17 @@ class SteppedMotion:
 
     @cached_property
     def sensitivities(self) -> Sensitivities:
-        """Derivatives of the ends of the steps, where these have no defects."""
+        """Derivatives of the ends of the steps, whose defects must be zero."""
         by, size = self.derivatives, self.ends.shape[1]
         others = by.by_start, by.by_control, by.by_length[..., None]
         right = np.concatenate(others, axis=2)
-        # The end of a step makes its defect zero.
+        # The end of each step is defined implicitly by a zero defect.
         parts = -solve_systems(by.by_end, right)
         by_length = parts[..., -1] / self.substeps
         return Sensitivities(parts[..., :size], parts[..., size:-1], by_length)
 
     def steps(self, at: Instants) -> tuple[IntArray, Array]:
-        """Steps that contain instants, and shares of these steps, shape (m,) each."""
+        """Indices of the steps of instants, and shares of these steps, (m,) each."""
         place = at.share * self.substeps
         inside = np.clip(np.ceil(place) - 1, 0, self.substeps - 1).astype(np.int64)
         return at.interval * self.substeps + inside, place - inside
@@ -310,12 +314,13 @@ class SteppedMotion:
         return self._weighted(stage_weights(share), step)
 
     def rates(self, at: Instants) -> Array:
-        """Derivatives by time of the states at instants, shape (m, 2n)."""
+        """Time derivatives of the states at instants, shape (m, 2n)."""
         step, share = self.steps(at)
         by_share = self._weighted(stage_weights_by_share(share), step)
         return by_share * self.substeps / self.h[at.interval, None]
 
     def _weighted(self, weights: Array, step: IntArray) -> Array:
+        """Weighted sums of start, inner stage and end of steps, shape (m, 2n)."""
         x = weights[:, :1] * self.ends[step] + weights[:, 2:] * self.ends[step + 1]
         if np.any(weights[:, 1]):
             x = x + weights[:, 1:2] * self.inner[step]
@@ -332,26 +337,26 @@ def rollout(
 ) -> SteppedMotion:
     """Integrate forward with a constant torque on each interval.
 
-    With a motion near by as a guess, Newton's iteration runs on all steps at once,
-    which takes a few evaluations of long rows in place of many of short ones; the
-    outcome is the same. Otherwise, or where that fails, one step is solved after the
-    other.
+    With a similar motion as a guess, Newton's iteration runs on all steps at once,
+    which needs a few evaluations of many states instead of many evaluations of one
+    state; the result is the same. Without a guess, or if the iteration fails, the steps
+    are solved one by one.
 
     Args:
         dynamics: Equations of motion.
         x_start: State at the start, shape (2n,).
         u: Torques of the intervals, shape (N, n) [N m or N].
         h: Lengths of the intervals, shape (N,) [s].
-        substeps: Steps an interval.
-        guess: A motion of as many steps.
+        substeps: Number of steps in each interval.
+        guess: A motion with the same number of steps.
     """
     each, length = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
     stages: Array | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         if guess is not None and guess.finite:
-            near = np.stack([guess.inner, guess.ends[1:]], axis=1)
+            first = np.stack([guess.inner, guess.ends[1:]], axis=1)
             most = NEWTON_STEPS_NEAR
-            stages = _solve_steps(dynamics, x_start, each, length, near, most)
+            stages = _solve_steps(dynamics, x_start, each, length, first, most)
         if stages is None:
             stages = _one_by_one(dynamics, x_start, each, length)
     ends = np.concatenate([x_start[None], stages[:, 1]])
@@ -364,8 +369,8 @@ def _one_by_one(dynamics: Dynamics, x_start: Array, u: Array, h: Array) -> Array
     stages = np.full((h.size, 2, x_start.size), np.nan)
     x = x_start
     for k in range(h.size):
-        start, one = np.stack([x, x])[None], slice(k, k + 1)
-        solved = _solve_steps(dynamics, x, u[one], h[one], start, NEWTON_STEPS)
+        start, step = np.stack([x, x])[None], slice(k, k + 1)
+        solved = _solve_steps(dynamics, x, u[step], h[step], start, NEWTON_STEPS)
         if solved is None:
             break
         stages[k] = solved[0]
@@ -376,25 +381,25 @@ def _one_by_one(dynamics: Dynamics, x_start: Array, u: Array, h: Array) -> Array
 def _solve_steps(
     dynamics: Dynamics, x_start: Array, u: Array, h: Array, stages: Array, most: int
 ) -> Array | None:
-    """Stages of successive steps by Newton's iteration on all of them.
+    """Stages of successive steps, by Newton's iteration on all steps at once.
 
     Args:
         dynamics: Equations of motion.
         x_start: State before the first step, shape (s,).
         u: Torques, shape (M, n).
         h: Lengths [s], shape (M,).
-        stages: Guess, shape (M, 2, s).
+        stages: Initial guess, shape (M, 2, s).
         most: Largest number of iterations.
 
     Returns:
-        Stages, shape (M, 2, s); None where the iteration fails.
+        Stages, shape (M, 2, s); None if the iteration fails.
     """
     count, _, size = stages.shape
     weights = h[:, None, None] * WEIGHTS
     torque = np.repeat(u, 2, axis=0)
     identity = np.eye(2 * size)
-    both = np.broadcast_to(np.vstack([np.eye(size)] * 2), (count, 2 * size, size))
-    progress = Newton(1)
+    by_start = np.broadcast_to(np.vstack([np.eye(size)] * 2), (count, 2 * size, size))
+    progress = NewtonConvergence(1)
     for _ in range(most):
         by = dynamics.forward_jacobians(stages.reshape(-1, size), torque)
         f_x = by.f_x.reshape(count, 2, size, size)
@@ -406,25 +411,30 @@ def _solve_steps(
         if count == 1:
             change = -solve_systems(matrix, residual).reshape(1, 2 * size)
         else:
-            right = np.concatenate([-residual, both], axis=2)
-            change = follow(solve_systems(matrix, right))
+            right = np.concatenate([-residual, by_start], axis=2)
+            change = forward_sweep(solve_systems(matrix, right))
         stages = stages + change.reshape(stages.shape)
-        if progress.settled(change.reshape(1, -1), stages.reshape(1, -1)):
+        if progress.reached(change.reshape(1, -1), stages.reshape(1, -1)):
             break
     return stages if progress.solved[0] else None
 
 
-def follow(parts: Array) -> Array:
-    """Changes of all stages, each step starting where the one before it ends, (M, ks).
+def forward_sweep(parts: Array) -> Array:
+    """Changes of the stages of linked steps: each starts at the end of the previous.
 
-    Computed from changes with a fixed start and their derivatives by the start, shape
-    (M, ks, 1 + s), for k stages a step, the last of which is its end.
+    Args:
+        parts: Changes of the stages for a fixed start, followed by their derivatives by
+            the start, shape (M, k s, 1 + s), for M steps of k stages of s entries; the
+            last stage is the end of the step.
+
+    Returns:
+        Changes of all stages, shape (M, k s).
     """
     size = parts.shape[2] - 1
-    own, by_start = parts[..., 0].copy(), parts[..., 1:]
-    for k in range(1, own.shape[0]):
-        own[k] += by_start[k] @ own[k - 1, -size:]
-    return own
+    changes, by_start = parts[..., 0].copy(), parts[..., 1:]
+    for k in range(1, changes.shape[0]):
+        changes[k] += by_start[k] @ changes[k - 1, -size:]
+    return changes
 
 
 def sweep_adjoint(
@@ -433,7 +443,7 @@ def sweep_adjoint(
     seeds: Array,
     functionals: IntArray | None = None,
 ) -> tuple[Array, Array]:
-    r"""Differentiate functionals of the state at nodes with respect to the controls.
+    r"""Differentiate functionals of states at the ends of steps by the controls.
 
     In the paper, the differential of a functional :math:`g(x(1))` (equation 12) is
 
@@ -441,19 +451,19 @@ def sweep_adjoint(
         + \delta T \int_0^1 \langle \psi, f \rangle \, d\tau, \qquad
         \frac{d\psi}{d\tau} + T f_x^T \psi = 0, \quad \psi(1) = g_x^T,
 
-    and that of a functional at another instant (equation 13) begins its costate there.
-    Here the motion is that of an integrator, and the derivatives are exactly those of
-    its steps: for a functional :math:`g(x_k)` the discrete adjoint is
+    and the costate of a functional at another instant (equation 13) begins there. Here
+    the motion is computed by an integrator, and the derivatives are exact for its
+    steps: for a functional :math:`g(x_k)` the discrete adjoint is
     :math:`\lambda_k = g_x` and :math:`\lambda_j = A_j^T \lambda_{j+1}`, swept backwards
     for all functionals at once; the derivatives are
     :math:`g_{u_j} = B_j^T \lambda_{j+1}` and :math:`g_{h_j} = c_j^T \lambda_{j+1}`.
 
     Args:
         sensitivities: A, B and c of the steps.
-        nodes: End of a step that a functional depends on, shape (s,).
-        seeds: Its gradient with respect to the state there, shape (s, 2n).
-        functionals: The functional that each seed belongs to, shape (s,); None for one
-            functional a seed.
+        nodes: Index of the end of a step for each seed, shape (s,).
+        seeds: Gradients of functionals with respect to the states there, (s, 2n).
+        functionals: Index of the functional of each seed, shape (s,); None if every
+            seed is a separate functional.
 
     Returns:
         Derivatives with respect to torques, shape (m, M, n), and lengths, shape (m, M).
@@ -474,7 +484,7 @@ def sweep_adjoint(
     for j in range(count - 1, -1, -1):
         here = every[nodes == j + 1]
         np.add.at(costate, row[functionals[here]], seeds[here])
-        # Rows that depend on states after step j.
+        # Functionals that depend on states after step j.
         rows = costate[: live[j + 1]]
         by_control[: live[j + 1], j] = rows @ B[j]
         by_length[: live[j + 1], j] = rows @ c[j]

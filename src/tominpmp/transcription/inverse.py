@@ -1,6 +1,6 @@
 r"""Inverse dynamics: torque limits as rows on an exact double integrator.
 
-Positions are quadratic splines in time, with a constant acceleration on each interval.
+Positions are quadratic splines in time, with constant acceleration on each interval.
 The control points are the middle Bezier points P_k of the N pieces, and the two ends of
 the motion. With the lengths h_k and s_k = h_{k-1} + h_k,
 
@@ -9,11 +9,12 @@ the motion. With the lengths h_k and s_k = h_{k-1} + h_k,
     q_k = P_{k-1} + h_{k-1} (P_k - P_{k-1}) / s_k, \qquad
     a_k = (v_{k+1} - v_k) / h_k,
 
-so that the double integrator holds exactly without a row for it, everything on interval
-k depends on P_{k-1}, P_k, P_{k+1} alone, the curve lies in the convex hull of the
-points (position limits hold at every time) and speed is piecewise linear (speed limits
-too). Torques at both ends of every interval follow from the inverse dynamics. This is
-the paper's state-dependent control limit (its section 4) for the control
+so that the double integrator holds exactly without rows, the motion on interval k
+depends on P_{k-1}, P_k, P_{k+1} alone, the curve lies in the convex hull of the control
+points (position limits hold at all times) and speed is piecewise linear (speed limits
+hold at all times, too). Torques at both ends of every interval follow from the inverse
+dynamics. This is the paper's state-dependent control limit (its section 4) for the
+control
 v = acceleration: u_l <= u(q, v, a) <= u_u.
 """
 
@@ -27,7 +28,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.joint_limits import JointLimit
-from tominpmp.transcription.base import Hull
+from tominpmp.transcription.base import HullRows
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.curve import SplineMotion, nodes_of
 from tominpmp.transcription.instants import Instants
@@ -35,14 +36,14 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 class InverseTranscription(BSplineTranscription):
-    """A problem in the points of a quadratic spline.
+    """A problem whose unknowns are the control points of a quadratic spline.
 
     Attributes:
         duration: Duration that scales the rows of velocities [s].
     """
 
     inspected = ((0.1, 0.2, 0.275, 0.35, 0.425, 0.5, 0.575, 0.65, 0.725, 0.8, 0.9),)
-    highest = 2
+    highest_order = 2
 
     def __init__(
         self,
@@ -58,8 +59,8 @@ class InverseTranscription(BSplineTranscription):
         """Unknowns of a spline.
 
         Args:
-            points: Middle points of the intervals, shape (N, n); points that the end
-                states determine are replaced by them.
+            points: Middle points of the intervals, shape (N, n); the states at the ends
+                replace the points that they determine.
             q_end: Final configuration, shape (n,); replaced if the goal determines it.
             eta: Durations, shape (m,).
         """
@@ -71,8 +72,8 @@ class InverseTranscription(BSplineTranscription):
     ) -> Array:
         """Iterate for a guess: parabolas through its nodes and middles.
 
-        The control points of a guess whose samples are far apart would demand torques
-        beyond all bounds on short intervals.
+        Sampling the guess at the Greville abscissae instead would demand torques far
+        beyond their limits on short intervals, if the samples of the guess are sparse.
 
         Args:
             position: Configurations at times, shape (k,) to (k, n).
@@ -92,29 +93,30 @@ class InverseTranscription(BSplineTranscription):
 
     @cached_property
     def _torque_instants(self) -> Instants:
-        """Both ends of every interval: accelerations jump there."""
+        """Both ends of every interval, at which accelerations jump."""
         N = self.intervals
         return Instants.spread(N, (0.0,)).joined(Instants.spread(N, (1.0,)))
 
     @property
     def torque_sequence(self) -> sp.csr_matrix:
-        """Mean torques of the intervals, from the torques at both of their ends."""
+        """Matrix to the mean torques of intervals from the torques at their ends."""
         N = self.intervals
         return sp.csr_matrix(sp.diags([0.5, 0.5], [0, N], shape=(N, 2 * N)))
 
     def hull(
         self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
-    ) -> Hull[SplineMotion] | None:
-        """Positions are held by the points, velocities by the nodes between them."""
+    ) -> HullRows[SplineMotion] | None:
+        """Bounds on control points for positions, on nodes for velocities."""
         if limit.order == 1:
             return Speeds(self, limit, name)
         return super().hull(limit, name) if limit.order == 0 else None
 
 
-class Speeds(Hull[SplineMotion]):
-    """Speeds at the nodes where they are not given; they are linear between the nodes.
+class Speeds(HullRows[SplineMotion]):
+    """Speed limits at the nodes with free velocities; speeds are linear between nodes.
 
-    |v_k| <= v_max times h_{k-1} + h_k is linear in points and lengths.
+    |v_k| <= v_max, multiplied by h_{k-1} + h_k, is linear in control points and
+    lengths.
     """
 
     def __init__(self, of: InverseTranscription, limit: JointLimit, name: str) -> None:
@@ -122,7 +124,7 @@ class Speeds(Hull[SplineMotion]):
         self.name, self.curable = name, limit.curable
         free_end = of.system.final_velocity is None
         self._nodes = np.arange(1, N + 1 if free_end else N)
-        # Twice the time between neighbouring control points, by the durations.
+        # Derivatives by the durations of twice the time between neighbouring points.
         knots = of.knots_by_durations
         self._apart = (knots[3:-1] - knots[1:-3])[self._nodes]
         self._unit = 2.0 * of.duration / N
@@ -137,7 +139,7 @@ class Speeds(Hull[SplineMotion]):
         return (np.stack([ratio - apart, -ratio - apart]) / self._unit).ravel()
 
     def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
-        """By the unknowns."""
+        """Jacobian of the excess of the speeds."""
         limit, n, count = self._limit, self._of.system.n, self._nodes.size
         slope = np.tile(2.0 / (limit.upper * self._unit), count)
         data = np.stack([-slope, slope], axis=1)

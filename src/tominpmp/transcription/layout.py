@@ -1,9 +1,9 @@
-"""Layouts: the parameterisation of a motion, from which a finer grid can continue.
+"""Layouts: the parameterisation of a motion as data, from which it can be refined.
 
-A spline on a grid is a spline on any grid that contains its nodes: splitting intervals
-leaves a motion unchanged, to the last bits, and lets it become faster where its
-accelerations bend. A layout is a few arrays, so that it can be kept with a motion, or
-sent from one process to another, which a program cannot.
+A spline on a grid is also a spline on any grid that contains its nodes: splitting
+intervals leaves a motion unchanged up to rounding, and lets the optimisation make it
+faster where its accelerations change. A layout consists of a few arrays, so that it can
+be stored with a motion or sent to another process, unlike a program.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 Gridded = BSplineTranscription | CollocationTranscription
-# Degrees of states and constant torques, and of constant accelerations.
+# Codes of parameterisations in Layout.degree: states with constant torques, and splines
+# of constant accelerations.
 LIFTED, QUADRATIC = 0, 2
-# Intervals shorter than this share of the mean are no grid.
+# Intervals shorter than this share of the mean are not taken over into a grid.
 SHORTEST = 1e-3
 # Most intervals of a segment after halving on a clock, unless its motion has more.
 MOST_INTERVALS = 400
@@ -40,13 +41,13 @@ class Layout:
     """The grid of a motion and the degree of its parameterisation.
 
     Attributes:
-        degree: Degree of the splines of its positions; 2 for constant accelerations,
-            and 0 for states and constant torques.
+        degree: Degree of the position splines: 2 for constant accelerations; 0 for
+            states and constant torques.
         shares: Lengths of the intervals by the last unknowns, shape (N, m).
-        eta: The last unknowns, the durations, shape (m,).
+        eta: The last unknowns, which are the durations, shape (m,).
         segment_ends: Number of intervals up to the end of each segment.
-        breaks: Numbers of intervals before nodes at which the derivative below the
-            highest may jump.
+        breaks: Nodes, as the number of intervals before each, at which the derivative
+            one order below the highest may jump.
     """
 
     degree: int
@@ -57,7 +58,7 @@ class Layout:
 
     @classmethod
     def of(cls, transcription: object, z: Array) -> Layout | None:
-        """Layout of an iterate; None where only torques are parameterised."""
+        """Layout of an iterate; None if torques are the only unknowns."""
         if not isinstance(transcription, Gridded):
             return None
         shares = transcription.shares
@@ -73,11 +74,11 @@ class Layout:
     ) -> Layout | None:
         """Layout of a motion whose torques follow from the inverse dynamics.
 
-        None for other motions: their nodes are not the nodes of a grid.
+        None for other motions, whose nodes are not the nodes of a grid.
 
         Args:
             motion: The motion.
-            segments: The segments of its problem; empty for one.
+            segments: The segments of its problem; empty for a problem without segments.
         """
         if motion.inverse_dynamics is None:
             return None
@@ -92,10 +93,10 @@ class Layout:
 
     @classmethod
     def of_torques(cls, motion: Trajectory) -> Layout:
-        """Layout in states and torques of a motion whose torques are held.
+        """Layout with states and torques for a motion with piecewise constant torques.
 
-        Nodes right beside others, as where a joint with dry friction turns, are left
-        out.
+        Nodes very close to their neighbours, such as reversals of joints with dry
+        friction, are left out.
         """
         h = np.diff(motion.t)
         apart = np.minimum(h[:-1], h[1:]) >= SHORTEST * h.mean()
@@ -136,10 +137,10 @@ class Layout:
     def halved(self, split: BoolArray) -> Layout:
         """The layout with some of its intervals halved.
 
-        Parts of the motion that had durations of their own keep them.
+        Parts of the motion with separate durations keep them.
 
         Args:
-            split: Which intervals to halve, shape (N,).
+            split: Whether to halve each interval, shape (N,).
         """
         parts: IntArray = 1 + split.astype(np.int64)
         before = np.concatenate([[0], np.cumsum(parts)])
@@ -151,7 +152,7 @@ class Layout:
         )
 
     def with_intervals(self, count: int) -> Layout:
-        """The layout with its longest intervals halved until there are ``count``."""
+        """The layout with its longest intervals halved, until it has ``count``."""
         missing = count - len(self.shares)
         if missing <= 0:
             return self
@@ -179,19 +180,19 @@ class Layout:
         *,
         within: bool = False,
     ) -> tuple[Gridded, Array]:
-        """The parameterisation, and a motion as its iterate.
+        """The parameterisation, and the motion as an iterate of it.
 
-        A motion that was found with it, or on a grid of which it has all nodes, stays
-        as it is. Of splines each segment may be stretched to another duration.
+        The motion is unchanged if it was found with this parameterisation, or on a grid
+        whose nodes are a subset of the nodes here. If it is a spline, each segment may
+        be scaled to another duration.
 
         Args:
             system: The functions of the problem that the motion solves.
             motion: The motion.
-            spans: When its segments begin, meet their goals, and end; None for what the
-                dwells of the problem tell.
-            within: Whether control points are brought within position limits: where the
-                motion is no spline on this grid, those of the nearest one may be beyond
-                them.
+            spans: Times at which its segments begin, reach their goals, and end; None
+                derives them from the dwells of the problem.
+            within: Whether to clip control points to the position limits, which may be
+                necessary if the motion is not a spline on this grid.
         """
         of, eta = self.transcription(system), self.eta
         t = nodes_of(self.shares @ eta)
@@ -215,12 +216,12 @@ class Layout:
 
 
 def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, Array]:
-    """Halve intervals, without a change of the motion.
+    """Halve intervals without changing the motion.
 
     Args:
         of: The parameterisation.
         z: An iterate of it.
-        split: Which intervals to halve, shape (N,).
+        split: Whether to halve each interval, shape (N,).
 
     Returns:
         The parameterisation on the new grid, and the iterate.

@@ -1,4 +1,4 @@
-"""A problem as transcriptions see it: functions, bounds and scales."""
+"""Functions, bounds and scales of a problem, for transcriptions."""
 
 from __future__ import annotations
 
@@ -24,40 +24,40 @@ from tominpmp.problem.joint_limits import joint_limits
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Largest padding beyond the margin [m], and its largest share of the clearance beyond
-# the margin at the ends of the motion.
+# Largest padding beyond the margin: absolute [m], and as a share of the excess of the
+# clearance over the margin at the ends of the motion.
 PADDING = 2e-3
 PADDING_SHARE = 0.5
-# Largest padding where an obstacle moves [m]: the arm often waits for the obstacle, and
-# the padding makes the wait longer.
+# Largest padding for moving obstacles [m]: the arm often waits for an obstacle, and the
+# padding makes the wait longer.
 MOVING_PADDING = 4e-4
 
 
 class LazyClearanceRows:
-    """Clearance rows, made when they are first used.
+    """Clearance rows that are built when they are first used.
 
     An arm without obstacles is planned without clearance rows at first, and mostly does
-    not need them; making them may take as long as a plan, and seconds where meshes are
-    not yet cut into convex pieces.
+    not need them. Building them may take as long as planning, and seconds if meshes are
+    not yet decomposed into convex pieces.
 
     Args:
         problem: The problem.
         reach: Length of the arm, which scales lengths [m].
-        share: Share of the usual padding beyond the margin.
+        share: Share of the full padding beyond the margin.
     """
 
     def __init__(self, problem: Problem, reach: float, share: float = 1.0) -> None:
         self._problem, self._reach, self._share = problem, reach, share
 
     def padded(self, share: float) -> LazyClearanceRows:
-        """The clearance rows with a share of their padding beyond the margin."""
+        """The clearance rows with a share of their padding."""
         return LazyClearanceRows(self._problem, self._reach, share * self._share)
 
     @cached_property
-    def room(self) -> Array:
-        """Padding beyond the margin, by collision pair [m].
+    def padding(self) -> Array:
+        """Padding beyond the margin of each collision pair [m].
 
-        It makes the motion keep the margin between the rows.
+        With it, the motion keeps the margin between the rows as well.
         """
         problem, checker = self._problem, self._problem.checker
         ends = [problem.q_start]
@@ -65,21 +65,21 @@ class LazyClearanceRows:
             ends.append(problem.goal.configuration)
         # Distances beyond this do not change the padding.
         cutoff = problem.margins + PADDING / PADDING_SHARE
-        room = checker.distances(np.stack(ends), cutoff) - problem.margins
-        # The arrival time is not known, nor is the place of moving obstacles then.
-        room[1:, checker.moving_pairs] = np.inf
-        room = np.min(room, axis=0)
+        excess = checker.distances(np.stack(ends), cutoff) - problem.margins
+        # Where moving obstacles are at the arrival is unknown, as its time is.
+        excess[1:, checker.moving_pairs] = np.inf
+        excess = np.min(excess, axis=0)
         most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
-        return np.asarray(self._share * np.clip(PADDING_SHARE * room, 0.0, most))
+        return np.asarray(self._share * np.clip(PADDING_SHARE * excess, 0.0, most))
 
     @cached_property
     def clearance(self) -> ClearanceConstraint | None:
-        """Distances to obstacles and between links; None without either."""
+        """Distances to obstacles and between links; None without collision pairs."""
         checker = self._problem.checker
         if not checker.pairs:
             return None
-        margin = self._problem.margins + self.room
-        padding = self.room / self._reach
+        margin = self._problem.margins + self.padding
+        padding = self.padding / self._reach
         return ClearanceConstraint(checker, margin, self._reach, padding=padding)
 
 
@@ -89,14 +89,14 @@ class ProblemFunctions:
 
     Attributes:
         problem: The problem.
-        dynamics: Equations of motion without dry friction; their torques are those of
-            the motors less dry friction.
+        dynamics: Equations of motion without dry friction; their torques are the motor
+            torques less dry friction.
         kinematics: Placement of frames.
         reach: Length of the arm, which scales lengths [m].
-        watched: The clearance rows; None without clearance rows.
-        ways: Assumed direction of each joint during the whole motion, 1, -1 or 0 for at
-            rest, shape (n,): torques are those of the motors less dry friction, and
-            their limits are shifted by it. None without the assumption.
+        clearance_rows: The clearance rows; None for a program without clearance rows.
+        signs: Assumed velocity sign of each joint during the whole motion, 1, -1, or 0
+            for a joint at rest, shape (n,): torques are motor torques less dry
+            friction, which shifts their limits. None without the assumption.
         parts: The functions of each segment; empty for one segment.
     """
 
@@ -104,8 +104,8 @@ class ProblemFunctions:
     dynamics: Dynamics
     kinematics: RobotKinematics
     reach: float
-    watched: LazyClearanceRows | None
-    ways: Array | None = None
+    clearance_rows: LazyClearanceRows | None
+    signs: Array | None = None
     parts: tuple[ProblemFunctions, ...] = ()
 
     @classmethod
@@ -114,12 +114,12 @@ class ProblemFunctions:
         whole = cls._of(problem)
         if not problem.segments:
             return whole
-        # One set of rows for the same pairs, on all segments at once.
-        rows, parts = {id(problem.checker): whole.watched}, list[ProblemFunctions]()
+        # Segments with the same collision pairs share one set of rows.
+        known, parts = {id(problem.checker): whole.clearance_rows}, []
         for phase in problem.phases:
             part = cls._of(phase)
-            watched = rows.setdefault(id(phase.checker), part.watched)
-            parts.append(replace(part, watched=watched))
+            rows = known.setdefault(id(phase.checker), part.clearance_rows)
+            parts.append(replace(part, clearance_rows=rows))
         return replace(whole, parts=tuple(parts))
 
     @classmethod
@@ -127,15 +127,15 @@ class ProblemFunctions:
         kinematics = RobotKinematics(problem.robot)
         reach = kinematics.length
         dynamics = RobotDynamics(problem.robot, dry=False)
-        watched = LazyClearanceRows(problem, reach)
+        rows = LazyClearanceRows(problem, reach)
         if not problem.checker.single_arm:
-            _ = watched.clearance
-        return cls(problem, dynamics, kinematics, reach, watched)
+            _ = rows.clearance
+        return cls(problem, dynamics, kinematics, reach, rows)
 
     @property
     def clearance(self) -> ClearanceConstraint | None:
-        """Distances to obstacles and between links; None without either."""
-        return None if self.watched is None else self.watched.clearance
+        """Distances to obstacles and between links; None without clearance rows."""
+        return None if self.clearance_rows is None else self.clearance_rows.clearance
 
     @property
     def in_free_space(self) -> bool:
@@ -147,30 +147,30 @@ class ProblemFunctions:
 
     @property
     def segments(self) -> tuple[ProblemFunctions, ...]:
-        """The functions of each segment; these functions for one segment."""
+        """The functions of each segment; for one segment, the functions themselves."""
         return self.parts or (self,)
 
     @property
     def sudden(self) -> bool:
-        """Whether accelerations may begin and end suddenly, on all segments."""
+        """Whether accelerations may jump at the ends of the motion and of segments."""
         own = not self.motion_limits.continuous
         return own and all(part.sudden for part in self.parts)
 
     @property
     def without_self_collision(self) -> ProblemFunctions:
-        """The functions to begin with: a single arm is planned without self-collision.
+        """The initial functions: a single arm is planned without self-collision rows.
 
-        Its links hardly ever touch, and the verification detects where they do. Rows
-        for them would take more time than the rest of the plan.
+        Its links hardly ever touch, and the verification detects if they do. Rows for
+        self-collision would take more time than the rest of the planning.
         """
         if not self.in_free_space:
             return self
-        return self._each(lambda system: replace(system, watched=None))
+        return self._each(lambda system: replace(system, clearance_rows=None))
 
     def _each(
         self, change: Callable[[ProblemFunctions], ProblemFunctions]
     ) -> ProblemFunctions:
-        """The functions with a change made to the whole and to each segment."""
+        """The functions after a change of the whole motion and of each segment."""
         return replace(change(self), parts=tuple(map(change, self.parts)))
 
     def padded(self, share: float) -> ProblemFunctions:
@@ -178,10 +178,10 @@ class ProblemFunctions:
         known: dict[int, LazyClearanceRows] = {}
 
         def padded(system: ProblemFunctions) -> ProblemFunctions:
-            if system.watched is None:
+            if (rows := system.clearance_rows) is None:
                 return system
-            watched = known.setdefault(id(system.watched), system.watched.padded(share))
-            return replace(system, watched=watched)
+            rows = known.setdefault(id(rows), rows.padded(share))
+            return replace(system, clearance_rows=rows)
 
         return self._each(padded)
 
@@ -215,13 +215,13 @@ class ProblemFunctions:
 
     @cached_property
     def motors(self) -> Motors:
-        """Torques as shares of their limits."""
+        """Functions of the torques, as shares of their limits."""
         middle, half = self.effort_middle, self.effort_half
         return Motors(self.dynamics, middle, half, self.friction)
 
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
-        """All constraints along a motion."""
+        """All constraints along a motion, except the goal."""
         limits: list[Constraint] = []
         for item in joint_limits(self.problem.robot, self.motion_limits):
             joints, kind, most = item.joints, item.kind, item.upper
@@ -235,14 +235,14 @@ class ProblemFunctions:
                 scale = most if kind.order else self.step_scale
                 rows = item.lower[joints], most[joints], scale[joints]
                 limits.append(JointLimit(kind, joints, *rows))
-        # Those of the motors first, positions last.
+        # Limits of the motors come first, limits of positions last.
         limits.sort(key=lambda item: (isinstance(item, JointLimit), item.order == 0))
         found = [*limits, self.clearance, *self.problem.ready_constraints]
         return tuple(item for item in found if item is not None)
 
     @property
     def motion_limits(self) -> MotionLimits:
-        """Limits beyond those of the robot; an empty record where none are given."""
+        """Limits of the problem in addition to the limits of the robot; maybe empty."""
         return self.problem.motion_limits or MotionLimits()
 
     @property
@@ -252,7 +252,7 @@ class ProblemFunctions:
 
     @property
     def final_configuration(self) -> Array | None:
-        """The goal, if it is a configuration, shape (n,)."""
+        """The goal, shape (n,), if it is a configuration; None otherwise."""
         return self.problem.goal.configuration
 
     @cached_property
@@ -264,7 +264,7 @@ class ProblemFunctions:
     def goal_scale(self) -> Array:
         """Scale of the goal residual, shape (k,).
 
-        Lengths have the scale 1, or the reach for arms shorter than a metre.
+        The scale of lengths is 1 m, or the reach for arms shorter than a metre.
         """
         scale = np.ones(self.goal_bounds[0].size)
         place = self.problem.goal.place(self.kinematics, self.problem.q_start)
@@ -278,7 +278,7 @@ class ProblemFunctions:
 
     @cached_property
     def final_velocity(self) -> Array | None:
-        """Joint velocity at the end, if it is known beforehand, shape (n,)."""
+        """Joint velocity at the end, shape (n,); None if the goal does not fix it."""
         goal = self.problem.goal
         return goal.final_velocity(self.n) if goal.fixes_velocity else None
 
@@ -286,41 +286,41 @@ class ProblemFunctions:
     def effort_middle(self) -> Array:
         """Middle of the torque range, shape (n,) [N m or N]."""
         middle, _ = effort_range(self.problem.robot, self.motion_limits)
-        return middle if self.ways is None else middle - self.resistance
+        return middle if self.signs is None else middle - self.resistance
 
     @cached_property
     def effort_half(self) -> Array:
-        """Half the torque range, shape (n,); 1 where it is empty."""
+        """Half the torque range, shape (n,); 1 for joints with an empty range."""
         _, half = effort_range(self.problem.robot, self.motion_limits)
         return np.where(half > 0.0, half, 1.0)
 
     @property
     def resistance(self) -> Array:
-        """Dry friction in the assumed directions, shape (n,) [N m or N]."""
-        ways = np.zeros(self.n) if self.ways is None else self.ways
-        return np.asarray(self.problem.robot.friction * ways)
+        """Dry friction for the assumed velocity signs, shape (n,) [N m or N]."""
+        signs = np.zeros(self.n) if self.signs is None else self.signs
+        return np.asarray(self.problem.robot.friction * signs)
 
     @cached_property
     def motor_dynamics(self) -> Dynamics:
-        """Equations of motion with dry friction: torques are those of the motors."""
+        """Equations of motion with dry friction, for the motor torques."""
         motors = RobotDynamics(self.problem.robot)
-        plain = motors.friction is None or self.ways is not None
+        plain = motors.friction is None or self.signs is not None
         return self.dynamics if plain else motors
 
     @cached_property
     def friction(self) -> Array | None:
-        """Dry friction as a share of the torque limits, shape (n,); None without."""
+        """Dry friction over half the torque range, (n,); None without friction."""
         friction = self.problem.robot.friction
-        if self.ways is not None or not np.any(friction):
+        if self.signs is not None or not np.any(friction):
             return None
         return np.asarray(friction / self.effort_half)
 
     @cached_property
     def step_scale(self) -> Array:
-        """Joint displacement that counts as 1 rad, shape (n,): 1, or the reach [m]."""
+        """Joint displacement that counts as 1 rad, (n,): 1 rad, or the reach [m]."""
         return np.where(prismatic_joints(self.problem.robot), self.reach, 1.0)
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Torque as a share of its limits, in [-1, 1] where allowed, shape (m, n)."""
+        """Motor torques as shares of their limits, feasible in [-1, 1], (m, n)."""
         tau = self.motor_dynamics.inverse(q, v, a)
         return (tau - self.effort_middle) / self.effort_half

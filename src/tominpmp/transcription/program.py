@@ -1,9 +1,9 @@
 """Nonlinear programs: a transcription, and constraints as rows at instants.
 
-In the paper's words the rows are g(u, T) = 0 for the goal (equation 8) and
-h(u, T) = max b(x(tau), tau, T) <= 0 for constraints (equation 9), the maximum being
-taken over instants. Programs are immutable, and all functions of an iterate depend on
-the iterate alone.
+In the paper's notation the rows are g(u, T) = 0 for the goal (equation 8) and
+h(u, T) = max b(x(tau), tau, T) <= 0 for constraints (equation 9), with the maximum over
+the instants. Programs are immutable, and all functions of an iterate depend on the
+iterate alone.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
 
-# An instant whose value is this close to the maximum of a constraint attains it.
+# An instant counts as attaining the maximum of a constraint if its value is this close.
 ATTAINED = 1e-4
 
-# Velocity limits over this time are a measure of accelerations [1/s].
+# Velocity limits times this rate scale the accelerations before a dwell [1/s].
 BRAKING = 10.0
-# Interior-point solvers leave the duration a trace above its bound: by up to this share
-# of it, it is the bound.
+# Interior-point solvers leave the duration slightly above an active lower bound: a
+# duration within this share of its bound counts as equal to it.
 TRACE = 1e-6
 
 Selection = Literal["near", "exact", "violated"]
@@ -49,13 +49,13 @@ class NonlinearProgram:
 
     Attributes:
         transcription: The parameterisation.
-        blocks: The rows.
-        selection: Which rows of path constraints become rows of a linear program:
-            "near" rows that a step can bring to their bounds, "exact" rows that attain
-            the maximum over time (the paper's S), "violated" rows beyond their bounds.
-        least_duration: Lower bound on the duration [s], where the duration is the last
+        blocks: The blocks of rows.
+        selection: Rows of path constraints that enter a linear program: "near" for rows
+            that a step can bring to their bounds, "exact" for rows that attain the
+            maximum over time (the paper's set S), "violated" for violated rows.
+        least_duration: Lower bound on the duration [s], if the duration is the last
             unknown. Once the bound is active the iteration can only smooth the
-            controls, and any iterate that keeps the constraints is a solution.
+            controls, and any feasible iterate is a solution.
     """
 
     transcription: Transcription[Any]
@@ -77,18 +77,18 @@ class NonlinearProgram:
         scale = transcription.goal_scale
         if scale is not None:
             goal = GoalReached(system.problem.goal, system.kinematics, scale)
-            # First as in the paper, where the torques are the only unknowns: of two
-            # steps of equal cost, linear programs then find the better one.
+            # The goal comes first if the torques are the only unknowns, as in the
+            # paper: among steps of equal cost, linear programs then find a better one.
             first = 0 if transcription.by_component else len(blocks)
             last = SampledRows(goal, Instants.end(transcription.intervals))
             blocks.insert(first, last)
         return cls(transcription, tuple(blocks), selection)
 
     def at(self, z: Array) -> NonlinearProgram:
-        """The program with its assumptions about the motion, from an iterate.
+        """The program with its assumptions about the motion taken from an iterate.
 
-        The assumptions are scales of the controls, and the directions of joints with
-        dry friction, where they are not known yet.
+        The assumptions are the scales of the controls, and the velocity signs of joints
+        with dry friction, where they are not known yet.
         """
         motion = self.transcription.motion(z)
         if not motion.finite:
@@ -100,9 +100,9 @@ class NonlinearProgram:
         )
         return replace(self, transcription=of, blocks=blocks)
 
-    def near(self, z: Array) -> NonlinearProgram:
-        """The same program, quicker to evaluate near z; values differ by rounding."""
-        of = self.transcription.near(z)
+    def centred_at(self, z: Array) -> NonlinearProgram:
+        """The same program, faster to evaluate near z; values differ by rounding."""
+        of = self.transcription.centred_at(z)
         return self if of is self.transcription else replace(self, transcription=of)
 
     # -- interface of the solvers ------------------------------------------------------
@@ -133,27 +133,29 @@ class NonlinearProgram:
         return Rows.stack(parts, {block.name for block in self.blocks if block.curable})
 
     def timed(self, z: Array) -> Array:
-        """An iterate with exactly the least duration, where it has that up to a trace.
+        """The iterate, its duration snapped to the lower bound if it is almost there.
 
-        Rows are evaluated there, so that constraints hold for the least duration.
+        Rows are evaluated at this iterate, so that constraints hold for the least
+        duration.
         """
         T = self.least_duration
         if T == 0.0 or abs(z[-1] - T) > TRACE * T:
             return z
         return np.append(z[:-1], T)
 
-    def evaluate(self, z: Array, room: float = np.inf) -> Array:
-        """Row values; rows with a margin above ``room`` are not exact, see Solved."""
+    def evaluate(self, z: Array, attention: float = np.inf) -> Array:
+        """Row values; margins above ``attention`` are not exact: ProgramInterface."""
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return np.full(self.rows.size, NOT_INTEGRATED)
         of = self.transcription
-        return np.concatenate([block.values(of, motion, room) for block in self.blocks])
+        values = [block.values(of, motion, attention) for block in self.blocks]
+        return np.concatenate(values)
 
     def attention(self, steps: StepBounds) -> float:
-        """Margin below which gradual constraints matter to steps of a box.
+        """Margin within which steps of a box can make gradual constraints active.
 
-        Infinite where obstacles move.
+        Infinite if obstacles move.
         """
         moving = any(
             isinstance(block, SampledRows) and block.constraint.moving
@@ -166,9 +168,10 @@ class NonlinearProgram:
         of = self.transcription
         motion = of.motion(self.timed(z))
         if not motion.finite:
-            # The motion has no states; without rows, the program makes it shorter.
-            none = np.zeros(0, dtype=np.int64)
-            return Linearization(none, sp.csr_matrix((0, self.size)))
+            # There are no states to linearise at; a program without rows shortens the
+            # motion, until it can be integrated.
+            no_rows = np.zeros(0, dtype=np.int64)
+            return Linearization(no_rows, sp.csr_matrix((0, self.size)))
         chosen = self.selected(values, steps)
         parts = []
         for index, block in enumerate(self.blocks):
@@ -177,28 +180,29 @@ class NonlinearProgram:
         return Linearization(chosen, sp.vstack(parts, format="csr"))
 
     def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
-        """Root of the curvature of the rows whose constraints provide it.
+        """Root of the curvature of the rows whose constraints have one.
 
         Args:
             z: Iterate.
             multipliers: Multipliers of the rows, shape (m,).
 
         Returns:
-            Matrix R, shape (k, size): |R d|^2 / 2 is the weighted second-order term
-            that the linearised rows lack for a step d. None if no row has a curvature.
+            Matrix R, shape (k, size): for a step d, |R d|^2 / 2 is the second-order
+            term, weighted by the multipliers, that linearised rows lack. None if no row
+            has a curvature.
         """
-        bending = [
+        curved = [
             (block, multipliers[first : first + block.lower.size])
             for block, first in zip(self.blocks, self.first, strict=True)
             if isinstance(block, SampledRows) and block.constraint.bends
         ]
-        if not bending:
+        if not curved:
             return None
         of = self.transcription
         motion = of.motion(self.timed(z))
         if not motion.finite:
             return None
-        found = [block.bend(of, motion, mine) for block, mine in bending]
+        found = [block.curvature(of, motion, weights) for block, weights in curved]
         roots = [root for root in found if root is not None]
         return sp.vstack(roots, format="csr") if roots else None
 
@@ -208,11 +212,11 @@ class NonlinearProgram:
         return np.searchsorted(self.rows.kind, np.arange(len(self.blocks)))
 
     def selected(self, values: Array, steps: StepBounds) -> IntArray:
-        """Indices of the rows of a linear program, ascending.
+        """Indices of the rows that enter a linear program, ascending.
 
         Args:
             values: Row values, shape (m,).
-            steps: Box for its step.
+            steps: Box for the step of the linear program.
         """
         rows = self.rows
         path = np.array([block.lower.shape[0] > 1 for block in self.blocks])[rows.kind]
@@ -231,6 +235,7 @@ class NonlinearProgram:
         return np.flatnonzero(chosen)
 
     def _attained(self, values: Array) -> BoolArray:
+        """Whether each row attains the largest excess in its group, shape (m,)."""
         rows = self.rows
         chosen = np.zeros(rows.size, dtype=bool)
         for excess in (values - rows.upper, rows.lower - values):
@@ -241,14 +246,14 @@ class NonlinearProgram:
         return chosen
 
     def gradient(self, z: Array, weights: Array) -> Array:
-        """Gradient of a weighted sum of rows.
+        """Gradient of a weighted sum of row values.
 
         Args:
             z: Iterate.
             weights: Weight of each row, shape (m,).
 
         Returns:
-            Jacobian transposed times weights, shape (size,).
+            Transposed Jacobian times the weights, shape (size,).
         """
         of, total = self.transcription, np.zeros(self.size)
         motion = of.motion(z)
@@ -257,18 +262,18 @@ class NonlinearProgram:
             chosen = np.flatnonzero(weights[mine])
             if not chosen.size:
                 continue
-            some = weights[mine][chosen]
+            factors = weights[mine][chosen]
             if not isinstance(block, SampledRows):
-                total += some @ block.jacobian(of, motion, chosen)
+                total += factors @ block.jacobian(of, motion, chosen)
                 continue
             at, partials = block.partials(of, motion, chosen)
             if partials.row is not None:
-                some = some[partials.row]
-            total += of.pull_back_sum(motion, at, partials, some)
+                factors = factors[partials.row]
+            total += of.pull_back_sum(motion, at, partials, factors)
         return total
 
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
-        """Trust region within the bounds of the unknowns."""
+        """Box of the trust region, within the bounds of the unknowns."""
         bounds = self.transcription.step_bounds(z, radius)
         if self.least_duration == 0.0:
             return bounds
@@ -277,22 +282,28 @@ class NonlinearProgram:
         return bounds._replace(lower=lower)
 
     def variation(self, z: Array) -> Variation:
-        """Differences of the controls."""
+        """Differences of neighbouring controls."""
         return self.transcription.variation(z)
 
     def time_scale(self, z: Array, factor: float) -> Array:
-        """The same path, slower by a factor."""
+        """Iterate for the same path, slower by a factor."""
         return self.transcription.time_scale(z, factor)
 
     def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
-        """The same path, slower by a factor, and its row values, from those of z."""
+        """Iterate for the same path, slower by a factor, and its row values.
+
+        Args:
+            z: Iterate.
+            factor: Factor of the duration.
+            values: Row values of z, of which clearances are reused.
+        """
         slow, of = self.time_scale(z, factor), self.transcription
         former, motion = of.motion(self.timed(z)), of.motion(self.timed(slow))
         if not (former.finite and motion.finite):
             return slow, self.evaluate(slow)
         parts = np.split(values, self.first[1:])
         for index, block in enumerate(self.blocks):
-            kept = isinstance(block, SampledRows) and block.keeps(of, motion, former)
+            kept = isinstance(block, SampledRows) and block.reusable(of, motion, former)
             if not kept:
                 parts[index] = block.values(of, motion)
         return slow, np.concatenate(parts)
@@ -303,11 +314,10 @@ class NonlinearProgram:
 
 
 def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
-    """Rows at the ends of segments: goals of all but the last, and arrival times."""
-    goals: list[Block] = []
-    arrivals: list[Block] = []
+    """Rows at the ends of segments: all goals but the last one, and arrival times."""
+    goals, arrivals = list[Block](), list[Block]()
     parts, segments = of.system.segments, of.system.problem.segments
-    # A motion without segments has no rows at ends of segments.
+    # A problem without segments has no such rows: its list of segments is empty.
     each = zip(segments, of.segments, strict=False)
     for number, (segment, within) in enumerate(each):
         at, suffix = Instants.end(within[1]), f" of segment {number + 1}"
@@ -319,7 +329,7 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
         goal = GoalReached(part.problem.goal, part.kinematics, part.goal_scale)
         goals.append(SampledRows(goal, at, within, suffix))
         sudden = part.sudden and parts[number + 1].sudden
-        if segment.dwell > 0.0 and not sudden and of.highest > 2:
+        if segment.dwell > 0.0 and not sudden and of.highest_order > 2:
             scale = BRAKING * part.problem.robot.limits.velocity
             rest = JointLimit.standstill(scale)
             goals.append(SampledRows(rest, at, within, suffix))

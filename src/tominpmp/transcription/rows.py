@@ -18,11 +18,11 @@ class Rows:
     Attributes:
         lower: Lower bounds, shape (m,).
         upper: Upper bounds, shape (m,); equal to the lower ones for equations.
-        kind: Index into ``kinds`` for each row, shape (m,).
-        group: Rows of one group share an elastic variable, shape (m,).
+        kind: Index of each row's kind in ``kinds``, shape (m,).
+        group: Index of each row's group, whose rows share an elastic variable, (m,).
         kinds: Names of the kinds, for reports.
-        curable: Kinds that a slower motion along the same path violates less, shape
-            (kinds,).
+        curable: Whether a slower motion along the same path violates rows of each kind
+            less, shape (kinds,).
     """
 
     lower: Array
@@ -49,7 +49,7 @@ class Rows:
         return np.maximum(excess, 0.0, out=excess)
 
     def largest_violation(self, values: Array) -> float:
-        """Largest violation of all rows."""
+        """Largest violation of any row; 0 without rows."""
         return float(np.max(self.violation(values), initial=0.0))
 
     def group_violation(self, values: Array) -> Array:
@@ -66,11 +66,12 @@ class Rows:
         return out
 
     def carried(self, former: Rows, values: Array) -> Array:
-        """Values of former rows for these rows, zero for rows that have joined.
+        """Transfer values of former rows to these rows; zero for rows that joined.
 
         Args:
-            former: Rows of nearly the same program: new rows of a kind come last.
-            values: A value for each former row.
+            former: Rows of the program before an exchange: within each kind, rows that
+                joined come last.
+            values: Value of each former row.
         """
         out = np.zeros(self.size)
         for index, kind in enumerate(self.kinds):
@@ -89,9 +90,9 @@ class Rows:
         """Join blocks of rows.
 
         Args:
-            parts: For each block: name of its kind, lower and upper bounds, and groups
-                counted from 0 within the block.
-            curable: Names of kinds that a slower motion violates less.
+            parts: For each block, the name of its kind, the lower and upper bounds, and
+                the groups, counted from 0 within the block.
+            curable: Names of the kinds of rows that a slower motion violates less.
 
         Returns:
             The rows of all blocks, in order.

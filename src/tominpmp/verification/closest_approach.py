@@ -172,7 +172,7 @@ class Approach:
     def _look(self, stretches: Stretches) -> None:
         """Examine all pairs in stretches of many rows."""
         of = stretches
-        moved = self._checker.closing(of.q, of.swing, of.begin, of.end)
+        moved = self._checker.decrease(of.q, of.swing, of.begin, of.end)
         lower = self._checker.lower_bounds(of.q, of.time) - self._margins
         if self.room == np.inf:
             nearest = np.argsort(lower, axis=None, kind="stable")[:FIRST]
@@ -222,7 +222,7 @@ class Approach:
             # The same pairs in all parts.
             index = (PARTS * index[:, None] + np.arange(PARTS)).ravel()
             column = np.repeat(column, PARTS)
-            closer = self._checker.closing(parts.q, parts.swing, begin, end, some)
+            closer = self._checker.decrease(parts.q, parts.swing, begin, end, some)
             self._refine(parts, closer[index, column], index, some[column], cuts + 1)
 
     def _measure(

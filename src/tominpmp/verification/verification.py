@@ -327,4 +327,4 @@ def _checkers(
     if checker is not None and len(stages) == 1:
         return [checker]
     own = [stage.problem.checker for stage in stages]
-    return own if geometry == "convex" else [item.taken_as(geometry) for item in own]
+    return own if geometry == "convex" else [item.using(geometry) for item in own]
