@@ -251,13 +251,13 @@ class BroadPhase:
             return None
         last = np.append(begin[1:], m) - 1
         middle = (begin + last) // 2
-        some = centre[:, middle]
+        centres = centre[:, middle]
         out = np.empty((middle.size, self.first.size))
         R, t = joints
-        there = R[middle], t[middle]
-        out[:, self._fixed] = self._bounds(there, some, self._fixed)
+        placed = R[middle], t[middle]
+        out[:, self._fixed] = self._bounds(placed, centres, self._fixed)
         a, b = self.first[self._moving], self.second[self._moving]
-        apart = np.linalg.norm(some[a] - some[b], axis=2) - self.radius[a, None]
+        apart = np.linalg.norm(centres[a] - centres[b], axis=2) - self.radius[a, None]
         out[:, self._moving] = (apart - self.radius[b, None]).T
         moved = np.maximum(way[middle] - way[begin], way[last] - way[middle])
         out[:, self._fixed] -= moved[:, None] + ROUNDING

@@ -118,8 +118,8 @@ class CollisionChecker(PairDistances):
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         """Pickle without the geometry, which is rebuilt when it is used."""
-        given = {item.name: getattr(self, item.name) for item in fields(self)}
-        return partial(CollisionChecker, **given), ()
+        arguments = {item.name: getattr(self, item.name) for item in fields(self)}
+        return partial(CollisionChecker, **arguments), ()
 
     @property
     def single_arm(self) -> bool:

@@ -176,8 +176,8 @@ class AdjointTranscription(TorqueTranscription):
         self, motion: SteppedMotion, at: Instants, partials: Partials, weights: Array
     ) -> Array:
         """Gradient of a weighted sum of values, by one sweep for the sum."""
-        weighted, one = partials.times(weights[:, None]), np.zeros(weights.size, int)
-        return np.asarray(self._swept(motion, at, weighted, one)[0])
+        weighted, row = partials.times(weights[:, None]), np.zeros(weights.size, int)
+        return np.asarray(self._swept(motion, at, weighted, row)[0])
 
     def _swept(
         self, motion: SteppedMotion, at: Instants, partials: Partials, rows: IntArray

@@ -236,8 +236,8 @@ class Transcription(ABC, Generic[M]):
         None if the goal is a configuration: bounds of unknowns keep it, or the unknowns
         are eliminated.
         """
-        given = self.system.final_configuration is not None
-        return None if given else self.system.goal_scale
+        fixed = self.system.final_configuration is not None
+        return None if fixed else self.system.goal_scale
 
     @abstractmethod
     def motion(self, z: Array) -> M:

@@ -171,9 +171,9 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def _from_base(self, z: Array) -> Array:
         """Control points relative to the start, shape (M, n)."""
         mapping, moved = self.point_map, self.point_map.column >= 0
-        found = mapping.offset + mapping.slopes @ z[self.point_unknowns :]
-        found[moved] += z[mapping.column[moved]]
-        return np.asarray(found.reshape(-1, self._n))
+        points = mapping.offset + mapping.slopes @ z[self.point_unknowns :]
+        points[moved] += z[mapping.column[moved]]
+        return np.asarray(points.reshape(-1, self._n))
 
     def by_unknowns(
         self, by_points: Array, points: IntArray, by_durations: Array
@@ -210,10 +210,10 @@ class BSplineTranscription(Transcription[SplineMotion]):
             eta: Durations, shape (m,).
         """
         mapping, moved = self.point_map, self.point_map.column >= 0
-        wanted = (points - self._base).ravel() - mapping.offset - mapping.slopes @ eta
-        wanted = wanted[moved]
+        target = (points - self._base).ravel() - mapping.offset - mapping.slopes @ eta
+        target = target[moved]
         column, size = mapping.column[moved], self.point_unknowns
-        sums = np.bincount(column, wanted, minlength=size)
+        sums = np.bincount(column, target, minlength=size)
         return np.concatenate([sums / np.bincount(column, minlength=size), eta])
 
     def start(
@@ -299,8 +299,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
     def states(self, motion: SplineMotion, at: Instants, order: int) -> States:
         """States at instants."""
-        none = np.zeros((0, self._n))
-        parts = [none, none, none]
+        empty = np.zeros((0, self._n))
+        parts = [empty, empty, empty]
         for k in range(min(order, 2) + 1):
             parts[k] = motion.values(at, k)
         return States(at.times(motion.h) + self.delays[at.interval], *parts)
@@ -318,8 +318,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
             weights = motion.knots.weights(at, order)[which]
             by_points += weights[:, :, None] * (part / motion.unit**order)[:, None]
             if order or self._m > 1:
-                one = partial(SplineMotion.values, at=at, order=order, which=which)
-                changes = motion.by_durations(one, order)
+                value = partial(SplineMotion.values, at=at, order=order, which=which)
+                changes = motion.by_durations(value, order)
                 by_durations += np.einsum("knm,kn->km", changes, part)
         if partials.by_t is not None:
             by_durations += partials.by_t[:, None] * at.times(self.shares)[which]

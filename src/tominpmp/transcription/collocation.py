@@ -107,8 +107,8 @@ class CollocationTranscription(TorqueTranscription):
             z.
         """
         system, lengths = self.system, self.shares @ eta
-        h, given = lengths[:, None], self._given[:, : self._n]
-        q = np.where(np.isnan(given), q, given)
+        h, fixed = lengths[:, None], self._given[:, : self._n]
+        q = np.where(np.isnan(fixed), q, fixed)
         slope = np.diff(q, axis=0) / h
         inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])
         end = system.final_velocity

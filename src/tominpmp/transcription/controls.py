@@ -145,9 +145,9 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         """
         n, which = self._n, partials.at
         by_x, by_u = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
-        given = partials.by_q, partials.by_v, partials.by_u
+        parts = partials.by_q, partials.by_v, partials.by_u
         targets = by_x[:, :n], by_x[:, n:], by_u
-        for part, target in zip(given, targets, strict=True):
+        for part, target in zip(parts, targets, strict=True):
             if part is not None:
                 target += part
         if partials.by_a is not None:

@@ -112,11 +112,12 @@ def _exchanged(
         at, states = block.states(of, motion)
         middle_v = of.states(motion, at.middles, 1).v
         constraint, count = constraint.corrected(states, middle_v, effort_tolerance)
-    more = _violated(block, of, motion, effort_tolerance)
-    if more.at.size and isinstance(constraint, PathConstraint) and constraint.window:
-        times = more.at.times(motion.h) + of.delays[more.at.interval]
-        return replace(block, constraint=constraint.with_times(times)), more.at.size
-    block, joined = _with_rows(replace(block, constraint=constraint), of, motion, more)
+    missing = _violated(block, of, motion, effort_tolerance)
+    if missing.at.size and isinstance(constraint, PathConstraint) and constraint.window:
+        times = missing.at.times(motion.h) + of.delays[missing.at.interval]
+        return replace(block, constraint=constraint.with_times(times)), times.size
+    block = replace(block, constraint=constraint)
+    block, joined = _with_rows(block, of, motion, missing)
     return block, count + joined
 
 
@@ -269,7 +270,7 @@ class MissingRows(NamedTuple):
 
 
 def _with_rows(
-    block: SampledRows, of: Transcription[Any], motion: Motion, more: MissingRows
+    block: SampledRows, of: Transcription[Any], motion: Motion, missing: MissingRows
 ) -> tuple[SampledRows, int]:
     """A block with missing rows added.
 
@@ -277,13 +278,13 @@ def _with_rows(
         block: The block.
         of: The transcription.
         motion: A motion of it, from which constraints take their assumptions.
-        more: The rows to add.
+        missing: The rows to add.
 
     Returns:
         The block, and the number of instants whose rows were changed: values that have
         a row already are not added again.
     """
-    new, values = more.at, more.values
+    new, values = missing.at, missing.values
     count, ignored = 0, block.ignored
     if values is not None:
         ignored = np.zeros((block.fixed.size, values.shape[1]), dtype=bool)
