@@ -1,6 +1,7 @@
-"""Multiple arcs as a nonlinear program: integration, rows and their derivatives.
+"""Single shooting over arcs: the nonlinear program in their lengths and free torques.
 
-The motion is shot from the start over all arcs; rows require that it ends at the goal.
+The motion is integrated from the start over all arcs; rows require that it ends at the
+goal and keeps the limits.
 """
 
 from __future__ import annotations

@@ -25,9 +25,9 @@ BENDS = 0.95
 SHORTEST = 1e-3
 # A finer grid gains nothing on an interval in which a limiting joint, one that
 # determines T, is at its speed limit throughout. A joint counts as limiting if it is at
-# its speed limit for the share RULING of T; other joints may reach theirs only to
+# its speed limit for the share LIMITING of T; other joints may reach theirs only to
 # support its motion elsewhere. AT_LIMIT is the share of the limit that counts as it.
-AT_LIMIT, RULING = 0.999, 0.4
+AT_LIMIT, LIMITING = 0.999, 0.4
 # If constant accelerations leave more than this mean share of the half range of
 # saturated torques unused, intervals are chosen by the unused torque instead of the
 # jumps.
@@ -89,8 +89,8 @@ def _bends(of: Gridded, z: Array, h: Array) -> Array:
     at_limit = speeds > AT_LIMIT * limits.velocity
     if at_limit.shape[0] == h.size + 1:  # without dwells, nodes match intervals
         at_limit = at_limit[1:] & at_limit[:-1]
-        ruling = h @ at_limit > RULING * h.sum()
-        bends[np.any(at_limit[:, ruling], axis=1)] = 0.0
+        limiting = h @ at_limit > LIMITING * h.sum()
+        bends[np.any(at_limit[:, limiting], axis=1)] = 0.0
     return bends
 
 
