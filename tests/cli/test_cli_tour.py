@@ -67,6 +67,7 @@ def test_tours_of_files_are_planned_and_written(tmp_path: Path) -> None:
         (STATIONS.replace('["drill"]', '["mill"]'), "mill"),
         (STATIONS.replace("0.9,", "90.0,"), "drill"),
         ('[tour]\nend = "home"\n' + STATIONS, "end"),
+        ("[tour]\nend = {elbow = 1}\n" + STATIONS, "tour.end.elbow"),
         ('[tour]\nprecedence = [["tap", "drill"]]\n' + STATIONS, "circle"),
         (STATIONS + "speed = 3", "speed"),
     ],
@@ -84,3 +85,11 @@ def test_tours_of_files_are_those_of_the_library(tmp_path: Path) -> None:
     assert [station.name for station in found["stations"]] == ["drill", "tap"]
     tour = tm.plan_tour(**found, seed=1)
     assert tour.success and len(tour.motions) == 3
+
+
+def test_joints_that_are_not_named_are_where_the_tour_starts(tmp_path: Path) -> None:
+    some = STATIONS.replace("[0.6, 1.0, -0.3]", "{joint2 = 1.0}")
+    path = scenario(tmp_path, "[tour]\nend = {joint1 = 0.8}\n" + some)
+    found = load_tour(path)
+    assert found["q_end"].tolist() == [0.8, 1.2, -0.7]
+    assert found["stations"][1].goal.q.tolist() == [0.5, 1.0, -0.7]

@@ -84,3 +84,12 @@ def test_stations_and_starts_name_all_joints(robot: tm.Robot) -> None:
         tm.plan_tour(robot, START, {"a": goal, "b": tm.JointGoal(START)})
     with pytest.raises(tm.ProblemError, match="q_start says nothing about joint2"):
         tm.Problem(robot, {"joint1": 0.5, "joint3": -1.7}, goal)
+
+
+def test_regions_have_tolerances_by_joint_name(robot: tm.Robot) -> None:
+    goal = tm.JointRegionGoal(
+        {"joint3": -1.6, "joint1": 0.6}, {"joint1": 0.1, "joint3": 0.2}
+    )
+    assert goal == tm.JointRegionGoal((-1.6, 0.6), (0.2, 0.1), ("joint3", "joint1"))
+    with pytest.raises(tm.ProblemError, match=r"goal\.tolerance says nothing about j"):
+        tm.JointRegionGoal({"joint3": -1.6, "joint1": 0.6}, {"joint1": 0.1})

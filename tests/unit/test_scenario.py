@@ -359,6 +359,22 @@ def test_ways_to_say_positions(planar3r: Robot, tmp_path: Path) -> None:
     assert positions(named, "q = {}") == ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
 
 
+def test_goals_of_any_kind_are_by_names(planar3r: Robot, tmp_path: Path) -> None:
+    def goal(text: str) -> Goal:
+        start = '[robot]\nname = "planar3r"\n[start]\nstate = "start"\n[goal]\n'
+        return load_scenario(write(tmp_path, start + text)).problem.goal
+
+    one = '{type = "joint", q = {joint2 = 1}, v = {joint2 = 0.5}}'
+    found = goal(f'type = "any"\ngoals = [{one}]').alternatives
+    assert found == (JointGoal([0.5, 1.0, -1.7], [0.0, 0.5, 0.0]),)
+    region = 'type = "joint_region"\nq = {joint3 = 1}\ntolerance = {joint3 = 0.1}'
+    assert goal(region) == tm.JointRegionGoal({"joint3": 1.0}, [0.1])
+    place = 'type = "position"\nframe = "tip"\nposition = {x = 2, y = 1, z = 0}'
+    assert goal(place) == PositionGoal("tip", [2.0, 1.0, 0.0])
+    with pytest.raises(ScenarioError, match=r"'jont2' \(did you mean joint2"):
+        goal(f'type = "any"\ngoals = [{one.replace("joint2", "jont2")}]')
+
+
 def test_limits_of_moveit(tmp_path: Path) -> None:
     write(
         tmp_path,
@@ -531,8 +547,8 @@ def test_wrong_scenario(
         ),
         (
             'type = "sphere"\nname = "a"\nradius = 1\nposition = {x = 1}',
-            "position.x",
-            "no such key",
+            "position",
+            "three finite coordinates",
         ),
         (
             'type = "box"\nname = "a"\nsize = [1, 1, 1]\nrotation = [[1, 2, 3]]',

@@ -287,7 +287,8 @@ def _plain(item: Field, kinds: Mapping[str, Any]) -> Any:
     if isinstance(value, dict):
         if "type" in value:
             return from_table(item, kinds, "class")
-        return _read_placement(item)
+        if {"position", "rotation"} & value.keys():
+            return _read_placement(item)
     if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
         return tuple(_plain(entry, kinds) for entry in item.items())
     return value

@@ -242,7 +242,8 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
     kinds = classes(Goal)
     if table.get("type").value != "joint":
         goal: Goal = from_table(table, kinds, "goal")
-        return goal
+        with blaming(table):
+            return goal.resolved(robot, before)
     table.only("type", "q", "v", "state", "wrap")
     q, v = positions(table, robot, before), vector(table.get("v"), robot)
     wrap = table.get("wrap")
@@ -281,8 +282,13 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     return _row(replace(q, value={}) if q.value is None else q, robot, known)
 
 
-def vector(value: Field, robot: Robot) -> Array | None:
-    """Read values of all joints: numbers in joint order, or by name with default zero.
+def vector(value: Field, robot: Robot, others: Array | float = 0.0) -> Array | None:
+    """Read values of all joints: numbers in joint order, or by name.
+
+    Args:
+        value: The values.
+        robot: The robot.
+        others: Values of the joints that are not named, one for all or shape (n,).
 
     Returns:
         Shape (n,); None without values.
@@ -292,7 +298,8 @@ def vector(value: Field, robot: Robot) -> Array | None:
     """
     if value.value is None:
         return None
-    return _row(value, robot, dict.fromkeys(robot.joint_names, 0.0))
+    row = np.broadcast_to(others, robot.n).tolist()
+    return _row(value, robot, dict(zip(robot.joint_names, row, strict=True)))
 
 
 def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:

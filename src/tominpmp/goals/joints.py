@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Annotated, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tominpmp.arrays import (
     Array,
@@ -283,7 +282,7 @@ class JointRegionGoal(GoalOnJoints):
     """
 
     q: Converted[JointsLike, Array]
-    tolerance: Converted[ArrayLike, float | Array] = default(0.0)
+    tolerance: Converted[JointsLike, float | Array] = default(0.0)
     joints: Sequence[str] | None = None
     wrap: Wrap = True
 
@@ -293,12 +292,15 @@ class JointRegionGoal(GoalOnJoints):
         self._keep(tolerance=self._checked_tolerance())
 
     def _checked_tolerance(self) -> float | Array:
-        if is_single(self.tolerance):
-            return goal_tolerance(self.tolerance, "goal.tolerance", "rad or m")
+        given, named, name = self.tolerance, by_joint(self.tolerance), "goal.tolerance"
+        if named is not None and self.joints is not None:
+            given = in_order(named, self.joints, name)
+        if is_single(given):
+            return goal_tolerance(given, name, "rad or m")
         expected = "numbers >= 0, one for each joint of the goal [rad or m]"
-        given = vector(self.tolerance, "goal.tolerance", expected, self.q.size)
+        given = vector(given, name, expected, self.q.size)
         if np.any(given < 0.0):
-            raise wrong(given.tolist(), "goal.tolerance", expected)
+            raise wrong(given.tolist(), name, expected)
         return given
 
     def validate(self, robot: Robot) -> None:

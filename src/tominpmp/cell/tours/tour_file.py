@@ -30,7 +30,7 @@
     goal = {type = "joint", q = {elbow_joint = 1.2}}
 
 Scene, limits, constraints and options have the same keys as in other scenarios; joints
-that a station does not name keep their positions of the start.
+that a station or the end does not name keep their positions of the start.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         tour.only("end", "precedence", "configurations")
         end, count = tour.get("end"), tour.get("configurations")
         if end.value is not None:
-            arguments["q_end"] = _read_end(end, robot)
+            arguments["q_end"] = _read_end(end, robot, q_start)
         arguments["precedence"] = scenario.read_pairs(
             tour.get("precedence"), "of a station and of one that comes later"
         )
@@ -96,10 +96,10 @@ def load_tour(path: str | Path) -> dict[str, Any]:
     }
 
 
-def _read_end(end: Field, robot: Robot) -> Any:
+def _read_end(end: Field, robot: Robot, q_start: Array) -> Any:
     """The end of a tour, as ``q_end`` of :func:`~tominpmp.plan_tour`."""
     if not isinstance(end.value, str):
-        return scenario.vector(end, robot)
+        return scenario.vector(end, robot, q_start)
     if end.value not in ("start", "last"):
         end.fail(f'is {brief(end.value)}, expected "start", "last" or joint positions')
     return "start" if end.value == "start" else None
