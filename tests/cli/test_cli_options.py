@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pytest
-from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run
+from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run, needs_panda
 from command_line import invoke
 
 from tominpmp.cli.option_fields import attribute_texts, fields_of, typed_values
@@ -188,6 +188,51 @@ def test_positions_and_self_collision(run: Run, planner: Planner) -> None:
     assert planner.problem.self_collision is True
     assert run(*PLAN).exit_code == 0
     assert planner.problem.self_collision is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "refused", "words"),
+    [
+        ("0.01", "9", "start in collision", ("--margin", "0.01")),
+        (
+            '"planar3r"',
+            '"planar3r"\nkinematic = true',
+            "no acceleration limit",
+            ("--acceleration", "3"),
+        ),
+    ],
+)
+def test_a_scenario_is_checked_as_it_is_changed(
+    run: Run, planner: Planner, old: str, new: str, refused: str, words: tuple[str, str]
+) -> None:
+    Path("s.toml").write_text(SCENARIO.replace(old, new))
+    told = run("plan", "s.toml", "--no-output")
+    assert told.exit_code == 2 and refused in told.stderr
+    found = run("plan", "s.toml", *words, "--no-output")
+    assert (found.exit_code, found.stderr) == (0, "")
+    wrong = run("plan", "s.toml", "--margin", "-1")
+    assert wrong.stderr.startswith("error: margin is -1.0, expected a length >= 0")
+
+
+FOLDED = [0.0, -1.2, 2.9, 0.0, 0.0, 0.0]
+LINKS_MEET = f"""
+[robot]
+name = "ur5"
+[start]
+q = {FOLDED}
+[goal]
+type = "any"
+goals = [{{type = "joint", q = {FOLDED}}}, {{type = "joint", q = {[0.1] * 6}}}]
+"""
+
+
+@needs_panda
+def test_links_that_may_touch_do_so_at_both_ends(run: Run, planner: Planner) -> None:
+    Path("s.toml").write_text(LINKS_MEET)
+    assert "start in collision" in run("plan", "s.toml", "--no-output").stderr
+    found = run("plan", "s.toml", "--no-output", "--no-self-collision")
+    assert (found.exit_code, found.stderr) == (0, "")
+    assert len(planner.problem.alternatives) == 2
 
 
 def test_a_mesh_is_an_obstacle(run: Run, planner: Planner, tmp_path: Path) -> None:

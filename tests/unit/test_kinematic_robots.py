@@ -207,8 +207,11 @@ def test_requests_of_moveit(tmp_path: Path) -> None:
     problem = tm.load_moveit(arm(), *files, kinematic=True)
     assert tm.plan(problem).T == pytest.approx(1.0, rel=1e-5)  # half of 4 rad/s^2
     files[1].write_text(REQUEST.replace("max_acceleration_scaling_factor: 0.5", ""))
-    with pytest.raises(tm.TominpmpError, match="no acceleration limit for j1, j2"):
+    with pytest.raises(tm.ProblemError, match="no acceleration limit for j1, j2"):
         tm.load_moveit(URDF, *files, kinematic=True)
+    more = tm.MotionLimits(acceleration=3.0)
+    problem = tm.load_moveit(URDF, *files, kinematic=True, motion_limits=more)
+    assert problem.motion_limits == more
     limits = tmp_path / "joint_limits.yaml"
     limits.write_text("joint_limits: {j1: {max_acceleration: 4}, j2: {max_jerk: 9}}")
     with pytest.raises(tm.TominpmpError, match="no acceleration limit for j2,"):

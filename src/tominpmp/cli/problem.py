@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
@@ -277,17 +278,12 @@ def load_problem(
             "--planning-effort",
         )
     chosen = Options(**typed)  # wrong options are refused before a robot is loaded
-    overrides = {
-        name: getattr(args, name)
-        for name in ("margin", "self_collision")
-        if getattr(args, name) is not None
-    }
-    constraints = tuple(constraint(text) for text in args.constraint or ())
+    changes = partial(_changes, problem_args)
     if is_scenario(problem_args.robot):
         _refuse("a scenario file", args, ALLOWED)
-        loaded = scenario.load_scenario(problem_args.robot)
-        problem, chosen = loaded.problem, replace(loaded.options, **typed)
-    elif args.request is not None:
+        loaded = scenario.changed_scenario(problem_args.robot, changes)
+        return loaded.problem, replace(loaded.options, **typed)
+    if args.request is not None:
         if args.scene is None:
             raise ProblemError("--request needs a --scene that it belongs to", "scene")
         of_robot = (f.name for f in fields(RobotOptions) if f.name != "group")
@@ -297,18 +293,25 @@ def load_problem(
         arm = load_changed_robot(
             problem_args.robot, args, request_locks(source, args.request)
         )
-        problem = load_moveit(arm, args.scene, args.request, **overrides)
-        overrides = {}
-    else:
-        overrides["constraints"] = constraints
-        return _typed_problem(problem_args, overrides), chosen
-    limits = _limits(problem_args, problem.robot)
+        return load_moveit(arm, args.scene, args.request, **changes(arm, {})), chosen
+    return _typed_problem(problem_args), chosen
+
+
+def _changes(
+    problem_args: ProblemArguments, robot: Robot, known: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What options say of a problem, as its arguments, over those of a file."""
+    args, limits = problem_args.options, _limits(problem_args, robot)
     if limits is not None:
-        base, names = problem.motion_limits, problem.robot.joint_names
-        overrides["motion_limits"] = limits.over(base, names)
-    if constraints:
-        overrides["constraints"] = (*problem.constraints, *constraints)
-    return replace(problem, **overrides) if overrides else problem, chosen
+        limits = limits.over(known.get("motion_limits"), robot.joint_names)
+    typed = tuple(constraint(text) for text in args.constraint or ())
+    found = {
+        "margin": args.margin,
+        "self_collision": args.self_collision,
+        "motion_limits": limits,
+        "constraints": (*known.get("constraints", ()), *typed) if typed else None,
+    }
+    return {name: value for name, value in found.items() if value is not None}
 
 
 def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None:
@@ -393,13 +396,8 @@ def _obstacles(args: SceneOptions, robot: Robot) -> Scene:
     return Scene([*typed, *loaded]) if typed else loaded
 
 
-def _typed_problem(problem_args: ProblemArguments, extra: Mapping[str, Any]) -> Problem:
-    """The problem of a command line without a scenario and a motion plan request.
-
-    Args:
-        problem_args: The arguments of the command.
-        extra: Further fields of the problem, by name.
-    """
+def _typed_problem(problem_args: ProblemArguments) -> Problem:
+    """The problem of a command line that names no file with one."""
     args = problem_args.options
     if args.start is None:
         raise ProblemError(
@@ -416,11 +414,9 @@ def _typed_problem(problem_args: ProblemArguments, extra: Mapping[str, Any]) -> 
     scene = _obstacles(args, robot)
     q_start = positions(args.start, "--start", robot, degrees=args.degrees)
     v_start = velocities(args, "start_velocity", robot)
-    goal, limits = _goal(args, robot, q_start), _limits(problem_args, robot)
+    goal, more = _goal(args, robot, q_start), _changes(problem_args, robot, {})
     try:
-        return Problem(
-            robot, q_start, goal, scene, v_start=v_start, motion_limits=limits, **extra
-        )
+        return Problem(robot, q_start, goal, scene, v_start=v_start, **more)
     except ProblemError as error:
         # The hint about radians is replaced by a hint about --degrees.
         message = str(error).removesuffix(IN_RADIANS)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.paths import checked_path
@@ -48,6 +50,7 @@ from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import AxisGoal, PoseGoal, PositionGoal, RegionGoal
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
 from tominpmp.goals.sets import AllGoals, AnyGoal
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot, RobotSource, read_source
 from tominpmp.scene.meshes import Mesh
@@ -553,6 +556,8 @@ def load_moveit(
     self_collision: bool | None = None,
     kinematic: bool = False,
     joint_limits: str | Path | None = None,
+    motion_limits: MotionLimits | None = None,
+    constraints: Sequence[PathConstraint] = (),
 ) -> Problem:
     """Load a problem from a MoveIt planning scene and a motion plan request.
 
@@ -580,6 +585,9 @@ def load_moveit(
         joint_limits: MoveIt's ``joint_limits.yaml``, whose limits take precedence over
             those of the robot's files; it provides the accelerations that a kinematic
             robot needs. The request sets their scaling.
+        motion_limits: Limits that take precedence over those of the robot, without
+            scaling.
+        constraints: Constraints at all times.
 
     Returns:
         The problem. Joints of the start state that the robot lacks, and locked ones
@@ -589,8 +597,8 @@ def load_moveit(
         ScenarioError: If a file is wrong, or the problem in it, for example a start in
             collision; names the file and the key in it.
         RobotLoadError: If the robot cannot be loaded.
-        ProblemError: If the margin is wrong, or limits are given for a robot that is
-            loaded already.
+        ProblemError: If the margin, a limit or a constraint is wrong, or joint limits
+            are given for a robot that is loaded already.
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
     state, start = request.get("start_state"), _start_values(request, "position")
@@ -612,12 +620,14 @@ def load_moveit(
             scene=scene,
             margin=margin,
             v_start=_start_velocity(arm, request),
+            motion_limits=motion_limits,
             self_collision=self_collision,
+            constraints=constraints,
         )
     except ProblemError as error:
-        blamed = (error.field or "").split(".")[0]
+        blamed = re.split(r"\W", error.field or "")[0]
         places = {"q_start": "start_state", "v_start": "start_state"}
-        if blamed == "margin":
+        if blamed in ("margin", "motion_limits", "constraints"):
             raise
         request.get(places.get(blamed, "goal_constraints")).fail(str(error))
 

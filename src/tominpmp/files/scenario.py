@@ -387,7 +387,7 @@ def check_names(
             part.validate(robot)
 
 
-def read_payload(table: Field) -> Payload:
+def _read_payload(table: Field) -> Payload:
     """Read a payload.
 
     Raises:
@@ -448,7 +448,7 @@ READERS: dict[str, Callable[[Field], Any]] = {
     "margin": Field.number,
     "self_collision": Field.flag,
     "constraints": _read_constraints,
-    "payload": read_payload,
+    "payload": _read_payload,
     "may_touch": read_pairs,
     "stop": Field.flag,
     "dwell": Field.number,
@@ -597,7 +597,7 @@ def read_robot(table: Field) -> Robot:
         where = table.get(option) if option in ROBOT_KEYS else table
         where.blame(error)
     for item in table.get("payloads").items():
-        payload = read_payload(item)
+        payload = _read_payload(item)
         with blaming(item):
             robot = robot.with_payload(payload)
     return robot
@@ -784,6 +784,23 @@ def load_scenario(path: str | Path) -> Scenario:
     Raises:
         ScenarioError: If the file, or the problem in it, is wrong; names the key.
     """
+    return changed_scenario(path, lambda robot, conditions: {})
+
+
+def changed_scenario(
+    path: str | Path, changes: Callable[[Robot, Mapping[str, Any]], dict[str, Any]]
+) -> Scenario:
+    """Load a scenario file whose problem has other conditions.
+
+    Args:
+        path: As for :func:`load_scenario`.
+        changes: Finds the arguments of the problem that go before those of the file,
+            from the robot and from these.
+
+    Raises:
+        ScenarioError: As :func:`load_scenario`.
+        TominpmpError: If an argument that goes before those of the file is wrong.
+    """
     path = checked_path(path, "path", ScenarioError)
     document = Field(read_toml(path), path)
     document.only(*SECTIONS)
@@ -799,6 +816,7 @@ def load_scenario(path: str | Path) -> Scenario:
     segments = read_segments(document.get("segments"), robot, q_start)
     conditions = read_conditions(document, robot)
     check_names(document, robot, goal, conditions.get("constraints", ()))
+    changed = changes(robot, conditions)
     try:
         problem = Problem(
             robot,
@@ -806,10 +824,13 @@ def load_scenario(path: str | Path) -> Scenario:
             goal,  # type: ignore[arg-type]
             v_start=v_start,
             segments=segments,
-            **conditions,
+            **conditions | changed,
         )
     except TominpmpError as error:
-        _blamed(document, getattr(error, "field", None) or "").fail(str(error))
+        field = getattr(error, "field", None) or ""
+        if re.split(r"\W", field)[0] in changed:
+            raise
+        _blamed(document, field).fail(str(error))
     return Scenario(problem, options)
 
 
