@@ -174,6 +174,17 @@ def test_library_warnings_are_lines(run: Run, planner: Planner) -> None:
     assert planner.problem.q_start[0] == 0.18
 
 
+def test_a_warning_is_said_once(run: Run, planner: Planner, files: None) -> None:
+    far = "world: {collision_objects: [{id: far, primitives: [{type: sphere, "
+    far += "dimensions: [1]}], primitive_poses: [{position: [500, 0, 0]}]}]}"
+    Path("scene.yaml").write_text(far)
+    words = ("--scene", "scene.yaml", "--obstacle", "sphere:b:r=0.1:at=9,9,9")
+    for _ in range(2):
+        result = run(*PLAN, *words)
+        assert (result.exit_code, len(planner.problem.scene)) == (0, 2)
+        assert result.stderr.count("in millimetres") == 1
+
+
 def test_limit_shares() -> None:
     arm = load_robot("planar3r", velocity=1.0)
     t = np.array([0.0, 1.0, 4.0, 8.0, 10.0])

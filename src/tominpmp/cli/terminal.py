@@ -125,7 +125,7 @@ def _explain(message: str, debug: bool) -> None:
 
 @contextmanager
 def _warnings_shown() -> Iterator[None]:
-    """Show the library's warnings as lines, other warnings as Python does."""
+    """Show the library's warnings as lines, each once, others as Python does."""
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
@@ -137,7 +137,7 @@ def _warnings_shown() -> Iterator[None]:
             else:
                 usual(message, category, *more, **where)
 
-        warnings.simplefilter("always", TominpmpWarning)
+        warnings.simplefilter("default", TominpmpWarning)
         warnings.showwarning = show
         yield
 
