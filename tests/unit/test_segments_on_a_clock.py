@@ -121,6 +121,21 @@ def test_a_window_between_two_ticks_is_not_met():
     assert "No motion on a clock of 0.01 s was found" in solution.message
 
 
+@pytest.mark.parametrize("dwell", [0.0, 0.1])
+def test_more_periods_are_tried_where_every_tick_is_a_knot(dwell):
+    """Motions need 1 % more periods than they last, and no interval can be halved."""
+    robot = tm.load_robot("planar3r", gravity=(0.0, 0.0, 0.0))
+    segments = [
+        tm.Segment(tm.JointGoal([2.0, -1.0, 0.5]), stop=True, dwell=dwell),
+        tm.Segment(tm.JointGoal([1.0, 1.0, -0.5])),
+    ]
+    problem = tm.Problem(robot, [0.5, 1.7, -1.7], segments=segments)
+    options = {"effort": "quick", "refine": None, "intervals": 120}
+    solution = tm.plan(problem, **options, control_period=0.04)
+    assert solution.success, solution.message
+    assert solution.T < 2.85 + dwell
+
+
 def test_stays_of_all_kinds_one_after_the_other(tmp_path):
     problem = rail(
         to(0.4, dwell=0.0001), to(0.5, stop=True), to(0.8, dwell=0.03), to(0.9, dwell=2)
