@@ -76,7 +76,7 @@ def held(*constraints: str) -> str:
         (LEVEL + held(GRASP), ("49 N at rest", "no more than 0.6 N")),
         (
             LEVEL + LEVEL + held(SLOW),
-            ("segments[1].constraints[0].during: ", "(0.0, 1.0)", "several segments"),
+            ("segments[1].constraints[0].during: ", "(0.0, 1.0)", "has segments: "),
         ),
         (
             LEVEL + "[[constraints]]\n" + SLOW,

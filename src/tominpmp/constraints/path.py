@@ -471,11 +471,11 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
     Args:
         given: The constraints.
         robot: The robot.
-        several: Whether the motion has several segments.
+        several: Whether the motion has segments, even a single one.
 
     Raises:
         ProblemError: If an item is not a constraint, or has a time window although the
-            motion has several segments.
+            motion has segments.
         FrameNotFound: If the robot does not have a frame of a constraint.
     """
     items: Any = (given,) if isinstance(given, PathConstraint) else given
@@ -488,8 +488,8 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
         if item.during is not None and several:
             raise ProblemError(
                 f"{item.name}: during is {brief(item.during)}, and the problem has "
-                "several segments: expected None, and the constraint given to the "
-                "segments on which it holds",
+                "segments: expected None, and the constraint given to the segments on "
+                "which it holds",
                 f"constraints[{k}].during",
             )
     return tuple(items)

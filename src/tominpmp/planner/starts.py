@@ -95,7 +95,7 @@ def usual_starts(system: ProblemFunctions, options: Options) -> tuple[int, int]:
     Returns:
         The number of guesses, and its upper limit while there is no incumbent.
     """
-    moving = bool(system.problem.scene.moving)
+    moving = any(part.problem.scene.moving for part in system.segments)
     usual = 1
     if options.objective == "time":
         if system.final_configuration is None:
