@@ -41,6 +41,8 @@ def test_all_constraints_of_the_library_can_be_typed() -> None:
     assert {"tool_speed", "keep_upright"} <= set(kinds)
     made = constraint("tool_speed:frame=7:limit=1")  # a frame may be called so
     assert made == tm.ToolSpeed("7", 1.0)
+    made = constraint("joint_coupling:joints=joint1,joint2:weights=1,-2:upper=0.5")
+    assert made == tm.JointCoupling(("joint1", "joint2"), (1.0, -2.0), 0.5)
 
 
 def test_a_motion_keeps_a_tool_speed(run: Run) -> None:

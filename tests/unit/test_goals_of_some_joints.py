@@ -93,3 +93,23 @@ def test_regions_have_tolerances_by_joint_name(robot: tm.Robot) -> None:
     assert goal == tm.JointRegionGoal((-1.6, 0.6), (0.2, 0.1), ("joint3", "joint1"))
     with pytest.raises(tm.ProblemError, match=r"goal\.tolerance says nothing about j"):
         tm.JointRegionGoal({"joint3": -1.6, "joint1": 0.6}, {"joint1": 0.1})
+    with pytest.raises(tm.ProblemError, match=r"goal\.q to be so, too"):
+        tm.JointRegionGoal((0.6, 1.7, -1.6), {"joint1": 0.1})
+
+
+def test_joints_are_named_in_one_way(robot: tm.Robot) -> None:
+    for kind in (tm.JointGoal, tm.JointRegionGoal):
+        with pytest.raises(
+            tm.ProblemError, match=r"joints is \('joint2',\), expected N"
+        ):
+            kind({"joint1": 0.6}, joints=("joint2",))
+
+
+def test_goals_that_contradict_each_other_are_refused(robot: tm.Robot) -> None:
+    def goal(apart: float) -> tm.AllGoals:
+        near = tm.JointRegionGoal({"joint1": 1.0, "joint3": -1.0}, 0.1)
+        return tm.AllGoals([near, tm.JointRegionGoal({"joint1": 1.0 + apart}, 0.2)])
+
+    tm.Problem(robot, START, goal(0.3))
+    with pytest.raises(tm.ProblemError, match=r"'joint1' is to be 1.15 at least and"):
+        tm.Problem(robot, START, goal(0.35))

@@ -437,6 +437,12 @@ joint_limits:
         ),
         (('"start"', '"home"'), "start.state", "no group state 'home'.* start"),
         (('state = "start"', ""), "start", "expected q or state"),
+        (
+            ('state = "start"', 'state = "start"\nq = "home"'),
+            "start.q",
+            "joints by name beside a state",
+        ),
+        (("[robot]", "options = []\n[robot]"), "options", "expected a table"),
         (('state = "start"', "q = {elbow = 1}"), "start.q.elbow", "no joint 'elbow'"),
         (
             ('state = "start"', "q = {joint1 = 1}"),

@@ -12,6 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tominpmp.exceptions import SceneError
+from tominpmp.scene.motion import ConstantVelocity
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 from tominpmp.scene.scene import Scene
 
@@ -32,6 +33,15 @@ def test_defaults(kind: str) -> None:
     assert obstacle.name == "o"
     np.testing.assert_array_equal(obstacle.position, np.zeros(3))
     np.testing.assert_array_equal(obstacle.rotation, np.eye(3))
+
+
+def test_edges_and_velocities_are_along_named_axes() -> None:
+    box = Box("o", size={"z": 3.0, "x": 1.0, "y": 2.0})
+    assert box == Box("o", size=(1.0, 2.0, 3.0))
+    up = ConstantVelocity({"x": 0.0, "y": 0.0, "z": 0.1})
+    assert up == ConstantVelocity((0.0, 0.0, 0.1))
+    with pytest.raises(SceneError, match=r"size is .*, expected three"):
+        Box("o", size={"x": 1.0})
 
 
 @kinds

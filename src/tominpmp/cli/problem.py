@@ -245,7 +245,9 @@ def _typed_record(
         declared = field_type(kinds.get(kind, object), key)
         plain = getattr(declared, "__origin__", declared) in (str, "str")
         numbers = [number(word) for word in words(value)]
-        if not plain and None not in numbers:
+        if declared == "tuple[str, ...]":
+            table.value[key] = words(value)
+        elif not plain and None not in numbers:
             table.value[key] = numbers[0] if len(numbers) == 1 else numbers
         else:
             table.value[key] = value
@@ -389,15 +391,12 @@ def load_scene(args: PlayOptions) -> tuple[Robot, Scene]:
 
 
 def _obstacles(args: SceneOptions, robot: Robot) -> Scene:
-    typed = [obstacle(text) for text in args.obstacle or ()]
-    if args.scene is None:
-        return Scene(typed)
-    loaded = load_moveit_scene(args.scene, robot)
-    return Scene([*typed, *loaded]) if typed else loaded
+    read = () if args.scene is None else load_moveit_scene(args.scene, robot)
+    return Scene([*map(obstacle, args.obstacle or ()), *read])
 
 
 def _typed_problem(problem_args: ProblemArguments) -> Problem:
-    """The problem of a command line that names no file with one."""
+    """The problem of a command line without a scenario and a motion plan request."""
     args = problem_args.options
     if args.start is None:
         raise ProblemError(

@@ -6,7 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, number_or_nan, record
-from tominpmp.checks import JOINTS, array, instance, known_joints, vector, whole, wrong
+from tominpmp.checks import (
+    JOINTS,
+    array,
+    instance,
+    known_joints,
+    names,
+    vector,
+    whole,
+)
 from tominpmp.constraints.path import EMPTY, Linear, PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.robot.robot import Robot
@@ -23,7 +31,7 @@ class JointCoupling(PathConstraint):
     bounds), a cable between two joints, a belt.
 
     Attributes:
-        joints: Names of the joints.
+        joints: Names of the joints, none twice.
         weights: Weight c of each joint, shape (k,).
         upper: Upper bound [rad or m]; infinity for no bound.
         lower: Lower bound [rad or m]; minus infinity for no bound.
@@ -45,12 +53,9 @@ class JointCoupling(PathConstraint):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        names = (self.joints,) if isinstance(self.joints, str) else self.joints
-        listed = isinstance(names, list | tuple) and len(names) > 0
-        if not (listed and all(isinstance(name, str) for name in names)):
-            raise wrong(self.joints, "joints", "names of joints")
-        self._keep(joints=tuple(names))
-        count = len(names)
+        joints = (self.joints,) if isinstance(self.joints, str) else self.joints
+        self._keep(joints=names(joints, "joints"))
+        count = len(self.joints)
         given = [self.weights] if np.isscalar(self.weights) else self.weights
         expected = f"{count} number{'' if count == 1 else 's'}, one for each joint"
         self._keep(weights=vector(given, "weights", expected, count))
@@ -85,9 +90,9 @@ class JointCoupling(PathConstraint):
 
     def _row(self) -> Array:
         """Weights of all joints of the robot, shape (n,)."""
-        names = list(self.kinematics.robot.joint_names)
-        row = np.zeros(len(names))
-        np.add.at(row, [names.index(joint) for joint in self.joints], self.weights)
+        known = self.kinematics.robot.joint_names
+        row = np.zeros(len(known))
+        row[[known.index(joint) for joint in self.joints]] = self.weights
         return row
 
     def bounds(self, instants: int) -> tuple[Array, Array]:

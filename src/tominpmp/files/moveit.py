@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -625,7 +624,7 @@ def load_moveit(
             constraints=constraints,
         )
     except ProblemError as error:
-        blamed = re.split(r"\W", error.field or "")[0]
+        blamed = (error.field or "").partition(".")[0].partition("[")[0]
         places = {"q_start": "start_state", "v_start": "start_state"}
         if blamed in ("margin", "motion_limits", "constraints"):
             raise

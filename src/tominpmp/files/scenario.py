@@ -266,11 +266,11 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     state, q = table.get("state"), table.get("q")
     if not state.given and q.value is None:
         table.fail("says nothing of joint positions: expected q or state")
-    if isinstance(q.value, str):
+    if isinstance(q.value, str) and not state.given:
         state, q = q, replace(q, value=None)
     known = {} if base is None else dict(zip(robot.joint_names, base, strict=True))
     if state.given:
-        if isinstance(q.value, list):
+        if not isinstance(q.value, dict | None):
             q.fail("expected joints by name beside a state")
         states = {} if robot.srdf is None else robot.srdf.group_states
         if state.text() not in states:
@@ -922,7 +922,7 @@ def read_options(table: Field) -> Options:
     Raises:
         ScenarioError: If an option is wrong.
     """
-    if not table.given:
+    if table.value is None:
         return Options()
     if "callback" in table.table():
         table.get("callback").fail("a file cannot hold a function")

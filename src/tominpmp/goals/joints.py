@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Annotated, ClassVar, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -74,11 +74,24 @@ class GoalOnJoints(Record, Goal):
         """Check and copy the positions, and the names that belong to them."""
         super().__post_init__()
         joints, q = named_row(self.q, "goal.q")
+        if joints is not None and self.joints is not None:
+            expected = "None, as goal.q is by joint name"
+            raise wrong(self.joints, "goal.joints", expected)
         q = vector(q, "goal.q", "one number for each joint [rad or m]")
         self._keep(q=q, joints=self.joints if joints is None else joints)
         if self.joints is not None:
             self._keep(joints=names(self.joints, "goal.joints"))
             one_per_joint(self.q, "goal.q", self.joints)
+
+    def _in_order(self, given: Any, name: str, missing: float | None = None) -> Any:
+        """Values by joint name in the order of the joints of the goal; others as is."""
+        named = by_joint(given)
+        if named is None:
+            return given
+        if self.joints is None:
+            message = f"{name} is given by joint name, expected goal.q to be so, too"
+            raise ProblemError(message, name)
+        return in_order(named, self.joints, name, missing=missing)
 
     @property
     def ways(self) -> tuple[Array, ...]:
@@ -201,16 +214,9 @@ class JointGoal(GoalOnJoints):
         """Copy the arrays; their lengths are checked against the robot."""
         super().__post_init__()
         if self.v is not None:
-            self._keep(v=self._checked_velocity())
-
-    def _checked_velocity(self) -> Array:
-        v, speeds = self.v, by_joint(self.v)
-        if speeds is not None:
-            if self.joints is None:
-                message = "goal.v is given by joint name, expected goal.q to be so, too"
-                raise ProblemError(message, "goal.v")
-            v = in_order(speeds, self.joints, "goal.v", missing=0.0)
-        return vector(v, "goal.v", "one number for each joint [rad/s or m/s]")
+            v, expected = self.v, "one number for each joint [rad/s or m/s]"
+            v = vector(self._in_order(v, "goal.v", 0.0), "goal.v", expected)
+            self._keep(v=v)
 
     def resolved(self, robot: Robot, before: Array | None = None) -> JointGoal:
         """The same in the order of the robot."""
@@ -292,9 +298,8 @@ class JointRegionGoal(GoalOnJoints):
         self._keep(tolerance=self._checked_tolerance())
 
     def _checked_tolerance(self) -> float | Array:
-        given, named, name = self.tolerance, by_joint(self.tolerance), "goal.tolerance"
-        if named is not None and self.joints is not None:
-            given = in_order(named, self.joints, name)
+        name = "goal.tolerance"
+        given = self._in_order(self.tolerance, name)
         if is_single(given):
             return goal_tolerance(given, name, "rad or m")
         expected = "numbers >= 0, one for each joint of the goal [rad or m]"

@@ -89,6 +89,13 @@ class StateChecks:
             messages += onto_limits(self.robot, "position", q, name)[1]
             self._reach(item)
             self._room(item)
+        lower, upper = goal.joint_ranges(self.robot)
+        for joint, least, most in zip(
+            self.robot.joint_names, lower, upper, strict=True
+        ):
+            if least > most + ROUNDING:
+                said = f"{least:.6g} at least and {most:.6g} at most [rad or m]"
+                raise ProblemError(f"goal: joint {joint!r} is to be {said}", "goal")
         return goal, messages
 
     def _any_goal(self, goal: Goal, rests: bool) -> tuple[Goal, list[str]]:

@@ -37,6 +37,7 @@ from tominpmp.checks import (
     of_type,
     optional,
     plain_rotation,
+    plain_vector,
     split_pose,
     wrong,
 )
@@ -190,7 +191,7 @@ def finite_numbers(value: Any, name: str) -> Array:
 
 def triple(value: Any, name: str, content: str) -> Array:
     """Check three finite numbers; what they are is said in words."""
-    found = array_or_nan(value)
+    found = array_or_nan(plain_vector(value))
     if found.shape != (3,) or not np.all(np.isfinite(found)):
         raise wrong(value, name, f"three finite {content}")
     return found

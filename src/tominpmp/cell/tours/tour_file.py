@@ -76,6 +76,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
     arguments = {
         "robot": robot,
         "q_start": q_start,
+        "options": scenario.read_options(options) if options.given else None,
         **scenario.read_conditions(document, robot),
     }
     tour = document.get("tour")
@@ -91,9 +92,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
             arguments["configurations"] = count.value
     items = document.need("stations").items()
     arguments["stations"] = [_read_station(item, robot, q_start) for item in items]
-    return arguments | {
-        "options": scenario.read_options(options) if options.given else None
-    }
+    return arguments
 
 
 def _read_end(end: Field, robot: Robot, q_start: Array) -> Any:
