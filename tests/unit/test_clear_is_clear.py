@@ -12,7 +12,7 @@ import tominpmp as tm
 from tominpmp.collision.decomposition_cache import pieces_of
 from tominpmp.collision.selection import links_of
 from tominpmp.collision.shapes import is_mesh
-from tominpmp.verification.closest_approach import Approach
+from tominpmp.verification.closest_approach import ClosestApproach
 
 RADIUS = 0.05
 BALL = f"<collision><geometry><sphere radius='{RADIUS}'/></geometry></collision>"
@@ -115,7 +115,7 @@ def test_the_least_room_is_what_dense_samples_find(rail: tm.Robot) -> None:
     sampled = np.min(checker.distances(rows.q, 0.3, rows.t))
     assert found.min_clearance == pytest.approx(sampled, rel=0.1)
     pairs = len(checker.pairs)
-    search = Approach(checker, rows, np.zeros(pairs), np.zeros((2, pairs)), 0.0)
+    search = ClosestApproach(checker, rows, np.zeros(pairs), np.zeros((2, pairs)), 0.0)
     least = search.run()
     assert not least.violated
-    assert least.doubt == 0.0
+    assert least.possible_violation == 0.0

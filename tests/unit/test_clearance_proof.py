@@ -164,16 +164,16 @@ def test_the_proved_margin_is_named_with_the_nearest_approach(planar3r: Robot) -
     checker = CollisionChecker(planar3r, scene, self_collision=False)
     found = prove_clearance(checker, motion, 0.5, slack=0.0)
     assert found.message.startswith(
-        "Proved: every pair stays at least 0.5000 m apart (margin asked 0.5 m) at all "
-        "times; the nearest approach seen is link 'link3' and obstacle 'ball', "
+        "Proved: every pair stays at least 0.5000 m apart (required margin 0.5 m) at "
+        "all times; the closest approach measured is link 'link3' and obstacle 'ball', "
     )
     assert found.message.endswith(f"{found.distance:.4f} m at {found.time:.3f} s.")
     (kept,) = found.kept
     assert kept.margin == 0.5 <= kept.bound == found.bound
     # No digit is rounded up.
     for margin, slack, words in (
-        (0.49999, 0.0, "at least 0.4999 m apart (margin asked 0.5 m)"),
-        (0.0, 1e-4, "every pair stays apart (no margin asked)"),
+        (0.49999, 0.0, "at least 0.4999 m apart (required margin 0.5 m)"),
+        (0.0, 1e-4, "every pair stays apart (no margin required)"),
     ):
         assert words in prove_clearance(checker, motion, margin, slack=slack).message
 
@@ -188,16 +188,16 @@ def test_pairs_of_several_margins_are_told_apart(ur5: Robot) -> None:
     margins = checker.margins(0.3)
     found = prove_clearance(checker, motion, margins, slack=0.0)
     assert found.message.startswith(
-        "Proved: links and obstacles stay at least 0.3000 m apart (margin asked 0.3 "
-        "m), links of the robot stay apart (no margin asked) at all times; the least "
-        "room is seen between "
+        "Proved: links and obstacles stay at least 0.3000 m apart (required margin "
+        "0.3 m), links of the robot stay apart (no margin required) at all times; the "
+        "least measured clearance is between "
     )
     assert [item.margin for item in found.kept] == [0.3, 0.0]
     assert all(item.bound >= item.margin for item in found.kept)
     assert found.bound == min(item.bound for item in found.kept)
     each = np.linspace(1e-3, 5e-3, margins.size)
     found = prove_clearance(checker, motion, each, slack=0.0)
-    told = "every pair keeps the margin asked of it at all times, 0.001 to 0.005 m"
+    told = "every pair keeps its margin at all times, 0.001 to 0.005 m"
     assert told in found.message
 
 
@@ -222,8 +222,10 @@ def test_pairs_that_are_too_near_are_named_with_their_margin(planar3r: Robot) ->
     least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
     found = prove_clearance(checker, motion, least + 0.05)
     assert found.contact and not found.kept
-    assert "Not clear: too near are link 'link3' and obstacle 'ball', " in found.message
-    assert f"(margin asked {least + 0.05:.4g} m)" in found.message
+    assert (
+        "Not clear: too close are link 'link3' and obstacle 'ball', " in found.message
+    )
+    assert f"(required margin {least + 0.05:.4g} m)" in found.message
 
 
 def test_each_segment_is_among_its_own_obstacles(planar3r: Robot) -> None:

@@ -99,8 +99,8 @@ def test_overlap_is_told_where_every_start_has_it(planar3r: Robot) -> None:
     outcomes = [Outcome(slow), Outcome(slower)]
     found = explain(problem, outcomes, Status.INFEASIBLE)
     assert "links link" in found and "and post overlap by" in found
-    assert "in every start tried" in found
-    assert "cm more room between" in found
+    assert "from every start tried" in found
+    assert "cm more clearance between" in found
     assert "2 starts and 4 iterations" in found
     away = smooth(planar3r, begin, begin + 0.01, 2.0)
     other = Outcome(away, violations={"goal": 3.0})
@@ -144,4 +144,4 @@ def test_motion_that_is_nearly_allowed_is_told_as_such() -> None:
     motion = smooth(arm, np.zeros(1), np.ones(1), 1.0)
     problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
     found = explain(problem, [Outcome(motion)], Status.ITERATION_LIMIT)
-    assert "within 0.1 % of what is allowed" in found
+    assert "within 0.1 % of the limits" in found

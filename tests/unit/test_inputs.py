@@ -153,7 +153,7 @@ def test_velocities_by_joint_name(robot: tm.Robot) -> None:
     goal = tm.JointGoal({"joint3": 0.2, "joint1": 0.1}, v={"joint3": 1.0})
     problem = tm.Problem(robot, [0, 0], goal)
     np.testing.assert_array_equal(problem.goal.v, [0.0, 1.0])
-    with pytest.raises(tm.ProblemError, match=r"expected goal\.q to be so, too"):
+    with pytest.raises(tm.ProblemError, match=r"expected goal\.q by name, too"):
         tm.JointGoal([0, 0], v={"joint1": 1.0})
 
 

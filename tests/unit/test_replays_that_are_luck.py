@@ -9,7 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
-from tominpmp.verification.feedback import doubtful, settled
+from tominpmp.verification.feedback import ends_agree, errors_matter
 from tominpmp.verification.replay import Integration
 
 # Raised slowly, this arm lets errors grow by 2e10.
@@ -52,19 +52,19 @@ def test_what_a_finer_integration_moves_is_judged_with_feedback(
 
 def test_replays_settle_where_both_end_at_one_place(raised: tm.Solution) -> None:
     replay, tolerances = raised.verification.replay, Tolerances()
-    assert settled(replay, replay, tolerances)
+    assert ends_agree(replay, replay, tolerances)
     q = np.array(replay.q)
     q[-1] += 0.05 * tolerances.goal
-    assert settled(replay, replace(replay, q=q), tolerances)
+    assert ends_agree(replay, replace(replay, q=q), tolerances)
     q[-1] += 0.1 * tolerances.goal
-    assert not settled(replay, replace(replay, q=q), tolerances)
-    assert not settled(replay, replace(replay, complete=False), tolerances)
+    assert not ends_agree(replay, replace(replay, q=q), tolerances)
+    assert not ends_agree(replay, replace(replay, complete=False), tolerances)
 
 
 def test_a_second_replay_is_for_motions_whose_errors_grow() -> None:
-    assert not doubtful(1e4, 1e-3, 1e-9)
-    assert doubtful(1e6, 1e-3, 1e-9)
-    assert not doubtful(1e6, 1e-3, 2e-11)
-    assert doubtful(1e8, 1e-3, 2e-11)
-    assert doubtful(np.inf, 1e-3, 2e-11)
-    assert doubtful(np.nan, 1e-3, 2e-11)
+    assert not errors_matter(1e4, 1e-3, 1e-9)
+    assert errors_matter(1e6, 1e-3, 1e-9)
+    assert not errors_matter(1e6, 1e-3, 2e-11)
+    assert errors_matter(1e8, 1e-3, 2e-11)
+    assert errors_matter(np.inf, 1e-3, 2e-11)
+    assert errors_matter(np.nan, 1e-3, 2e-11)

@@ -218,13 +218,13 @@ def test_wrong_robots(planar3r: Robot) -> None:
 def test_wrong_goals_and_starts(cell: Workcell) -> None:
     fine = JointGoal(START)
     goals: list[tuple[dict[str, Goal | None], str]] = [
-        ({"a": fine}, "there is none for 'b'"),
+        ({"a": fine}, "no goal is given for 'b'"),
         ({"a": fine, "c": fine}, "there is no robot 'c'; the robots are: b, a"),
-        ({"a": None, "b": None}, "no robot has one"),
+        ({"a": None, "b": None}, "no robot has a goal"),
         ({"a": fine, "b": JointGoal([1, 2])}, "b: goal.q has 2 numbers, expected 3"),
         ({"a": None, "b": JointGoal(START, [1, 0, 0])}, "JointGoals for the other"),
         (START, "goal is a ndarray, expected goals by the name"),  # type: ignore[list-item]
-        ({"a": fine, "b": START}, "that of 'b' is a ndarray"),  # type: ignore[dict-item]
+        ({"a": fine, "b": START}, "the goal of 'b' is a ndarray"),  # type: ignore[dict-item]
         ({"a": None, "b": PositionGoal("tip", (1, 4, 0), (1, 0, 0))}, "at rest"),
     ]
     for goal, message in goals:
@@ -251,7 +251,7 @@ def test_unreachable_goals_are_told_of(cell: Workcell) -> None:
 
 def test_motion_of_other_robots(cell: Workcell, planar3r: Robot) -> None:
     alone = plan(Problem(planar3r, START, JointGoal(ENDS["a"])), QUICK)
-    with pytest.raises(ProblemError, match=r"a motion of joint1, .*expected one of b/"):
+    with pytest.raises(ProblemError, match=r"of joint1, .*expected a motion of b/"):
         cell.split(alone.trajectory)
     with pytest.raises(
         ProblemError, match=r"trajectory is <Solution .*, expected a Trajectory"

@@ -1,8 +1,8 @@
-"""Goals: what must hold at the end of a motion (paper, equations 5 and 8).
+"""Goals: conditions on the final state of a motion (paper, equations 5 and 8).
 
-A goal is data; its residual a(x(T)) and the derivatives are evaluated on kinematics,
-and have to end within bounds, which are zero unless the goal has a tolerance. A motion
-ends at rest unless a final velocity is given.
+A goal is data; its residual a(x(T)) and the derivatives are evaluated by kinematics.
+The residual has to end within bounds, which are zero unless the goal has a tolerance. A
+motion ends at rest unless a final velocity is given.
 """
 
 import lazy_loader

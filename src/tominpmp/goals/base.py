@@ -1,4 +1,4 @@
-"""Base of all goals: their interface for planning, judging and drawing."""
+"""Base class of goals: the interface that planning, verification and pictures use."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tominpmp.robot.robot import Robot
 
 
 class Goal(ABC):
-    """Conditions at the end of a motion: a place, and a velocity there.
+    """Conditions on the final state of a motion: on configuration and velocity.
 
-    The arm ends at rest unless a subclass says otherwise.
+    The arm ends at rest unless a subclass defines another final velocity.
     """
 
     @abstractmethod
@@ -27,14 +27,14 @@ class Goal(ABC):
         """Check the goal against the robot.
 
         Raises:
-            ProblemError: If the goal cannot belong to the robot.
-            FrameNotFound: If a frame is not part of it.
-            JointNotFound: If a joint is not part of it.
+            ProblemError: If the goal does not fit the robot.
+            FrameNotFound: If a frame is not part of the robot.
+            JointNotFound: If a joint is not part of the robot.
         """
 
     @abstractmethod
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Conditions on a configuration of shape (n,), with bounds."""
+        """Values that the goal bounds at a configuration of shape (n,)."""
 
     def moved(self, by: Array) -> Goal:
         """The goal displaced in the world.
@@ -43,7 +43,7 @@ class Goal(ABC):
             by: The displacement, shape (3,) [m].
 
         Raises:
-            ProblemError: If the goal has no place in the world.
+            ProblemError: If the goal is not a position or a pose in the world.
         """
         raise wrong(self, "goal", "a position or a pose, which can be moved")
 
@@ -52,20 +52,20 @@ class Goal(ABC):
     def place_residual(
         self, kinematics: RobotKinematics, q: Array
     ) -> tuple[Array, Array]:
-        """Deviation of a configuration from the goal, and its Jacobian.
+        """Deviation of a configuration from the goal, and the Jacobian of it.
 
         Args:
             kinematics: Kinematics of the robot.
             q: Configuration, shape (n,) [rad or m].
 
         Returns:
-            Excess beyond the bounds, zero where the goal is reached, and its Jacobian,
-            shapes (k,) and (k, n).
+            Excess over the bounds, zero where the goal is reached, shape (k,), and its
+            Jacobian, shape (k, n).
         """
         return self.place(kinematics, q).residual()
 
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
-        """Evaluate the residual at a final state of shape (n,) each."""
+        """Evaluate the goal residual at a final state, q and v of shape (n,) each."""
         place = self.place(kinematics, q)
         speed, speed_q, speed_v = self.motion_residual(kinematics, q, v)
         return GoalResidual(
@@ -77,7 +77,7 @@ class Goal(ABC):
     def motion_residual(
         self, kinematics: RobotKinematics, q: Array, v: Array
     ) -> tuple[Array, Array, Array]:
-        """Residual of the velocity and its derivatives with respect to q and v."""
+        """Velocity part of the residual, and its derivatives with respect to q, v."""
         v = joint_row(kinematics, v, "v")
         n = v.size
         return v - self.final_velocity(n), np.zeros((n, n)), np.eye(n)
@@ -92,17 +92,17 @@ class Goal(ABC):
         return np.zeros(whole(n, "n"))
 
     def speed_count(self, n: int) -> int:
-        """Number of velocities in the residual, its last numbers."""
+        """Number of velocity components, which come last in the residual."""
         return n if self.fixes_velocity else 3
 
     def bounds(self, kinematics: RobotKinematics) -> tuple[Array, Array]:
-        """Bounds within which the residual is where the goal is reached.
+        """Bounds of the residual: the goal is reached where they hold.
 
         Args:
-            kinematics: Of the robot.
+            kinematics: Kinematics of the robot.
 
         Returns:
-            Lower and upper bounds, shape (k,) each; zero but for goals with a
+            Lower and upper bounds, shape (k,) each; zero unless the goal has a
             tolerance.
         """
         n = robot_of(kinematics).n
@@ -111,21 +111,21 @@ class Goal(ABC):
         return np.append(place.lower, speed), np.append(place.upper, speed)
 
     def excess(self, kinematics: RobotKinematics, q: Array, v: Array) -> Array:
-        """Excess of the residual over its bounds, zero within, shape (k,).
+        """Excess of the residual over its bounds, zero within them, shape (k,).
 
-        Of a set of goals that of the nearest goal.
+        For a set of alternative goals, it is the excess of the nearest goal.
         """
         goal = self.nearest(kinematics, q, v)
         value = goal.residual(kinematics, q, v).value
         return value - np.clip(value, *goal.bounds(kinematics))
 
     def misses(self, kinematics: RobotKinematics, q: Array, v: Array) -> list[Miss]:
-        """Excess of each number of the residual over its bounds, with its label.
+        """Excess of each residual component over its bounds, with its label.
 
         Args:
-            kinematics: Of the robot.
+            kinematics: Kinematics of the robot.
             q: Final configuration, shape (n,) [rad or m].
-            v: Final velocity, shape (n,).
+            v: Final velocity, shape (n,) [rad/s or m/s].
         """
         goal = self.nearest(kinematics, q, v)
         amounts = np.abs(goal.excess(kinematics, q, v)).tolist()
@@ -136,38 +136,40 @@ class Goal(ABC):
         ]
 
     def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """Labels of the numbers of the residual: of the place, then of velocities."""
+        """Labels of the residual components: first positions, then velocities."""
         place = self.place(kinematics, np.zeros(robot_of(kinematics).n))
         return place.labels + self.motion_labels(kinematics)
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """Labels of the numbers of the residual that are velocities, its last ones."""
+        """Labels of the velocity components, which come last in the residual."""
         return joint_labels(robot_of(kinematics), "/s")
 
-    # -- the end of the motion as far as the goal determines it ------------------------
+    # -- the final state as far as the goal determines it ------------------------------
 
     @property
     def configuration(self) -> Array | None:
-        """Final configuration, if the goal gives it, shape (n,); else None."""
+        """Final configuration, shape (n,); None if the goal does not fix it."""
         return None
 
     def with_state(self, q: Array, v: Array) -> Goal:
-        """The goal with another configuration and velocity, where it gives them."""
+        """The goal with another final state; unchanged if it does not fix the state."""
         return self
 
     def positions(self, robot: Robot) -> Array:
-        """Positions of the joints, as near to their limits as the goal allows.
+        """Joint positions that the goal allows and that violate limits least.
+
+        A position outside its limits shows that the goal cannot be reached.
 
         Args:
             robot: The robot.
 
         Returns:
-            Shape (n,) [rad or m]; NaN for joints that may be anywhere.
+            Shape (n,) [rad or m]; NaN for joints that the goal leaves free.
         """
         return np.full(instance(robot, Robot, "robot").n, np.nan)
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """Ranges of the final positions of joints, shape (n,) each; infinite if free.
+        """Ranges of the final joint positions, shape (n,) each; infinite if free.
 
         Args:
             robot: The robot.
@@ -177,25 +179,25 @@ class Goal(ABC):
 
     @property
     def frame_name(self) -> str | None:
-        """Name of the frame of the goal; None without a frame."""
+        """Name of the goal's frame; None for a goal without a frame."""
         return None
 
     @property
     def ball(self) -> Ball | None:
-        """Ball in which the frame's origin ends; None for other regions."""
+        """Ball in which the origin of the frame ends; None for other regions."""
         return None
 
     def nearest_point(self) -> Array | None:
-        """Nearest point to the origin of the world at which the frame may end.
+        """Point nearest to the world's origin at which the frame may end.
 
-        None if it may end anywhere.
+        None if the frame may end anywhere.
         """
         return None if self.ball is None else self.ball.nearest_point()
 
     def distances(self, points: Array) -> Array | None:
         """Distances of points, shape (m, 3), from the region of the frame, shape (m,).
 
-        None if the frame may end anywhere; possibly negative inside the region.
+        None if the frame may end anywhere; negative or zero inside the region.
         """
         if self.ball is None:
             return None
@@ -204,21 +206,21 @@ class Goal(ABC):
         return np.asarray(apart - self.ball.radius)
 
     def angle_to_go(self, rotation: Array) -> float:
-        """Least angle by which the frame has to turn from an orientation [rad].
+        """Least angle by which the frame has to rotate to meet the goal [rad].
 
         Args:
-            rotation: Rotation of the frame in the world, shape (3, 3).
+            rotation: Orientation of the frame in the world, shape (3, 3).
         """
         return 0.0
 
     @property
     def target(self) -> pin.SE3 | Array | None:
-        """Mark of the goal in pictures: a pose, or a point in the world, shape (3,)."""
+        """Marker of the goal in pictures: a pose, or a point, shape (3,) [m]."""
         return None
 
     @property
     def ends_moving(self) -> bool:
-        """Whether it asks for a velocity other than zero."""
+        """Whether the goal asks for a final velocity other than zero."""
         velocity = getattr(self, "v", None)
         return velocity is not None and bool(np.any(np.asarray(velocity) != 0.0))
 
@@ -227,38 +229,38 @@ class Goal(ABC):
 
         Args:
             robot: The robot.
-            before: Positions of the joints that are not named, shape (n,) [rad or m];
-                None if unknown, where all joints have to be named.
+            before: Positions of joints that the goal does not name, shape (n,) [rad or
+                m]; None if they are unknown, and the goal has to name all joints.
         """
         return self
 
     def wrapped(self, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS) -> Goal:
-        """The goal with the turns of joints that are angles, as seen from a start.
+        """The goal with equivalent joint angles near a start as its alternatives.
 
         Args:
             robot: The robot.
-            q: Where it starts, or was last known to be, shape (n,) [rad or m].
-            v: Velocities at the start, shape (n,).
-            most: Largest number of alternatives to make of one goal.
+            q: Start configuration, or the last known one, shape (n,) [rad or m].
+            v: Joint velocities at the start, shape (n,) [rad/s or m/s].
+            most: Largest number of alternatives of the goal.
 
         Raises:
-            JointNotFound: If a joint that is to be an angle is none that turns.
+            JointNotFound: If a joint declared an angle is not a revolute joint.
         """
         return self
 
     def turns(self, robot: Robot) -> dict[str, int]:
-        """Whole turns that were added to the numbers given for joints, by joint."""
+        """Whole turns that were added to the caller's joint positions, by joint."""
         return {}
 
-    # -- goals of goals ----------------------------------------------------------------
+    # -- goals that consist of goals ---------------------------------------------------
 
     @property
     def stopped(self) -> Goal:
-        """The goal of a passed goal; this goal otherwise."""
+        """The goal within a via point; this goal otherwise."""
         return self
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
-        """The nearest goal of a set to a final state; this goal otherwise."""
+        """The alternative nearest to a final state; this goal if it has none."""
         return self
 
     @property
@@ -268,7 +270,7 @@ class Goal(ABC):
 
     @property
     def turning(self) -> bool:
-        """Whether its alternatives are turns of angles."""
+        """Whether the alternatives are equivalent joint angles, whole turns apart."""
         return False
 
     @property
@@ -278,18 +280,18 @@ class Goal(ABC):
 
     @property
     def members(self) -> tuple[Goal, ...]:
-        """Goals of a set that are all to be met; only this goal otherwise."""
+        """Goals of a set that have to be reached together; only this goal otherwise."""
         return (self,)
 
     def prefixed(self, prefix: str, robot: Robot) -> Goal:
         """The goal with the names that joints and frames have in a combined robot.
 
         Args:
-            prefix: Prefix of the own names: "left/".
+            prefix: Prefix of the robot's names: "left/".
             robot: The robot of the goal.
 
         Raises:
-            ProblemError: If it cannot be combined with goals of other robots.
+            ProblemError: If the goal cannot be combined with goals of other robots.
         """
         raise ProblemError(
             f"goal is a {type(self).__name__}, expected a goal on joints or frames",
@@ -307,7 +309,7 @@ def robot_of(kinematics: RobotKinematics) -> Robot:
 
 
 def joint_row(kinematics: RobotKinematics, value: Array, name: str) -> Array:
-    """Check a caller's numbers, one for each joint of a robot, shape (n,).
+    """Check a caller's joint vector, shape (n,).
 
     Raises:
         ProblemError: If the numbers, or the kinematics, are invalid.
@@ -319,13 +321,13 @@ def goal_tolerance(value: object, name: str, unit: str, most: float = np.inf) ->
     """Check a caller's tolerance.
 
     Args:
-        value: Value from the caller.
-        name: Name in the message.
-        unit: Its unit.
+        value: The tolerance.
+        name: Name of the tolerance in messages.
+        unit: Unit of the tolerance.
         most: Exclusive upper bound.
 
     Raises:
-        ProblemError: If it is negative, not finite or too large.
+        ProblemError: If the tolerance is negative, not finite or too large.
     """
     top = "" if np.isinf(most) else f" and < {most:.4g}"
     below = float(np.nextafter(most, 0.0))

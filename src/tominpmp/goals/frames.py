@@ -1,4 +1,4 @@
-"""Goals on a frame: its position, pose, direction, or a region for it."""
+"""Goals on a frame: its position, its pose, the direction of an axis, or a region."""
 
 from __future__ import annotations
 
@@ -53,17 +53,17 @@ VelocityOrNone: TypeAlias = Annotated[
     optional(partial(vector, expected="three components [m/s]", size=3)),
 ]
 
-ANGLES = "an angle >= 0 or three of them [rad]"
-# Goals that differ by less are at one place [rad or m].
+ANGLES = "an angle >= 0 or three angles [rad]"
+# Difference below which two goals count as equal [rad or m].
 SAME_PLACE = 1e-6
 
 
 def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
-    """Copy a caller's pose.
+    """Check a caller's pose, and copy it into a ``pinocchio.SE3``.
 
     Args:
         pose: The pose.
-        name: Its name in messages.
+        name: Name of the pose in messages.
 
     Raises:
         ProblemError: If the pose is invalid.
@@ -89,12 +89,12 @@ PoseOrNone: TypeAlias = Annotated[
 
 
 class FrameGoal(Record, Goal):
-    """Goal on a frame; subclasses give the conditions on its placement.
+    """Goal on a frame; subclasses define the conditions on its placement.
 
     Attributes:
         frame: Name of the frame.
-        v: Final linear velocity of its origin in the world, shape (3,) [m/s]; None for
-            an arm at rest.
+        v: Final linear velocity of the frame's origin in the world, shape (3,) [m/s];
+            None for an arm at rest.
     """
 
     frame: FrameName
@@ -108,18 +108,18 @@ class FrameGoal(Record, Goal):
 
     @property
     def frame_name(self) -> str:
-        """The frame."""
+        """Name of the frame."""
         return self.frame
 
     def prefixed(self, prefix: str, robot: Robot) -> Goal:
-        """The goal with the frame's name beside other robots."""
+        """The goal with the name that its frame has in a combined robot."""
         name = text(prefix, "prefix") + self.frame
         return replace(self, frame=name)  # type: ignore[type-var]
 
     def _placed(
         self, kinematics: RobotKinematics, q: Array, *, local: bool = False
     ) -> tuple[pin.SE3, Array]:
-        """Placement of the frame at a configuration, and its Jacobian."""
+        """Placement of the frame at a configuration, and the frame Jacobian."""
         q = joint_row(kinematics, q, "q")
         jacobian = kinematics.jacobian(q, self.frame, local=local)
         return kinematics.placement(q, self.frame), jacobian
@@ -127,7 +127,7 @@ class FrameGoal(Record, Goal):
     def motion_residual(
         self, kinematics: RobotKinematics, q: Array, v: Array
     ) -> tuple[Array, Array, Array]:
-        """Residual of the velocity, of the joints or of the frame's origin."""
+        """Velocity part of the residual: of the joints, or of the frame's origin."""
         if self.v is None:
             return super().motion_residual(kinematics, q, v)
         v = joint_row(kinematics, v, "v")
@@ -135,11 +135,11 @@ class FrameGoal(Record, Goal):
         return motion.velocity - self.v, motion.by_q, motion.by_v
 
     def label(self, unit: str) -> Label:
-        """Label of a value of the frame."""
+        """Label of a residual component of the frame."""
         return Label(f"frame {self.frame}", unit)
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """Labels of the velocities, of the joints or of the frame."""
+        """Labels of the velocity components, of the joints or of the frame."""
         if self.v is None:
             return super().motion_labels(kinematics)
         return (self.label("m/s"),) * 3
@@ -157,7 +157,8 @@ class PositionGoal(FrameGoal):
     Attributes:
         frame: Name of the frame.
         position: Point in the world, shape (3,) [m].
-        v: Final linear velocity there, shape (3,) [m/s]; None for an arm at rest.
+        v: Final linear velocity of the frame's origin, shape (3,) [m/s]; None for an
+            arm at rest.
         tolerance: Largest distance from the point [m].
     """
 
@@ -168,20 +169,20 @@ class PositionGoal(FrameGoal):
 
     @property
     def target(self) -> Array:
-        """The point."""
+        """The point, shape (3,) [m]."""
         return self.position
 
     def moved(self, by: Array) -> PositionGoal:
-        """The goal with its point moved, by a vector, shape (3,) [m]."""
+        """The goal with its point displaced by a vector, shape (3,) [m]."""
         return replace(self, position=self.position + _displacement(by))
 
     @property
     def ball(self) -> Ball:
-        """The point and what is near it."""
+        """Ball of the tolerance about the point."""
         return Ball(self.position, self.tolerance)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Difference of the positions [m]."""
+        """Offset of the frame's origin from the point [m], and its bounds."""
         place, jacobian = self._placed(kinematics, q)
         offset, by_q = place.translation - self.position, jacobian[:3]
         return Place.within(offset, by_q, self.tolerance, self.label("m"))
@@ -195,9 +196,11 @@ class PoseGoal(FrameGoal):
         frame: Name of the frame.
         pose: Placement frame_to_world: a ``pinocchio.SE3``, a 4x4 matrix, or a pair of
             a position and a rotation (matrix, quaternion xyzw, SciPy's ``Rotation``);
-            kept as a ``pinocchio.SE3``.
-        v: Final linear velocity of its origin, shape (3,) [m/s]; None for rest.
-        tolerance: Largest distance of the origin from its place [m].
+            stored as a ``pinocchio.SE3``.
+        v: Final linear velocity of the frame's origin, shape (3,) [m/s]; None for an
+            arm at rest.
+        tolerance: Largest distance of the frame's origin from the origin of the pose
+            [m].
         angle_tolerance: Largest angle between the orientations, about any axis [rad].
     """
 
@@ -213,22 +216,26 @@ class PoseGoal(FrameGoal):
         return self.pose
 
     def moved(self, by: Array) -> PoseGoal:
-        """The goal with its pose moved, by a vector, shape (3,) [m]."""
+        """The goal with its pose displaced by a vector, shape (3,) [m]."""
         pose = pin.SE3(self.pose.rotation, self.pose.translation + _displacement(by))
         return replace(self, pose=pose)
 
     @property
     def ball(self) -> Ball:
-        """Where the pose is, and what is near it."""
+        """Ball of the tolerance about the origin of the pose."""
         return Ball(np.array(self.pose.translation), self.tolerance)
 
     def angle_to_go(self, rotation: Array) -> float:
-        """Angle to the pose, less its tolerance [rad]."""
+        """Angle to the orientation of the pose, minus its tolerance [rad]."""
         turn = np.linalg.norm(pin.log3(_turned(rotation).T @ self.pose.rotation))
         return float(turn) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Twist from the goal to the frame, in the frame; parted if it has a range."""
+        """Conditions on the pose of the frame.
+
+        Without tolerances the values are the twist from the goal to the frame, in the
+        axes of the frame; otherwise offset and rotation vector with separate bounds.
+        """
         place, jacobian = self._placed(kinematics, q, local=True)
         if self.tolerance == self.angle_tolerance == 0.0:
             error = self.pose.actInv(place)
@@ -249,15 +256,16 @@ class PoseGoal(FrameGoal):
 
 @record
 class AxisGoal(FrameGoal):
-    """Point an axis of a frame into a direction, turned about it in any way.
+    """Point an axis of a frame in a direction, with any rotation about the axis.
 
     Attributes:
         frame: Name of the frame.
         axis: Axis in the frame, shape (3,); of any length.
         direction: Direction in the world, shape (3,); of any length.
-        position: Where to bring the frame's origin, in the world, shape (3,) [m]; None
-            for anywhere.
-        v: Final linear velocity of the origin, shape (3,) [m/s]; None for rest.
+        position: Point for the frame's origin in the world, shape (3,) [m]; None leaves
+            the position free.
+        v: Final linear velocity of the frame's origin, shape (3,) [m/s]; None for an
+            arm at rest.
         tolerance: Largest distance of the origin from the position [m].
         angle_tolerance: Largest angle between axis and direction [rad].
     """
@@ -272,45 +280,46 @@ class AxisGoal(FrameGoal):
 
     @property
     def ball(self) -> Ball | None:
-        """The position and what is near it."""
+        """Ball of the tolerance about the position; None without a position."""
         return None if self.position is None else Ball(self.position, self.tolerance)
 
     def angle_to_go(self, rotation: Array) -> float:
-        """Angle between axis and direction, less its tolerance [rad]."""
+        """Angle between axis and direction, minus its tolerance [rad]."""
         cosine = float(self.direction @ _turned(rotation) @ self.axis)
         return math.acos(min(max(cosine, -1.0), 1.0)) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Deviation of the axis [rad], two numbers, then that of the origin [m]."""
+        """Deviation of the axis, two components [rad], and offset of the origin [m]."""
         place, jacobian = self._placed(kinematics, q)
         axis = np.asarray(place.rotation @ self.axis)
         value, by_axis = (x[0] for x in deviations(axis[None], self.direction))
-        # The axis turns with w x axis.
+        # The rate of the axis is the cross product of angular velocity and axis.
         by_q = np.cross(axis, by_axis) @ jacobian[3:]
-        found = Place.within(value, by_q, self.angle_tolerance, self.label("rad"))
+        tilt = Place.within(value, by_q, self.angle_tolerance, self.label("rad"))
         if self.position is None:
-            return found
+            return tilt
         offset = place.translation - self.position
-        return found.joined(
+        return tilt.joined(
             Place.within(offset, jacobian[:3], self.tolerance, self.label("m"))
         )
 
 
-def _checked_angles(given: Any, name: str) -> float | Array:
-    one = is_single(given)
-    row, size = ([given], 1) if one else (given, 3)
+def _checked_angles(value: Any, name: str) -> float | Array:
+    """Check a caller's angle tolerances: one for all axes, or one for each axis."""
+    single = is_single(value)
+    row, size = ([value], 1) if single else (value, 3)
     angles = vector(row, name, ANGLES, size, infinite=True)
     if np.any(angles < 0.0):
-        raise wrong(given, name, ANGLES)
+        raise wrong(value, name, ANGLES)
     angles = np.minimum(angles, np.pi)
-    return float(angles[0]) if one else frozen_array(angles)
+    return float(angles[0]) if single else frozen_array(angles)
 
 
 Angles: TypeAlias = Annotated[Converted[ArrayLike, float | Array], _checked_angles]
 
 
 class BoxRegion(Record):
-    """A box in which the origin of a frame is to be."""
+    """A box for the origin of a frame: its corners and its placement in the world."""
 
     lower: Corner
     upper: Corner
@@ -324,7 +333,7 @@ class BoxRegion(Record):
                 name = self._owner
                 raise ProblemError(
                     f"{name}lower is {low:g} and {name}upper {high:g} along {axis}, "
-                    "expected the lower corner below the upper one",
+                    "expected the lower corner below the upper corner",
                     f"{name}lower",
                 )
 
@@ -334,11 +343,11 @@ class BoxRegion(Record):
         return pin.SE3.Identity() if self.pose is None else self.pose
 
     def _local(self, points: Array) -> Array:
-        """Points of the world along the axes of the box, shape (m, 3) [m]."""
+        """Coordinates of world points in the frame of the box, shape (m, 3) [m]."""
         return np.asarray((points - self._box.translation) @ self._box.rotation)
 
     def _apart(self, points: Array) -> Array:
-        """Distances of points from the box, zero within, shape (m, 3) to (m,) [m]."""
+        """Distances of points (m, 3) from the box, zero inside, shape (m,) [m]."""
         local = self._local(points)
         out = local - np.clip(local, self.lower, self.upper)
         return np.asarray(np.linalg.norm(out, axis=1))
@@ -346,21 +355,22 @@ class BoxRegion(Record):
 
 @record
 class RegionGoal(FrameGoal, BoxRegion):
-    """Bring the origin of a frame into a box, in any orientation or in some.
+    """Bring the origin of a frame into a box, in any orientation or a range of them.
 
-    MoveIt's position constraint with a box, and its orientation constraint with
-    tolerances about three axes, together.
+    The goal combines MoveIt's position constraint with a box and its orientation
+    constraint with tolerances about three axes.
 
     Attributes:
         frame: Name of the frame.
         lower: Lower corner of the box, along the axes of the pose, shape (3,) [m];
-            minus infinity for none.
-        upper: Upper corner, shape (3,) [m]; infinity for none.
-        pose: Placement box_to_world; None for the world itself.
+            minus infinity where the box is unbounded.
+        upper: Upper corner of the box, shape (3,) [m]; infinity where it is unbounded.
+        pose: Placement box_to_world; None for the placement of the world frame.
         angle_tolerance: Largest component of the rotation vector from the axes of the
-            pose to those of the frame, one for all axes or shape (3,) [rad]; pi for
-            any.
-        v: Final linear velocity of the origin, shape (3,) [m/s]; None for rest.
+            pose to the axes of the frame, one number for all axes or shape (3,) [rad];
+            pi for any angle.
+        v: Final linear velocity of the frame's origin, shape (3,) [m/s]; None for an
+            arm at rest.
     """
 
     frame: FrameName
@@ -373,47 +383,48 @@ class RegionGoal(FrameGoal, BoxRegion):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        if not (np.any(np.isfinite([self.lower, self.upper])) or self._turns.size):
+        bounded = np.any(np.isfinite([self.lower, self.upper]))
+        if not (bounded or self._tolerances.size):
             raise ProblemError(
-                "goal: the box is infinite and any orientation will do: nothing is "
-                "asked for",
+                "goal: the box is infinite and any orientation is allowed: the goal "
+                "has no condition",
                 "goal",
             )
 
     @property
-    def _turns(self) -> Array:
-        """Tolerances of the axes about which not any angle will do."""
+    def _tolerances(self) -> Array:
+        """Angle tolerances of the axes about which the angle is bounded [rad]."""
         angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
         return angles[angles < np.pi]
 
     def nearest_point(self) -> Array:
-        """Point of the box that is nearest to the origin of the world."""
+        """Point of the box that is nearest to the world's origin, shape (3,) [m]."""
         origin = np.asarray(self._box.actInv(np.zeros(3)))
         return np.asarray(self._box.act(np.clip(origin, self.lower, self.upper)))
 
     def distances(self, points: Array) -> Array:
-        """Distances of points from the box, shape (m, 3) to (m,) [m]."""
+        """Distances of points (m, 3) from the box, zero inside, shape (m,) [m]."""
         return self._apart(array(points, "points", (None, 3), "coordinates [m]"))
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Position in the axes of the box [m], and rotation vector [rad]."""
+        """Position in the frame of the box [m], and rotation vector from it [rad]."""
         pose = self._box
-        there, jacobian = self._placed(kinematics, q, local=True)
-        place = pose.actInv(there)
+        in_world, jacobian = self._placed(kinematics, q, local=True)
+        place = pose.actInv(in_world)
         position = Place(
             np.asarray(place.translation),
             place.rotation @ jacobian[:3],
             self.lower,
             self.upper,
             (self.label("m"),) * 3,
-        ).kept(np.isfinite(self.lower) | np.isfinite(self.upper))
-        if not self._turns.size:
+        ).selected(np.isfinite(self.lower) | np.isfinite(self.upper))
+        if not self._tolerances.size:
             return position
         turn, by_turn = rotation_vector(np.asarray(place.rotation))
         angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
         by_q, labels = by_turn @ jacobian[3:], (self.label("rad"),) * 3
         rotation = Place(turn, by_q, -angles, angles, labels)
-        return position.joined(rotation.kept(angles < np.pi))
+        return position.joined(rotation.selected(angles < np.pi))
 
 
 def _displacement(by: Array) -> Array:
@@ -427,7 +438,7 @@ def _turned(rotation: Array) -> Array:
 
 
 def rotation_vector(rotation: Array) -> tuple[Array, Array]:
-    """Rotation vector [rad] and its derivative by a turn in the axes turned to."""
+    """Rotation vector [rad] and its Jacobian for a rotation about the rotated axes."""
     return np.asarray(pin.log3(rotation)), np.asarray(pin.Jlog3(rotation))
 
 
@@ -436,10 +447,10 @@ class FrameTarget(NamedTuple):
 
     Attributes:
         place: Position, shape (3,) [m].
-        turn: Orientation, shape (3, 3); of a direction the axis in the frame in its
-            first row, the direction in the second.
-        counts: Matrix that selects the components of a rotation and a displacement
-            that matter, shape (6, 6).
+        turn: Orientation, shape (3, 3); for an axis goal the axis in the frame in the
+            first row, and the direction in the world in the second row.
+        counts: Matrix that selects the components of a rotation and a displacement on
+            which the goal has conditions, shape (6, 6).
         posed: Whether the goal fixes the whole orientation.
     """
 
@@ -450,7 +461,7 @@ class FrameTarget(NamedTuple):
 
 
 def frame_target(goal: Goal) -> FrameTarget | None:
-    """Target of the frame of a goal; None for goals of other kinds."""
+    """Target of a goal on a pose, an axis or a point; None for other goals."""
     counts, turn, place = np.zeros((6, 6)), np.zeros((3, 3)), np.zeros(3)
     position = goal.target
     if isinstance(goal, PoseGoal):
@@ -468,7 +479,7 @@ def frame_target(goal: Goal) -> FrameTarget | None:
 
 
 def place_of(goal: Goal) -> object:
-    """Key that is equal for goals at one place, up to rounding."""
+    """Hashable key of a goal's target, equal for goals that differ by rounding."""
     target, numbers = frame_target(goal), goal.configuration
     if target is not None:
         numbers = np.concatenate([np.ravel(part) for part in target])

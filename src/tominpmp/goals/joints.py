@@ -43,12 +43,12 @@ from tominpmp.kinematics import RobotKinematics, endless_joints, prismatic_joint
 from tominpmp.robot.robot import Robot
 
 
-def _checked_wrap(given: object, name: str) -> bool | tuple[str, ...]:
-    """Check which joints a caller takes as angles."""
+def _checked_wrap(value: object, name: str) -> bool | tuple[str, ...]:
+    """Check a caller's choice of the joints that are angles."""
     try:
-        return bool(given) if isinstance(given, bool | np.bool_) else names(given)
+        return bool(value) if isinstance(value, bool | np.bool_) else names(value)
     except ProblemError as error:
-        raise wrong(given, name, "True, False or names of joints") from error
+        raise wrong(value, name, "True, False or names of joints") from error
 
 
 Wrap: TypeAlias = Annotated[bool | Sequence[str], _checked_wrap]
@@ -56,10 +56,11 @@ _G = TypeVar("_G", bound="GoalOnJoints")
 
 
 class GoalOnJoints(Record, Goal):
-    """A goal that has numbers for all joints, or for those that are named.
+    """A goal with positions of all joints, or of the joints that it names.
 
-    Joints that are angles may meet it after any number of turns. A problem, which knows
-    the start, takes the nearest, and those the other way round as alternatives.
+    Joints that are angles may reach it after any number of whole turns. A problem,
+    which knows the start, takes the nearest angles, and the nearest angles in the other
+    direction as alternatives.
     """
 
     q: Converted[JointsLike, Array]
@@ -67,11 +68,11 @@ class GoalOnJoints(Record, Goal):
     wrap: Wrap
 
     _owner = "goal."
-    # Positions that a problem has found to be the same place, the nearest first.
+    # Positions that a problem has found to be equivalent, the nearest first.
     _ways: ClassVar[tuple[Array, ...]] = ()
 
     def __post_init__(self) -> None:
-        """Check and copy the positions, and the names that belong to them."""
+        """Check and copy the positions, and the names of their joints."""
         super().__post_init__()
         joints, q = named_row(self.q, "goal.q")
         if joints is not None and self.joints is not None:
@@ -83,55 +84,55 @@ class GoalOnJoints(Record, Goal):
             self._keep(joints=names(self.joints, "goal.joints"))
             one_per_joint(self.q, "goal.q", self.joints)
 
-    def _in_order(self, given: Any, name: str, missing: float | None = None) -> Any:
-        """Values by joint name in the order of the joints of the goal; others as is."""
-        named = by_joint(given)
+    def _in_order(self, value: Any, name: str, missing: float | None = None) -> Any:
+        """Values by joint name put into the order of the goal; other values unchanged."""
+        named = by_joint(value)
         if named is None:
-            return given
+            return value
         if self.joints is None:
-            message = f"{name} is given by joint name, expected goal.q to be so, too"
+            message = f"{name} is given by joint name, expected goal.q by name, too"
             raise ProblemError(message, name)
         return in_order(named, self.joints, name, missing=missing)
 
     @property
     def ways(self) -> tuple[Array, ...]:
-        """Positions that will do, as far as turns were chosen; the nearest first."""
+        """Equivalent positions, the nearest first; ``q`` before a start is known."""
         return self._ways or (self.q,)
 
     @cached_property
     def alternatives(self) -> tuple[GoalOnJoints, ...]:
-        """The goal with each of the turns that will do."""
+        """A goal for each of the equivalent positions."""
         if len(self.ways) == 1:
             return (self,)
-        return tuple(self._by(q) for q in self.ways)
+        return tuple(self._with_ways(q) for q in self.ways)
 
-    def _by(self: _G, *ways: Array) -> _G:
-        """The goal with some turns."""
+    def _with_ways(self: _G, *ways: Array) -> _G:
+        """The goal with other equivalent positions."""
         return self._altered("alternatives", _ways=ways)
 
     @property
     def turning(self) -> bool:
-        """Whether its alternatives are turns of angles: they are."""
+        """True: the alternatives are equivalent joint angles."""
         return True
 
     def _rows(self, robot: Robot) -> IntArray:
-        """Indices of the joints."""
+        """Indices of the goal's joints in the robot."""
         if self.joints is None:
             return np.arange(robot.n)
         return np.array([robot.joint_names.index(name) for name in self.joints])
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalOnJoints:
-        """The goal with the turns that are nearest to a final state."""
+        """The goal with the equivalent positions nearest to a final state."""
         if len(self.ways) == 1:
             return self
-        own = np.asarray(q)[self._rows(robot_of(kinematics))]
-        away = [float(np.max(np.abs(way - own))) for way in self.ways]
-        return self.alternatives[int(np.argmin(away))]
+        final = np.asarray(q)[self._rows(robot_of(kinematics))]
+        distances = [float(np.max(np.abs(way - final))) for way in self.ways]
+        return self.alternatives[int(np.argmin(distances))]
 
     def wrapped(
         self: _G, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS
     ) -> _G:
-        """The goal with the turns of its angles that are near to a start."""
+        """The goal with its equivalent joint angles near a start as alternatives."""
         most, n = whole(most, "most", least=1), instance(robot, Robot, "robot").n
         q, v = (array(x, name, (n,), JOINTS) for x, name in ((q, "q"), (v, "v")))
         rows, limits = self._rows(robot), robot.limits
@@ -141,46 +142,47 @@ class GoalOnJoints(Record, Goal):
         moving = (v[rows] != 0.0) | (self.final_velocity(robot.n)[rows] != 0.0)
         ends = limits.position_lower[rows], limits.position_upper[rows]
         ways = equivalent_positions(self.q, q[rows], angles, ends, moving, most)
-        return self._by(*ways)
+        return self._with_ways(*ways)
 
     def _angles(self, robot: Robot) -> BoolArray:
         """Which joints of a robot are angles, shape (n,)."""
-        asked = () if isinstance(self.wrap, bool) else self.wrap
+        declared = () if isinstance(self.wrap, bool) else self.wrap
         known = np.array(robot.joint_names)
-        turning = known[~prismatic_joints(robot)].tolist()
-        known_joints(asked, turning)
-        found = np.isin(known, asked)
-        return found if self.wrap is False else found | endless_joints(robot)
+        revolute = known[~prismatic_joints(robot)].tolist()
+        known_joints(declared, revolute)
+        angles = np.isin(known, declared)
+        return angles if self.wrap is False else angles | endless_joints(robot)
 
-    def _asked(self, robot: Robot, given: Array) -> tuple[IntArray, Array, Array]:
-        """Indices of the joints, their positions, and the largest distance from these.
+    def _targets(self, robot: Robot, way: Array) -> tuple[IntArray, Array, Array]:
+        """Indices of the goal's joints, their target positions, and the tolerances.
 
         Args:
             robot: The robot.
-            given: The positions, by some turns.
+            way: One of the equivalent positions.
         """
-        return self._rows(robot), given, np.zeros(given.size)
+        return self._rows(robot), way, np.zeros(way.size)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Difference to the positions asked for [rad or m]."""
+        """Differences from the nearest equivalent positions [rad or m]."""
         robot, q = robot_of(kinematics), joint_row(kinematics, q, "q")
-        given = self.nearest(kinematics, q, q).ways[0]
-        rows, target, room = self._asked(robot, given)
+        way = self.nearest(kinematics, q, q).ways[0]
+        rows, target, tolerance = self._targets(robot, way)
         every = joint_labels(robot)
         labels = tuple(every[i] for i in rows)
-        return Place(q[rows] - target, np.eye(q.size)[rows], -room, room, labels)
+        by_q = np.eye(q.size)[rows]
+        return Place(q[rows] - target, by_q, -tolerance, tolerance, labels)
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """The ranges of the joints, over all turns."""
+        """Ranges of the joints, over all equivalent positions."""
         lower, upper = super().joint_ranges(robot)
-        each = [self._asked(robot, way) for way in self.ways]
+        each = [self._targets(robot, way) for way in self.ways]
         rows = each[0][0]
-        lower[rows] = np.min([target - room for _, target, room in each], axis=0)
-        upper[rows] = np.max([target + room for _, target, room in each], axis=0)
+        lower[rows] = np.min([target - most for _, target, most in each], axis=0)
+        upper[rows] = np.max([target + most for _, target, most in each], axis=0)
         return lower, upper
 
     def turns(self, robot: Robot) -> dict[str, int]:
-        """Whole turns from the numbers that were given, by joint."""
+        """Whole turns between the caller's and the nearest positions, by joint."""
         every = instance(robot, Robot, "robot").joint_names
         named = every if self.joints is None else self.joints
         counts = np.round((self.ways[0] - self.q) / TURN).astype(int).tolist()
@@ -193,16 +195,17 @@ class JointGoal(GoalOnJoints):
 
     Attributes:
         q: Joint positions, shape (n,) [rad or m]; or by joint name: joints that are not
-            named stay where they are at the start, or where the goal of the segment
-            before leaves them.
-        v: Final joint velocities, shape (n,) [rad/s or m/s]; by joint name where the
-            positions are, those not named at rest; None for rest.
-        joints: Names of the joints that the numbers belong to; None for those of the
-            robot, in its order. A problem puts the numbers into that order.
-        wrap: Which joints are angles, reached by the nearest whole turn from the start:
-            True for continuous joints, those without position limits; False for none,
-            the numbers being taken as they are; or names of further joints, as far as
-            their limits allow.
+            named keep their positions at the start, or at the goal of the segment
+            before.
+        v: Final joint velocities, shape (n,) [rad/s or m/s]; by joint name if the
+            positions are given by name, with joints not named at rest; None for an arm
+            at rest.
+        joints: Names of the joints that the numbers belong to; None for the joints of
+            the robot, in its order. A problem puts the numbers into that order.
+        wrap: Which joints are angles, so that they reach the goal by the nearest whole
+            turn from the start: True for continuous joints, which have no position
+            limits; False for no joint, so that the numbers are taken literally; or
+            names of further joints, which turn as far as their limits allow.
     """
 
     q: Converted[JointsLike, Array]
@@ -219,7 +222,7 @@ class JointGoal(GoalOnJoints):
             self._keep(v=v)
 
     def resolved(self, robot: Robot, before: Array | None = None) -> JointGoal:
-        """The same in the order of the robot."""
+        """The goal with its numbers in the order of the robot."""
         if self.joints is None:
             return self
         locked = instance(robot, Robot, "robot").locked_joints
@@ -239,11 +242,11 @@ class JointGoal(GoalOnJoints):
 
     @property
     def configuration(self) -> Array:
-        """The configuration, by the nearest turns."""
+        """The configuration with the joint angles nearest to the start, shape (n,)."""
         return self.ways[0]
 
     def validate(self, robot: Robot) -> None:
-        """Check lengths against the number of joints."""
+        """Check the joints that are angles, and the lengths of the vectors."""
         names = instance(robot, Robot, "robot").joint_names
         self._angles(robot)
         for name, value in (("goal.q", self.q), ("goal.v", self.v)):
@@ -251,18 +254,18 @@ class JointGoal(GoalOnJoints):
                 one_per_joint(value, name, names)
 
     def with_state(self, q: Array, v: Array) -> JointGoal:
-        """A goal at another configuration and velocity."""
+        """The goal with another configuration and velocity, and the same turns."""
         q = array(q, "q", (self.q.size,), JOINTS)
         v = array(v, "v", (None,), JOINTS)
         same = np.array_equal(v, self.final_velocity(v.size))
-        given = self.q + (q - self.ways[0])
-        moved = replace(self, q=given, v=self.v if same else v)
-        return moved._by(q) if self._ways else moved
+        unturned = self.q + (q - self.ways[0])
+        moved = replace(self, q=unturned, v=self.v if same else v)
+        return moved._with_ways(q) if self._ways else moved
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
-        """The configuration as positions of some joints, those of one robot."""
-        same = JointRegionGoal(self.resolved(robot).q, wrap=self.wrap)
-        return same.prefixed(prefix, robot)
+        """The configuration as positions of the joints of one robot among several."""
+        region = JointRegionGoal(self.resolved(robot).q, wrap=self.wrap)
+        return region.prefixed(prefix, robot)
 
     def final_velocity(self, n: int) -> Array:
         """Final joint velocity, shape (n,)."""
@@ -271,20 +274,20 @@ class JointGoal(GoalOnJoints):
 
 @record
 class JointRegionGoal(GoalOnJoints):
-    """Bring some joints, or all, into ranges; the others end wherever is fastest.
+    """Bring some or all joints into ranges; the other joints end where it is fastest.
 
-    MoveIt's joint constraints say this: a position and a tolerance for each of some
-    joints. The arm ends at rest.
+    The goal corresponds to MoveIt's joint constraints: a position and a tolerance for
+    each of some joints. The arm ends at rest.
 
     Attributes:
-        q: Positions, shape (k,) [rad or m]; or by joint name.
-        tolerance: Largest distance from them, one for all, shape (k,), or by joint name
-            [rad or m].
-        joints: Names of the k joints; None for all, in the order of the robot.
-        wrap: Which joints are angles, reached by the nearest whole turn from the start:
-            True for continuous joints, those without position limits; False for none,
-            the numbers being taken as they are; or names of further joints, as far as
-            their limits allow.
+        q: Joint positions, shape (k,) [rad or m]; or by joint name.
+        tolerance: Largest distance from the positions: one number for all joints, shape
+            (k,), or by joint name [rad or m].
+        joints: Names of the k joints; None for all joints, in the order of the robot.
+        wrap: Which joints are angles, so that they reach the goal by the nearest whole
+            turn from the start: True for continuous joints, which have no position
+            limits; False for no joint, so that the numbers are taken literally; or
+            names of further joints, which turn as far as their limits allow.
     """
 
     q: Converted[JointsLike, Array]
@@ -298,45 +301,45 @@ class JointRegionGoal(GoalOnJoints):
         self._keep(tolerance=self._checked_tolerance())
 
     def _checked_tolerance(self) -> float | Array:
+        """Check the tolerance: one number, or one for each joint of the goal."""
         name = "goal.tolerance"
-        given = self._in_order(self.tolerance, name)
-        if is_single(given):
-            return goal_tolerance(given, name, "rad or m")
+        row = self._in_order(self.tolerance, name)
+        if is_single(row):
+            return goal_tolerance(row, name, "rad or m")
         expected = "numbers >= 0, one for each joint of the goal [rad or m]"
-        given = vector(given, name, expected, self.q.size)
-        if np.any(given < 0.0):
-            raise wrong(given.tolist(), name, expected)
-        return given
+        row = vector(row, name, expected, self.q.size)
+        if np.any(row < 0.0):
+            raise wrong(row.tolist(), name, expected)
+        return row
 
     def validate(self, robot: Robot) -> None:
-        """Check names and lengths."""
+        """Check the names of joints and the length of the positions."""
         known = instance(robot, Robot, "robot").joint_names
         names = known if self.joints is None else tuple(self.joints)
         known_joints(names, known)
         one_per_joint(self.q, "goal.q", names)
         self._angles(robot)
 
-    def _asked(self, robot: Robot, given: Array) -> tuple[IntArray, Array, Array]:
-        """Indices of the joints, their positions, and the largest distance from these.
+    def _targets(self, robot: Robot, way: Array) -> tuple[IntArray, Array, Array]:
+        """Indices of the goal's joints, their target positions, and the tolerances.
 
-        What is asked for beyond a limit is asked for at the limit.
+        A target beyond a limit is moved to the limit, and its tolerance reduced by the
+        distance.
         """
         rows, limits = self._rows(robot), robot.limits
-        target = np.clip(
-            given, limits.position_lower[rows], limits.position_upper[rows]
-        )
-        room = np.broadcast_to(self.tolerance, rows.shape)
-        return rows, target, np.maximum(room - np.abs(target - given), 0.0)
+        target = np.clip(way, limits.position_lower[rows], limits.position_upper[rows])
+        tolerance = np.broadcast_to(self.tolerance, rows.shape)
+        return rows, target, np.maximum(tolerance - np.abs(target - way), 0.0)
 
     def positions(self, robot: Robot) -> Array:
-        """The positions asked for, or the ends of their ranges towards the limits."""
-        found, given = super().positions(robot), self.ways[0]
-        rows, target, _ = self._asked(robot, given)
-        found[rows] = np.clip(target, given - self.tolerance, given + self.tolerance)
-        return found
+        """The targets, or the ends of their ranges that are nearest to the limits."""
+        q, way = super().positions(robot), self.ways[0]
+        rows, target, _ = self._targets(robot, way)
+        q[rows] = np.clip(target, way - self.tolerance, way + self.tolerance)
+        return q
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
-        """The ranges for joints as they are named beside other robots."""
+        """The goal with the names that its joints have in a combined robot."""
         own = instance(robot, Robot, "robot").joint_names
         before, named = text(prefix, "prefix"), self.joints or own
         wrap = self.wrap
@@ -346,9 +349,10 @@ class JointRegionGoal(GoalOnJoints):
 
 
 def nearest_turns(robot: Robot, rows: Iterable[Array], near: Array) -> list[Array]:
-    """Configurations, shape (n,) each, by the nearest turns of endless joints.
+    """Equivalent configurations near a configuration, shape (n,) each.
 
-    Also by those the other way round; as they are where no joint is endless.
+    Endless joints take the nearest turn, and the nearest turn in the other direction;
+    configurations of robots without endless joints stay unchanged.
     """
     goals = (JointGoal(q).wrapped(robot, near, 0.0 * near, 2) for q in rows)
     return [way for goal in goals for way in goal.ways]

@@ -1,4 +1,4 @@
-"""Numbers of a goal at a final state: values, bounds and labels."""
+"""Residuals of goals at final states: values, bounds and labels."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class GoalResidual(NamedTuple):
     """Goal residual at a final state; within its bounds where the goal is reached.
 
     Attributes:
-        value: Shape (k,): positions in m, angles in rad, velocities in m/s or rad/s,
-            the velocities last.
-        by_q: Derivative with respect to q, shape (k, n).
-        by_v: Derivative with respect to v, shape (k, n).
+        value: Residual components, shape (k,): positions in m, angles in rad, and last
+            velocities in m/s or rad/s.
+        by_q: Jacobian with respect to q, shape (k, n).
+        by_v: Jacobian with respect to v, shape (k, n).
     """
 
     value: Array
@@ -30,11 +30,11 @@ class GoalResidual(NamedTuple):
 
 
 class Label(NamedTuple):
-    """Label of a number of a residual.
+    """Label of a residual component.
 
     Attributes:
-        name: "joint elbow", "frame tip".
-        unit: Its unit.
+        name: Joint or frame that it belongs to: "joint elbow", "frame tip".
+        unit: Unit of the component.
     """
 
     name: str
@@ -42,13 +42,14 @@ class Label(NamedTuple):
 
 
 class Miss(NamedTuple):
-    """Excess of a number of a residual over its bounds.
+    """Excess of a residual component over its bounds.
 
     Attributes:
-        name: Its subject: "joint elbow", "frame tip".
+        name: Joint or frame that the component belongs to: "joint elbow", "frame tip".
         amount: The excess, zero within the bounds.
-        unit: Its unit.
-        moving: Whether it is a velocity, else a place.
+        unit: Unit of the component.
+        moving: Whether the component is a velocity; otherwise it is a position or an
+            angle.
     """
 
     name: str
@@ -58,14 +59,14 @@ class Miss(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Conditions of a goal on a final configuration.
+    """Conditions of a goal on a final configuration: bounded values.
 
     Attributes:
         value: Positions in m, angles in rad, shape (k,).
-        by_q: Derivative with respect to q, shape (k, n).
+        by_q: Jacobian with respect to q, shape (k, n).
         lower: Lower bounds of the values, shape (k,); they do not depend on q.
-        upper: Upper bounds, shape (k,); equal to the lower ones for equations.
-        labels: Labels of the values, k of them.
+        upper: Upper bounds, shape (k,); equal to the lower bounds for equations.
+        labels: Labels of the k values.
     """
 
     value: Array
@@ -76,17 +77,17 @@ class Place(NamedTuple):
 
     @classmethod
     def within(cls, value: Array, by_q: Array, radius: float, label: Label) -> Place:
-        """A vector that is to be no longer than a radius.
+        """Conditions that the length of a vector does not exceed a radius.
 
-        Beside its length, which cuts off the corners, the components have bounds too:
-        from afar a linear program needs all of them to see which way to go. The length
-        is rounded off about zero, where it has no derivative, so that near the radius
-        one unit more of it counts as one.
+        The components are bounded, too, in addition to the length, which cuts off the
+        corners of their box: far from the goal a linear program needs all components
+        for its direction of descent. The length is smoothed about zero, where it is not
+        differentiable, and scaled so that its slope at the radius is one.
 
         Args:
             value: The vector, shape (k,).
-            by_q: Derivative, shape (k, n).
-            radius: Its largest length; zero for an equation.
+            by_q: Jacobian of the vector, shape (k, n).
+            radius: Largest length of the vector; zero for an equation.
             label: Label of the vector.
         """
         box = np.full(value.size, radius)
@@ -104,32 +105,32 @@ class Place(NamedTuple):
 
     @property
     def excess(self) -> Array:
-        """Excess of the values over the bounds, zero within, shape (k,)."""
+        """Excess of the values over their bounds, zero within them, shape (k,)."""
         return self.value - np.clip(self.value, self.lower, self.upper)
 
     @property
     def lengths(self) -> BoolArray:
-        """Whether each value is a length, not an angle, shape (k,)."""
+        """Whether each value is a length; otherwise it is an angle, shape (k,)."""
         return np.array([label.unit == "m" for label in self.labels], dtype=bool)
 
     def residual(self) -> tuple[Array, Array]:
-        """The excess, and its derivative with respect to q, shape (k, n)."""
+        """The excess, shape (k,), and its Jacobian with respect to q, shape (k, n)."""
         excess = self.excess
         outside = (excess != 0.0) | (self.lower == self.upper)
         return excess, np.where(outside[:, None], self.by_q, 0.0)
 
-    def kept(self, which: BoolArray) -> Place:
-        """Some of the values."""
+    def selected(self, mask: BoolArray) -> Place:
+        """The conditions on the values of a mask, shape (k,)."""
         return Place(
-            self.value[which],
-            self.by_q[which],
-            self.lower[which],
-            self.upper[which],
-            tuple(self.labels[i] for i in np.flatnonzero(which)),
+            self.value[mask],
+            self.by_q[mask],
+            self.lower[mask],
+            self.upper[mask],
+            tuple(self.labels[i] for i in np.flatnonzero(mask)),
         )
 
     def joined(self, other: Place) -> Place:
-        """These values and others."""
+        """These conditions, followed by other conditions."""
         return Place(
             np.concatenate([self.value, other.value]),
             np.vstack([self.by_q, other.by_q]),
@@ -140,15 +141,17 @@ class Place(NamedTuple):
 
 
 class Scales(NamedTuple):
-    """Scales of a search for configurations that reach a goal, equivalent to 1 rad.
+    """Scales that make lengths comparable with angles in a search for configurations.
 
-    Sliding joints move about as far as the goal is away, whatever their travel. Their
-    scale is the length of the arm without them, or the distance of the goal if that is
-    larger, or their travel if that is smaller.
+    A prismatic joint moves about as far as the goal is away, whatever its travel. Its
+    scale is the reach of the arm without the travel of prismatic joints, or the
+    distance of the goal if it is larger, or the travel of the joint if it is smaller.
 
     Attributes:
-        joints: Displacements of the joints, shape (n,): 1, or a length [m].
-        lengths: An error in position: a metre, or for shorter arms their length [m].
+        joints: Displacement of each joint that counts as 1 rad, shape (n,): 1 for
+            revolute joints, a length for prismatic joints [m].
+        lengths: Position error that counts as 1 rad: one metre, or the reach of shorter
+            arms [m].
     """
 
     joints: Array
@@ -156,11 +159,11 @@ class Scales(NamedTuple):
 
     @classmethod
     def of(cls, kinematics: RobotKinematics, start: Place) -> Scales:
-        """Scales of a search.
+        """Scales of a search that starts at a configuration.
 
         Args:
             kinematics: Kinematics of the robot.
-            start: Conditions at the first configuration of the search.
+            start: Conditions of the goal at the first configuration of the search.
         """
         missing = float(np.max(np.abs(start.excess[start.lengths]), initial=0.0))
         length = max(kinematics.reach(travel=0.0), missing) or 1.0
@@ -172,18 +175,18 @@ class Scales(NamedTuple):
 
 
 class Ball(NamedTuple):
-    """A ball in the world.
+    """A ball in the world frame.
 
     Attributes:
-        centre: Shape (3,) [m].
-        radius: [m].
+        centre: Centre, shape (3,) [m].
+        radius: Radius [m].
     """
 
     centre: Array
     radius: float
 
     def nearest_point(self) -> Array:
-        """Its point that is nearest to the origin of the world, shape (3,)."""
+        """Point of the ball that is nearest to the world's origin, shape (3,) [m]."""
         distance = math.hypot(*self.centre)  # does not overflow
         if distance <= self.radius:
             return np.zeros(3)
@@ -191,7 +194,7 @@ class Ball(NamedTuple):
 
 
 def joint_labels(robot: Robot, per: str = "") -> tuple[Label, ...]:
-    """Labels of values of all joints, which may be rates: per "/s"."""
+    """Labels of values of all joints; "/s" is appended to the units of rates."""
     slides = prismatic_joints(robot)
     return tuple(
         Label(f"joint {name}", ("m" if slide else "rad") + per)

@@ -1,4 +1,8 @@
-"""Goals made of goals: passed on the way, any of them, or all of them."""
+"""Goals that consist of goals: via points, alternative goals, and combined goals.
+
+A via point is passed at any velocity; of alternative goals one has to be reached, of
+combined goals all of them.
+"""
 
 from __future__ import annotations
 
@@ -19,28 +23,28 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot.robot import Robot
 
 
-def _of_goal(name: str) -> Any:
-    """A property, or a method, that is the one of the goal within."""
+def _delegated(name: str) -> Any:
+    """A property that returns the attribute or method of the inner goal."""
     return property(attrgetter(f"goal.{name}"), doc=getattr(Goal, name).__doc__)
 
 
 @dataclass(frozen=True, eq=False)
 class PassedGoal(Record, Goal):
-    """The place of a goal, at whatever velocity.
+    """A goal as a via point: its conditions on the configuration, at any velocity.
 
     Attributes:
-        goal: The goal, whose velocity is ignored.
+        goal: The inner goal, whose velocity is ignored.
     """
 
     goal: Goal
 
     def resolved(self, robot: Robot, before: Array | None = None) -> Goal:
-        """The same of the goal in the order of the robot."""
+        """The via point with joint values in the order of the robot."""
         return PassedGoal(self.goal.resolved(robot, before))
 
     @property
     def stopped(self) -> Goal:
-        """The goal."""
+        """The inner goal."""
         return self.goal
 
     # -- any velocity ------------------------------------------------------------------
@@ -49,8 +53,8 @@ class PassedGoal(Record, Goal):
         self, kinematics: RobotKinematics, q: Array, v: Array
     ) -> tuple[Array, Array, Array]:
         """An empty residual: any velocity is allowed."""
-        none = np.zeros((0, v.size))
-        return np.zeros(0), none, none
+        empty = np.zeros((0, v.size))
+        return np.zeros(0), empty, empty
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
         """No labels."""
@@ -65,61 +69,61 @@ class PassedGoal(Record, Goal):
         """False: the velocity is free."""
         return False
 
-    # -- the rest is that of the goal --------------------------------------------------
+    # -- attributes of the inner goal --------------------------------------------------
 
-    validate = _of_goal("validate")
-    place = _of_goal("place")
-    configuration = _of_goal("configuration")
-    positions = _of_goal("positions")
-    joint_ranges = _of_goal("joint_ranges")
-    frame_name = _of_goal("frame_name")
-    ball = _of_goal("ball")
-    nearest_point = _of_goal("nearest_point")
-    distances = _of_goal("distances")
-    angle_to_go = _of_goal("angle_to_go")
-    target = _of_goal("target")
-    members = _of_goal("members")
-    turns = _of_goal("turns")
+    validate = _delegated("validate")
+    place = _delegated("place")
+    configuration = _delegated("configuration")
+    positions = _delegated("positions")
+    joint_ranges = _delegated("joint_ranges")
+    frame_name = _delegated("frame_name")
+    ball = _delegated("ball")
+    nearest_point = _delegated("nearest_point")
+    distances = _delegated("distances")
+    angle_to_go = _delegated("angle_to_go")
+    target = _delegated("target")
+    members = _delegated("members")
+    turns = _delegated("turns")
 
     def with_state(self, q: Array, v: Array) -> Goal:
-        """The same with another configuration."""
+        """The via point with another configuration."""
         return replace(self, goal=self.goal.with_state(q, v))
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
-        """The nearest goal of a set, passed at any velocity."""
+        """The nearest alternative of the inner goal, passed at any velocity."""
         return PassedGoal(self.goal.nearest(kinematics, q, np.zeros_like(v)))
 
     @property
     def alternatives(self) -> tuple[Goal, ...]:
-        """One for each of several goals."""
+        """A via point for each alternative of the inner goal."""
         if len(self.goal.alternatives) == 1:
             return (self,)
         return tuple(PassedGoal(goal) for goal in self.goal.alternatives)
 
     def prefixed(self, prefix: str, robot: Robot) -> Goal:
-        """The same beside other robots."""
+        """The via point with the names of a combined robot."""
         return replace(self, goal=self.goal.prefixed(prefix, robot))
 
 
 def passed(goal: Goal) -> Goal:
-    """A goal on the way: its velocity counts only if one was asked for."""
-    given = any(getattr(item, "v", None) is not None for item in goal.alternatives)
-    return goal if given else PassedGoal(goal)
+    """A goal as a via point: it only bounds the velocity if it gives one."""
+    moving = any(getattr(item, "v", None) is not None for item in goal.alternatives)
+    return goal if moving else PassedGoal(goal)
 
 
-def _members(goals: Sequence[Goal]) -> tuple[Goal, ...]:
+def _checked_members(goals: Sequence[Goal]) -> tuple[Goal, ...]:
     """Check a caller's goals."""
     expected = "a list of goals"
-    found = tuple(of_kind(goals, Sequence, "goal.goals", expected))
-    for item in found:
+    members = tuple(of_kind(goals, Sequence, "goal.goals", expected))
+    for item in members:
         if not isinstance(item, Goal):
             raise ProblemError(
                 f"goal.goals holds a {type(item).__name__}, expected {expected}",
                 "goal.goals",
             )
-    if not found:
+    if not members:
         raise ProblemError(f"goal.goals is empty, expected {expected}", "goal.goals")
-    return found
+    return members
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,16 +137,16 @@ class GoalSet(Record, Goal):
     goals: Sequence[Goal]
 
     def resolved(self, robot: Robot, before: Array | None = None) -> GoalSet:
-        """Each goal in the order of the robot."""
-        found = tuple(goal.resolved(robot, before) for goal in self.goals)
-        same = all(a is b for a, b in zip(found, self.goals, strict=True))
-        return self if same else replace(self, goals=found)
+        """The set with joint values in the order of the robot."""
+        goals = tuple(goal.resolved(robot, before) for goal in self.goals)
+        same = all(a is b for a, b in zip(goals, self.goals, strict=True))
+        return self if same else replace(self, goals=goals)
 
     def wrapped(self, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS) -> Goal:
-        """Each goal with the turns of its angles."""
+        """The set of the goals, each with its equivalent joint angles near a start."""
         share = max(whole(most, "most", least=1) // len(self.goals), 1)
-        found = tuple(goal.wrapped(robot, q, v, share) for goal in self.goals)
-        return self._altered(goals=found)
+        goals = tuple(goal.wrapped(robot, q, v, share) for goal in self.goals)
+        return self._altered(goals=goals)
 
     def validate(self, robot: Robot) -> None:
         """Check each goal."""
@@ -152,31 +156,31 @@ class GoalSet(Record, Goal):
 
 @dataclass(frozen=True, eq=False)
 class AnyGoal(GoalSet):
-    """Goals of which any will do; each is planned for, and the fastest one kept.
+    """Alternative goals: each is planned for, and the fastest motion is kept.
 
     Attributes:
-        goals: The goals; a set among them counts as its members.
+        goals: The goals; a nested set of alternatives is replaced by its members.
     """
 
     def __post_init__(self) -> None:
         """Check the goals."""
-        members = _members(self.goals)
-        found: tuple[Goal, ...] = ()
+        members = _checked_members(self.goals)
+        goals: tuple[Goal, ...] = ()
         for item in members:
-            # Turns of angles are chosen by the goal that has them.
-            found += (item,) if item.turning else item.alternatives
-        if len({item.fixes_velocity for item in found}) > 1:
+            # Equivalent joint angles stay together: they are alternatives of one goal.
+            goals += (item,) if item.turning else item.alternatives
+        if len({item.fixes_velocity for item in goals}) > 1:
             raise ProblemError(
-                "goal.goals: with some of them the arm ends at a given joint velocity, "
-                "with others it does not; expected one or the other",
+                "goal.goals: some of the goals fix the final joint velocity and others "
+                "do not; expected goals of one kind",
                 "goal.goals",
             )
-        self._keep(goals=found)
+        self._keep(goals=goals)
 
     @property
     def alternatives(self) -> tuple[Goal, ...]:
-        """The goals, each with all turns that will do."""
-        return tuple(one for goal in self.goals for one in goal.alternatives)
+        """The goals, each with all its equivalent joint angles."""
+        return tuple(item for goal in self.goals for item in goal.alternatives)
 
     @property
     def choices(self) -> tuple[Goal, ...]:
@@ -185,26 +189,26 @@ class AnyGoal(GoalSet):
 
     @property
     def ends_moving(self) -> bool:
-        """Whether any of them asks for a velocity other than zero."""
+        """Whether one of the goals asks for a final velocity other than zero."""
         return any(goal.ends_moving for goal in self.goals)
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
-        """The goal that a final state misses by least, in the worst of its numbers."""
+        """The goal with the smallest excess at a final state, in the maximum norm."""
         excess = (goal.excess(kinematics, q, v) for goal in self.goals)
         return self._least(excess).nearest(kinematics, q, v)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Conditions of the nearest goal on a configuration."""
-        apart = (goal.place_residual(kinematics, q)[0] for goal in self.goals)
-        return self._least(apart).place(kinematics, q)
+        excess = (goal.place_residual(kinematics, q)[0] for goal in self.goals)
+        return self._least(excess).place(kinematics, q)
 
-    def _least(self, missed: Iterable[Array]) -> Goal:
-        """The goal with the least excess, from the excesses of all goals."""
-        worst = [np.max(np.abs(part), initial=0.0) for part in missed]
+    def _least(self, excess: Iterable[Array]) -> Goal:
+        """The goal with the least excess, from the excesses of all goals, in order."""
+        worst = [np.max(np.abs(values), initial=0.0) for values in excess]
         return self.goals[int(np.argmin(worst))]
 
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
-        """Excess over the bounds of the nearest goal; its length depends on which."""
+        """Excess of the nearest goal over its bounds; the length varies by goal."""
         goal = self.nearest(kinematics, q, v)
         value, by_q, by_v = goal.residual(kinematics, q, v)
         lower, upper = goal.bounds(kinematics)
@@ -216,7 +220,7 @@ class AnyGoal(GoalSet):
 
     @property
     def fixes_velocity(self) -> bool:
-        """Whether the final joint velocity is known beforehand, for each of them."""
+        """Whether each of the goals fixes the final joint velocity."""
         return self.goals[0].fixes_velocity
 
     def final_velocity(self, n: int) -> Array:
@@ -226,19 +230,19 @@ class AnyGoal(GoalSet):
 
 @dataclass(frozen=True, eq=False)
 class AllGoals(GoalSet):
-    """Goals that are all to be met, at rest: one for each of several arms, say.
+    """Goals that have to be reached together, at rest: for example one for each arm.
 
     Attributes:
-        goals: Goals on frames or on some joints; a set of this kind among them counts
-            as its members.
+        goals: Goals on frames or on some joints; a nested set of this kind is replaced
+            by its members.
     """
 
     def __post_init__(self) -> None:
         """Check the goals."""
-        found: list[Goal] = []
-        for item in _members(self.goals):
-            found += item.goals if isinstance(item, AllGoals) else [item]
-        for item in found:
+        goals: list[Goal] = []
+        for item in _checked_members(self.goals):
+            goals += item.goals if isinstance(item, AllGoals) else [item]
+        for item in goals:
             if item.configuration is not None or isinstance(item, AnyGoal):
                 raise ProblemError(
                     f"goal.goals holds a {type(item).__name__}, expected goals on "
@@ -250,7 +254,7 @@ class AllGoals(GoalSet):
                     "goal.goals holds a goal with a velocity v, expected goals at rest",
                     "goal.goals",
                 )
-        self._keep(goals=tuple(found))
+        self._keep(goals=tuple(goals))
 
     @property
     def members(self) -> tuple[Goal, ...]:
@@ -258,7 +262,7 @@ class AllGoals(GoalSet):
         return tuple(self.goals)
 
     def turns(self, robot: Robot) -> dict[str, int]:
-        """Whole turns of the joints of all goals."""
+        """Whole turns that were added to the positions of all goals, by joint."""
         return {k: n for goal in self.members for k, n in goal.turns(robot).items()}
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
@@ -269,16 +273,16 @@ class AllGoals(GoalSet):
         return first
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """Intersections of the ranges of all goals."""
+        """Intersections of the joint ranges of all goals."""
         ranges = [goal.joint_ranges(robot) for goal in self.members]
         lower, upper = (np.stack(part) for part in zip(*ranges, strict=True))
         return np.max(lower, axis=0), np.min(upper, axis=0)
 
     def prefixed(self, prefix: str, robot: Robot) -> AllGoals:
-        """The goals in the names that their parts have beside other robots."""
+        """The goals with the names of joints and frames of a combined robot."""
         return AllGoals([goal.prefixed(prefix, robot) for goal in self.members])
 
 
-def among(goal: Goal, kept: Sequence[Goal]) -> Goal:
-    """The goal with some of its choices alone."""
-    return joined_turns(kept) if goal.turning else AnyGoal(kept)
+def restricted(goal: Goal, choices: Sequence[Goal]) -> Goal:
+    """The goal with only some of its choices."""
+    return joined_turns(choices) if goal.turning else AnyGoal(choices)

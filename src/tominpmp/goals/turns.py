@@ -1,4 +1,4 @@
-"""Whole turns: numbers of joints that are one place where a joint is an angle."""
+"""Whole turns of joints that are angles: joint positions that are equivalent."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray
 
 TURN = 2.0 * np.pi
-# Half a turn either way is as far; a number that is given stays as it is where it is no
-# farther by more than this share of a turn than the nearest one.
+# Share of a turn within which two distances count as equal: half a turn is equally far
+# in both directions, and then the caller's number is kept.
 ROUNDING = 1e-9
-# Ways of all joints together that are looked at: the nearest and, for most arms, one
-# for each angle that goes the other way round.
+# Largest number of equivalent positions of all joints together: the nearest and, for
+# most arms, one for each angle that turns in the other direction.
 MOST_WAYS = 6
 
 
@@ -26,44 +26,46 @@ def equivalent_positions(
     moving: BoolArray,
     most: int = MOST_WAYS,
 ) -> tuple[Array, ...]:
-    """Positions that are the same place, for each way round; the nearest first.
+    """Joint positions that are equivalent up to whole turns, the nearest first.
 
-    An angle is reached by the nearest turn, and by the one on the other side; by one
-    more where the joint moves at the start or the end, and going on may be faster than
-    turning back.
+    An angle is reached by the nearest turn, and by the nearest turn in the other
+    direction; by a third turn where the joint moves at the start or the end, as moving
+    on may be faster than reversing.
 
     Args:
-        q: Positions, shape (k,) [rad or m].
-        near: Where the joints begin, shape (k,).
+        q: Joint positions, shape (k,) [rad or m].
+        near: Positions of the joints at the start, shape (k,).
         angles: Which of the joints are angles, shape (k,).
         limits: Position limits, shape (k,) each; turns beyond them are left out.
         moving: Which of the joints move at the start or the end, shape (k,).
-        most: Largest number of positions.
+        most: Largest number of combinations of turns.
 
     Returns:
-        At least one, of shape (k,) each: by how much farther the joints go in all.
+        At least one vector of positions, shape (k,) each, in the order of the distance
+        that all joints together travel in addition to the nearest turns.
     """
     ways: list[tuple[float, list[float]]] = [(0.0, [])]
     away = (near - q) / TURN
     nearest = np.sign(away) * np.maximum(np.ceil(np.abs(away) - 0.5 - ROUNDING), 0.0)
-    for i, (own, base) in enumerate(zip(q.tolist(), nearest.tolist(), strict=True)):
-        found = [own]
+    for i, (angle, base) in enumerate(zip(q.tolist(), nearest.tolist(), strict=True)):
+        choices = [angle]
         if angles[i]:
-            several = [own + TURN * (base + more) for more in (0, -1, 1)]
-            inside = [x for x in several if limits[0][i] <= x <= limits[1][i]]
-            inside.sort(key=lambda x: (round(abs(x - near[i]), 9), abs(x - own)))
-            found = inside[: 3 if moving[i] else 2] or found
-        extra = [abs(x - near[i]) - abs(found[0] - near[i]) for x in found]
+            turned = [angle + TURN * (base + more) for more in (0, -1, 1)]
+            inside = [x for x in turned if limits[0][i] <= x <= limits[1][i]]
+            inside.sort(key=lambda x: (round(abs(x - near[i]), 9), abs(x - angle)))
+            choices = inside[: 3 if moving[i] else 2] or choices
+        extra = [abs(x - near[i]) - abs(choices[0] - near[i]) for x in choices]
         ways = [
-            (far + more, [*before, x])
-            for far, before in ways
-            for more, x in zip(extra, found, strict=True)
+            (distance + more, [*before, x])
+            for distance, before in ways
+            for more, x in zip(extra, choices, strict=True)
         ]
-        # Sums only grow, so that none of the best begins with one that is left out.
+        # Distances only grow with further joints: a combination that is cut off here
+        # cannot be part of one of the best.
         ways = sorted(ways, key=lambda way: way[0])[:most]
     return tuple(np.array(way) for _, way in ways)
 
 
 def joined_turns(goals: Sequence[Any]) -> Any:
-    """One goal with the turns of several that differ by turns alone."""
-    return goals[0]._by(*(q for goal in goals for q in goal.ways))
+    """One goal with the equivalent positions of goals that are whole turns apart."""
+    return goals[0]._with_ways(*(q for goal in goals for q in goal.ways))

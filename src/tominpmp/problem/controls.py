@@ -1,7 +1,7 @@
-"""What drives the motions of a problem: torques, or accelerations of a kinematic robot.
+"""Controls of the motions of a problem: torques, or accelerations of a kinematic robot.
 
-A kinematic robot is a double integrator whose controls are its accelerations: their
-limits are to it what limits of torques are to others.
+A kinematic robot is a double integrator whose controls are its joint accelerations:
+acceleration limits bound its controls as torque limits bound those of other robots.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def control_kind(robot: Robot) -> LimitKind:
-    """Kind of the limits of what drives a robot."""
+    """Kind of the limits on the controls of a robot: torque or acceleration limits."""
     return CONTROL_ACCELERATION if robot.kinematic else EFFORT
 
 
@@ -32,7 +32,7 @@ def control_bounds(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Ar
 
     Args:
         robot: The robot.
-        limits: Limits beyond those of its description.
+        limits: Motion limits in addition to the limits of its description.
 
     Returns:
         Shape (n,) each [N m or N, rad/s^2 or m/s^2].
@@ -44,15 +44,16 @@ def control_bounds(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Ar
 
 
 def effort_range(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Array]:
-    """Middle of the torques that motions may use at rest, and half of their range.
+    """Middle of the torque range of a robot at zero speed, and half of its width.
 
     Args:
         robot: The robot.
-        limits: Limits beyond those of its description, whose ``effort_scale`` leaves a
-            share of the torques.
+        limits: Motion limits in addition to the limits of its description, whose
+            ``effort_scale`` narrows the range to a share.
 
     Returns:
-        Shape (n,) each [N m or N]; of a kinematic robot they are accelerations.
+        Shape (n,) each [N m or N]; accelerations for a kinematic robot [rad/s^2 or
+        m/s^2].
     """
     lower, upper = control_bounds(robot, limits)
     half = 0.5 * (upper - lower)
@@ -62,12 +63,15 @@ def effort_range(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Arra
 
 
 def controls_in(robot: Robot, state: State) -> Array:
-    """What drives a robot in states of a motion: torques, or accelerations."""
+    """Controls of a robot in states of a motion: torques, or accelerations."""
     return state.a if robot.kinematic else state.u
 
 
 def need_smooth(robot: Robot, limits: MotionLimits | None) -> bool:
-    """Whether motion limits ask for more than controls that may jump."""
+    """Whether motion limits rule out controls that jump.
+
+    Acceleration limits alone do not for a kinematic robot: they bound its controls.
+    """
     if limits is None or not limits.need_smooth:
         return False
     return not (robot.kinematic and limits._bounded == [ACCELERATION])

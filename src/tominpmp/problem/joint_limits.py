@@ -1,4 +1,4 @@
-"""Limits of single joints, kind by kind: of the robot, and those given beyond them."""
+"""Joint limits, one record for each kind: of the robot, and of its motion limits."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class JointBounds:
-    """Bounds of a kind of limit on the joints of a robot.
+    """Bounds that one kind of limit sets on the joints of a robot.
 
     Attributes:
-        kind: The kind.
-        lower: Lower bounds, infinite where a joint has no bound, shape (n,).
-        upper: Upper bounds, infinite likewise, shape (n,).
-        scale: Scale of an excess, shape (n,).
-        by_speed: Bounds that depend on the speed, by the index of the joint.
+        kind: The kind of limit.
+        lower: Lower bounds, -inf for joints without a bound, shape (n,).
+        upper: Upper bounds, inf for joints without a bound, shape (n,).
+        scale: Scale by which an excess over the bounds is divided, shape (n,).
+        by_speed: Bounds that depend on the joint speed, by the index of the joint.
     """
 
     kind: LimitKind
@@ -42,7 +42,7 @@ class JointBounds:
         return np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper))
 
     def beyond(self, q: Array, v: Array, a: Array, u: Array) -> Array:
-        """Excess of a motion over the bounds at instants, shape (m, n)."""
+        """Excess of sampled states and torques over the bounds, shape (m, n)."""
         if self.kind.quantity == "uv":
             out = np.full(u.shape, -np.inf)
             for i, bound in self.by_speed.items():
@@ -51,43 +51,43 @@ class JointBounds:
         return self.outside({"q": q, "v": v, "a": a, "u": u}[self.kind.quantity])
 
     def outside(self, values: Array) -> Array:
-        """How far values are outside the bounds, shape (..., n)."""
+        """Excess of values over the nearer bound, negative inside, shape (..., n)."""
         return np.asarray(np.maximum(values - self.upper, self.lower - values))
 
 
 def joint_limits(robot: Robot, limits: MotionLimits | None) -> list[JointBounds]:
-    """Limits of the joints of a robot; positions, speeds and controls come first.
+    """Joint limits of a robot: position, velocity and control limits come first.
 
     Args:
         robot: The robot.
-        limits: Limits beyond those of its description.
+        limits: Motion limits in addition to the limits of its description.
     """
-    own, more, names = robot.limits, limits or MotionLimits(), robot.joint_names
+    own, declared, names = robot.limits, limits or MotionLimits(), robot.joint_names
     low, high, top = own.position_lower, own.position_upper, own.velocity
     middle, half = effort_range(robot, limits)
-    driving = control_kind(robot)
+    control = control_kind(robot)
     weakest, strongest = control_bounds(robot, limits)
     span = 0.5 * (strongest - weakest)
-    # A joint without a motor is scaled by the strongest motor.
+    # A joint without a motor has no range of its own to scale an excess by.
     span = np.where(span > 0.0, span, np.max(span, initial=1e-12))
-    found = [
+    bounds = [
         JointBounds(POSITION, low, high, high - low),
         JointBounds(VELOCITY, -top, top, top),
-        JointBounds(driving, middle - half, middle + half, span),
+        JointBounds(control, middle - half, middle + half, span),
     ]
-    none = np.full(top.size, np.inf)
-    for name, kind in kinds_of(more).items():
-        if kind.name == driving.name:
+    unbounded = np.full(top.size, np.inf)
+    for name, kind in kinds_of(declared).items():
+        if kind.name == control.name:
             continue
         if kind.quantity == "uv":
-            bounds = sorted(more._bounds_of(name, names).items())
-            by_speed = {names.index(k): bound for k, bound in bounds if bound != np.inf}
+            curves = sorted(declared._bounds_of(name, names).items())
+            by_speed = {names.index(k): curve for k, curve in curves if curve != np.inf}
             scale = span.copy()
             scale[[*by_speed]] = [kind.scale(b, span[i]) for i, b in by_speed.items()]
-            item = JointBounds(kind, -none, none, scale, by_speed)
+            item = JointBounds(kind, -unbounded, unbounded, scale, by_speed)
         else:
-            most = more.by_joint(name, names)
+            most = declared.by_joint(name, names)
             item = JointBounds(kind, -most, most, most)
         if item.joints.size:
-            found.append(item)
-    return found
+            bounds.append(item)
+    return bounds

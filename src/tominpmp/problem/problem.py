@@ -39,9 +39,9 @@ from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.robot.robot import Robot, datasheet_hint
 from tominpmp.scene.scene import Scene, SceneLike, as_scene
 
-# Largest number of combinations of alternative goals, which are tried one by one, and
-# of those of turns of angles over several segments.
-MOST_ALTERNATIVES, MOST_WAYS = 256, 16
+# Largest number of combinations of alternative goals over several segments, which are
+# planned one by one, and of combinations of equivalent joint angles over the segments.
+MOST_ALTERNATIVES, MOST_TURNS = 256, 16
 
 
 LoadedRobot: TypeAlias = Annotated[
@@ -60,33 +60,33 @@ Segments: TypeAlias = Annotated[Sequence[Segment], checked_segments]
 class Problem(Record):
     """Bring a robot from a state to a goal in minimum time.
 
-    Starts and goals that are beyond a limit of position or velocity by no more than
-    rounding are put on it, with a warning: by 1e-4 rad or m, rad/s or m/s, or by a
-    hundredth of the range between the limits where that is less.
+    Starts and goals that exceed a position or velocity limit by no more than rounding
+    are moved onto the limit, with a warning. The excess may be 1e-4 rad or m, rad/s or
+    m/s, or a hundredth of the range between the limits where the range is narrow.
 
     Attributes:
         robot: The robot.
-        q_start: Positions at the start, shape (n,) [rad or m]; or by joint name.
-        goal: The goal at the end; left out where there are segments, whose last goal it
-            is.
-        scene: The obstacles: a Scene, or a list of them.
-        margin: Distance that the links keep from them, and several robots from each
-            other [m].
-        v_start: Velocities at the start, shape (n,) [rad/s or m/s], or by joint
-            name, with joints not named at rest; None for rest.
-        motion_limits: Limits beyond those of the robot's description, if any. Limits
-            that they omit are those of the robot: ``robot.motion_limits``.
+        q_start: Joint positions at the start, shape (n,) [rad or m]; or by joint name.
+        goal: The goal at the end of the motion; omitted for a problem with segments,
+            where it is the goal of the last segment.
+        scene: The obstacles: a Scene, or a list of obstacles.
+        margin: Distance that the links keep from obstacles, and several robots from
+            each other [m].
+        v_start: Joint velocities at the start, shape (n,) [rad/s or m/s], or by joint
+            name, with joints not named at rest; None for a start at rest.
+        motion_limits: Limits in addition to the robot's description, if any. Limits
+            that they omit are taken from the robot: ``robot.motion_limits``.
         constraints: Constraints at all times: ``ToolSpeed``, ``KeepUpright``, ...
-        self_collision: Whether the links keep clear of each other, and of bodies fixed
-            to the base, too, without a margin; None for yes. False is for robots whose
-            description is wrong about their shapes.
+        self_collision: Whether the links also keep clear of each other and of bodies
+            fixed to the base, without a margin; None stands for True. False is for
+            robots whose description is wrong about their shapes.
         segments: Phases of the motion, each with a goal, constraints and limits, see
             :class:`Segment`; empty for a motion to one goal.
         may_touch: Pairs of names of links and obstacles that may touch.
 
     Raises:
         ProblemError: If a value is wrong: the message names the joint, the value and
-            the expected one.
+            the expected value.
         FrameNotFound: If the goal is on a frame that is not part of the robot.
     """
 
@@ -103,9 +103,10 @@ class Problem(Record):
     may_touch: Pairs = ()
 
     def __post_init__(self) -> None:
-        """Check all values, as far as no planning is needed."""
+        """Check all values that can be checked without planning."""
         super().__post_init__()
-        # Joints that a goal does not name stay at the start, after it is put on limits.
+        # Joints that a goal does not name stay at the start, which may have been moved
+        # onto limits.
         snapped = self._snap_start()
         self._take_segments()
         of_kind(self.goal, Goal, "goal", f"{SOME_GOAL}, or segments")
@@ -122,16 +123,16 @@ class Problem(Record):
         self._keep(constraints=checked(self.constraints, self.robot, several))
         self._checks.start(self.q_start, self.v_start)
         if self.segments:
-            phases, of_goal = self._phases
+            phases, snapped_goals = self._phases
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            of_goal = self._take_goal(self.goal)
-        for message in (*snapped, *of_goal):
+            snapped_goals = self._take_goal(self.goal)
+        for message in (*snapped, *snapped_goals):
             warn_caller(message)
 
     def __repr__(self) -> str:
-        """Robot, goal and further settings, on one line."""
+        """Show robot, goal and further settings on one line."""
         robot = f"{brief(self.robot.name)} with {self.robot.n} joints"
         count = len(self.scene)
         more = f", {count} obstacle{'s' if count > 1 else ''}" if count else ""
@@ -141,7 +142,7 @@ class Problem(Record):
         return f"<Problem of {robot}: {brief(self.goal)}{more}>"
 
     def _repr_html_(self) -> str:
-        """Stick figures at the start and the goal, and a table, for notebooks."""
+        """Show stick figures at the start and the goal, and a table, in notebooks."""
         robot, goal = self.robot, self.goal.configuration
         ends = {"goal": self.q_start if goal is None else goal, "start": self.q_start}
         arms = {k: sticks(robot.model, robot.expand(q)) for k, q in ends.items()}
@@ -153,7 +154,7 @@ class Problem(Record):
 
     @cached_property
     def checker(self) -> CollisionChecker:
-        """Distances of the links to the obstacles and to each other."""
+        """Collision checker: distances of the links to obstacles and each other."""
         own = self.self_collision is not False
         may_touch = frozenset(map(frozenset, self.may_touch))
         scene = self.scene.sorted
@@ -163,7 +164,7 @@ class Problem(Record):
 
     @cached_property
     def margins(self) -> Array:
-        """Distance to keep by pair of the checker, zero between links [m]."""
+        """Margin of each collision pair of the checker, zero between links [m]."""
         return self.checker.margins(self.margin)
 
     @cached_property
@@ -175,30 +176,31 @@ class Problem(Record):
     def phases(self) -> tuple[Problem, ...]:
         """The problems of the segments, in order; the problem itself without segments.
 
-        Each has the robot, the scene and the limits of its segment, and its goal, which
-        is passed or where the arm stops. Its start is only known if the goal before it
-        is a configuration; else ``q_start`` is that of the whole problem.
+        Each has the robot, the scene and the limits of its segment, and the goal of its
+        segment: a via point that is passed, or a goal at which the arm stops. The start
+        of a segment is only known if the goal before it is a configuration; otherwise
+        ``q_start`` is the start of the whole problem, or the last known configuration.
         """
         return self._phases[0] if self.segments else (self,)
 
     @cached_property
     def _phases(self) -> tuple[tuple[Problem, ...], list[str]]:
         """The problems of the segments, and warnings."""
-        found: list[Problem] = []
+        phases: list[Problem] = []
         messages: list[str] = []
         q = self.q_start
         for k, segment in enumerate(self.segments):
             with naming(f"segment {k + 1} of {len(self.segments)}", f"segments[{k}]"):
                 phase, more = self._phase(segment, k, q)
             q = q if phase.goal.configuration is None else phase.goal.configuration
-            found.append(phase)
+            phases.append(phase)
             messages += [f"segment {k + 1}: {text}" for text in more]
-        return tuple(found), messages
+        return tuple(phases), messages
 
     def _phase(
         self, segment: Segment, number: int, q_start: Array
     ) -> tuple[Problem, list[str]]:
-        """The problem of one segment, and warnings."""
+        """The problem of one segment, and the warnings of its goal."""
         robot = segment.robot(self.robot)
         limits = self.motion_limits
         if segment.motion_limits is not None:
@@ -226,54 +228,55 @@ class Problem(Record):
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
         if number == 0:
-            phase._checks.kept(q_start, phase.v_start, "start")
+            phase._checks.admit(q_start, phase.v_start, "start")
         elif self.segments[number - 1].goal.configuration is not None:
             if not same:
                 phase._checks.clear(q_start, "start", later=True)
             passing = not self.segments[number - 1].stop
-            phase._checks.kept(q_start, phase.v_start, "start", passing=passing)
+            phase._checks.admit(q_start, phase.v_start, "start", passing=passing)
         rests = goal is segment.goal
-        most = int(MOST_WAYS ** (1.0 / len(self.segments)))
-        near = segment.goal.wrapped(robot, q_start, phase.v_start, most)
-        checked_goal, messages = phase._checks.goal(near, rests)
+        most = int(MOST_TURNS ** (1.0 / len(self.segments)))
+        wrapped = segment.goal.wrapped(robot, q_start, phase.v_start, most)
+        checked_goal, messages = phase._checks.goal(wrapped, rests)
         if not rests:
             checked_goal = passed(checked_goal)
         phase._keep(goal=checked_goal)
         return phase, messages
 
     def _take_segments(self) -> None:
-        """Check the segments, whose last goal is that of the problem."""
+        """Check the segments, and take the goal of the last one for the problem."""
         if not self.segments:
             return
         if self.goal is not None and self.goal is not self.segments[-1].goal:
             raise ProblemError(
                 "goal and segments are given, expected one or the other: the last "
-                "segment's goal is that of the problem",
+                "segment's goal is the goal of the problem",
                 "goal",
             )
         segments = list[Segment]()
         before: Array | None = self.q_start
         for segment in self.segments:
-            # Joints that a goal does not name stay where the one before leaves them.
+            # Joints that a goal does not name stay where the goal before leaves them.
             segments.append(segment.resolved(self.robot, before))
             before = segments[-1].goal.configuration
         self._keep(segments=tuple(segments), goal=segments[-1].goal)
 
     def _take_goal(self, goal: Goal) -> list[str]:
-        """Check a goal, which is taken by its nearest turns; returns warnings."""
-        near = goal.wrapped(self.robot, self.q_start, self.v_start)
-        checked_goal, messages = self._checks.goal(near)
+        """Check a goal and keep it, with its nearest joint angles; returns warnings."""
+        wrapped = goal.wrapped(self.robot, self.q_start, self.v_start)
+        checked_goal, messages = self._checks.goal(wrapped)
         self._keep(goal=checked_goal)
         return messages
 
     @property
     def _checks(self) -> StateChecks:
-        """Checks of states that need no planning."""
+        """Checks of starts and goals, which need no planning."""
         return StateChecks(
             self.robot, self.scene, self.checker, self.margin, self.ready_constraints
         )
 
     def _snap_start(self) -> list[str]:
+        """Move the start onto limits that it exceeds by rounding; returns warnings."""
         q = joint_vector(self.robot, self.q_start, "q_start")
         v = np.zeros_like(q)
         if self.v_start is not None:
@@ -285,7 +288,11 @@ class Problem(Record):
 
     @property
     def alternatives(self) -> tuple[Problem, ...]:
-        """Alternative problems: one for each combination of alternative goals."""
+        """Alternative problems: one for each combination of alternative goals.
+
+        Raises:
+            ProblemError: If the goals of the segments have too many combinations.
+        """
         if not self.segments:
             return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
         each = [phase.goal.alternatives for phase in self.phases]
@@ -301,7 +308,11 @@ class Problem(Record):
         return tuple(self._with_goals(goals) for goals in itertools.product(*each))
 
     def alternative_of(self, trajectory: Trajectory) -> Problem:
-        """The problem with the alternative goals that a motion meets, or is nearest."""
+        """The problem with the alternative goals that a motion meets or comes nearest.
+
+        Args:
+            trajectory: The motion.
+        """
         instance(trajectory, Trajectory, "trajectory")
         if not self.segments:
             return self.alternative_at(trajectory.q[-1], trajectory.v[-1])
@@ -313,7 +324,7 @@ class Problem(Record):
         return self._with_goals(goals)
 
     def _with_goals(self, goals: Sequence[Goal]) -> Problem:
-        """The problem with one goal for each segment, which were checked before."""
+        """The problem with one goal for each segment; the goals were checked before."""
         parts, q = list[Problem](), self.q_start
         for phase, goal in zip(self.phases, goals, strict=True):
             _ = phase.checker  # the copy shares it
@@ -324,7 +335,7 @@ class Problem(Record):
         )
 
     def _aiming_at(self, goals: Sequence[Goal]) -> tuple[Segment, ...]:
-        """The segments with other goals, as they are passed or where the arm stops."""
+        """The segments with other goals; a segment whose goal is unchanged is kept."""
         return tuple(
             segment
             if goal.stopped is segment.goal
@@ -337,7 +348,7 @@ class Problem(Record):
 
         Args:
             q: Final configuration, shape (n,) [rad or m].
-            v: Final velocity, shape (n,).
+            v: Final velocity, shape (n,) [rad/s or m/s].
         """
         return self._with_goal(self.goal.nearest(RobotKinematics(self.robot), q, v))
 
@@ -380,14 +391,15 @@ class Problem(Record):
 
 
 def check_controls(robot: Robot, limits: MotionLimits | None) -> None:
-    """Check that a kinematic robot has limits of accelerations, and none of torques.
+    """Check that a kinematic robot has acceleration limits, and no torque limits.
 
     Args:
         robot: The robot.
-        limits: Limits beyond those of its description.
+        limits: Motion limits in addition to the limits of its description.
 
     Raises:
-        ProblemError: Naming all joints without a limit, or the limit of torques.
+        ProblemError: Naming all joints without an acceleration limit, or the torque
+            limits that are set.
     """
     if not robot.kinematic:
         return

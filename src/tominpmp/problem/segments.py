@@ -1,7 +1,8 @@
 """Segments: the phases of a motion, each with a goal, constraints and limits.
 
-A motion of several segments is one motion: it is planned as a whole, with a duration
-for each segment, and does not stop at the end of a segment unless the segment says so.
+A motion of several segments is a multi-phase problem: it is planned as a whole, with a
+duration for each segment, and stops at the end of a segment only if the segment asks
+for it.
 """
 
 from __future__ import annotations
@@ -29,21 +30,21 @@ from tominpmp.scene.scene import Scene, SceneOrNone
 SOME_GOAL = "a JointGoal, PositionGoal, PoseGoal or another goal"
 # A larger number of segments is rejected as a mistake.
 MOST_SEGMENTS = 100
-# Tolerance of an arm at rest [rad or m, rad/s or m/s], and of equal times [s].
+# Tolerance of rest [rad or m, rad/s or m/s], and of the equality of times [s].
 SAME = 1e-9
 
 
-def _checked_arrival(given: object, name: str) -> tuple[float, float]:
-    """Check a caller's earliest and latest time."""
-    earliest, latest = pair_or_nan(given)
+def _checked_arrival(value: object, name: str) -> tuple[float, float]:
+    """Check a caller's earliest and latest arrival time."""
+    earliest, latest = pair_or_nan(value)
     if not (0.0 <= earliest < np.inf and earliest <= latest and latest > 0.0):
         expected = "the earliest and the latest time [s], in order"
-        raise wrong(given, name, f"{expected}; the latest may be infinite")
+        raise wrong(value, name, f"{expected}; the latest may be infinite")
     return earliest, latest
 
 
 def checked_pairs(
-    given: object,
+    value: object,
     name: str,
     expected: str = 'pairs of names, as [("hand", "box")]',
 ) -> tuple[tuple[str, str], ...]:
@@ -52,17 +53,17 @@ def checked_pairs(
     Raises:
         ProblemError: If the value is not a list of pairs of names.
     """
-    if isinstance(given, str) or not isinstance(given, Sequence):
-        raise wrong(given, name, expected)
-    for pair in given:
-        good = isinstance(pair, list | tuple) and len(pair) == 2
-        good = good and all(isinstance(one, str) and one for one in pair)
-        if not good or pair[0] == pair[1]:
-            twice = ", the same name twice" if good else ""
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise wrong(value, name, expected)
+    for pair in value:
+        valid = isinstance(pair, list | tuple) and len(pair) == 2
+        valid = valid and all(isinstance(body, str) and body for body in pair)
+        if not valid or pair[0] == pair[1]:
+            twice = ", the same name twice" if valid else ""
             raise ProblemError(
                 f"{name} holds {brief(pair)}{twice}, expected {expected}", name
             )
-    return tuple((str(one), str(other)) for one, other in given)
+    return tuple((str(first), str(second)) for first, second in value)
 
 
 SomeGoal: TypeAlias = Annotated[
@@ -90,21 +91,25 @@ class Segment(Record):
     """A phase of a motion: a goal, and the constraints and limits on the way to it.
 
     Attributes:
-        goal: The goal at its end. A goal before the last is a via point, passed at any
-            velocity unless it gives one or ``stop`` is set; the last holds as given.
-        constraints: Constraints on it, in addition to the constraints of the problem.
-        motion_limits: Limits on it; limits that they omit are those of the problem.
-        payload: Payload on it, in addition to the robot's own: picked up at its start
-            and put down at its end, if the next segment does not carry it.
-        scene: The obstacles on it, a Scene or a list of them; None for those of the
+        goal: The goal at the end of the segment. A goal before the last one is a via
+            point, passed at any velocity unless it gives one or ``stop`` is set; at the
+            last goal the arm stops unless the goal gives a velocity.
+        constraints: Constraints on the segment, in addition to the constraints of the
             problem.
-        may_touch: Pairs of names of links, payloads and obstacles that may touch, as
-            the payload and the table it is lifted from.
-        stop: Whether the arm is at rest at its end.
-        dwell: Least time at rest at its end [s]; more than zero is a stop. On the clock
-            of a controller the dwell takes whole periods.
-        arrival: Earliest and latest time at which its goal is met, from the start of
-            the motion [s]; the latest may be infinite. None for any time.
+        motion_limits: Limits on the segment; limits that they omit are taken from the
+            problem.
+        payload: Payload on the segment, in addition to the payload of the robot: picked
+            up at the start of the segment and put down at its end, if the next segment
+            does not carry it.
+        scene: The obstacles during the segment, a Scene or a list of obstacles; None
+            for the scene of the problem.
+        may_touch: Pairs of names of links, payloads and obstacles that may touch, for
+            example the payload and the table from which it is lifted.
+        stop: Whether the arm is at rest at the end of the segment.
+        dwell: Least time at rest at the end of the segment [s]; a dwell above zero
+            implies a stop. On the clock of a controller the dwell takes whole periods.
+        arrival: Earliest and latest time at which the goal is met, from the start of
+            the motion [s]; the latest may be infinite. None leaves the time open.
 
     Raises:
         ProblemError: If a value is wrong.
@@ -136,27 +141,27 @@ class Segment(Record):
 
         Args:
             robot: The robot.
-            before: Positions of joints that its goal does not name, shape (n,); None if
-                they are not known.
+            before: Positions of the joints that the goal does not name, shape (n,);
+                None if they are not known.
         """
         goal = self.goal.resolved(instance(robot, Robot, "robot"), before)
         return self if goal is self.goal else replace(self, goal=goal)
 
     def goal_on_the_way(self) -> Goal:
-        """The goal of a segment before the last: passed, unless the arm stops there."""
+        """The goal of a segment before the last: a via point, unless the arm stops."""
         return self.goal if self.stop else passed(self.goal)
 
     def robot(self, robot: Robot) -> Robot:
-        """A robot with the payload."""
+        """The robot with the payload of the segment."""
         instance(robot, Robot, "robot")
         return robot if self.payload is None else robot.with_payload(self.payload)
 
 
 def _check_arrivals(segments: Sequence[Segment]) -> None:
-    """Check that no latest arrival is before an earliest arrival of a former segment.
+    """Check that no latest arrival precedes the earliest end of an earlier segment.
 
     Raises:
-        ProblemError: If a segment has to end too early.
+        ProblemError: If a latest arrival cannot be met.
     """
     reached, first = 0.0, 0
     for k, segment in enumerate(segments):
@@ -172,29 +177,30 @@ def _check_arrivals(segments: Sequence[Segment]) -> None:
         reached = max(earliest, reached) + segment.dwell
 
 
-def checked_segments(given: object, name: str = "segments") -> tuple[Segment, ...]:
+def checked_segments(value: object, name: str = "segments") -> tuple[Segment, ...]:
     """Check a caller's segments.
 
     Raises:
-        ProblemError: If the value is not a list of segments, or has too many.
+        ProblemError: If the value is not a list of segments, holds too many segments,
+            or a latest arrival cannot be met.
     """
     expected = "a list of Segment, one for each goal"
-    if isinstance(given, str) or not isinstance(given, Sequence):
-        raise wrong(given, name, expected)
-    if len(given) > MOST_SEGMENTS:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise wrong(value, name, expected)
+    if len(value) > MOST_SEGMENTS:
         raise ProblemError(
-            f"{name} has {len(given)} items, expected {expected}, {MOST_SEGMENTS} at "
+            f"{name} has {len(value)} items, expected {expected}, {MOST_SEGMENTS} at "
             "most",
             name,
         )
-    for k, item in enumerate(given):
+    for k, item in enumerate(value):
         instance(item, Segment, f"{name}[{k}]")
-    _check_arrivals(given)
-    return tuple(given)
+    _check_arrivals(value)
+    return tuple(value)
 
 
 def known_names(robot: Robot, scene: Scene) -> set[str]:
-    """Names of bodies that may touch: links with a shape, and obstacles."""
+    """Names that a pair of bodies may have: links with a shape, and obstacles."""
     links = {
         robot.model.frames[item.parentFrame].name
         for item in robot.collision_model.geometryObjects
@@ -210,10 +216,10 @@ def check_names(pairs: Sequence[tuple[str, str]], robot: Robot, scene: Scene) ->
     """
     known = known_names(robot, scene)
     for pair in pairs:
-        for one in pair:
-            if one not in known:
+        for body in pair:
+            if body not in known:
                 raise ProblemError(
-                    f"may_touch: {brief(one)} is neither a link with a shape nor an "
+                    f"may_touch: {brief(body)} is neither a link with a shape nor an "
                     f"obstacle; expected one of {brief(', '.join(sorted(known)))}",
                     "may_touch",
                 )
@@ -224,11 +230,12 @@ class SegmentOfMotion(Record):
     """One segment of a motion.
 
     Attributes:
-        goal: The goal at its end; None for a motion of one segment.
-        begin: Time at which it begins [s].
-        arrival: Time at which its goal is met [s].
-        end: Time at which it ends, with its dwell [s].
-        trajectory: The motion on it, from time 0.
+        goal: The goal at the end of the segment; None where the segments of the problem
+            are not known.
+        begin: Time at which the segment begins [s].
+        arrival: Time at which the goal is met [s].
+        end: Time at which the segment ends, after the dwell [s].
+        trajectory: The motion during the segment, from time 0.
     """
 
     goal: Goal | None
@@ -239,12 +246,12 @@ class SegmentOfMotion(Record):
 
     @property
     def duration(self) -> float:
-        """Duration of the segment, with its dwell [s]."""
+        """Duration of the segment, dwell included [s]."""
         return self.end - self.begin
 
     @property
     def stay(self) -> float:
-        """Dwell at its end [s]."""
+        """Dwell at the end of the segment [s]."""
         return self.end - self.arrival
 
 
@@ -252,9 +259,9 @@ class Span(NamedTuple):
     """Times at which a segment of a motion begins, meets its goal, and ends [s].
 
     Attributes:
-        begin: Time at which it begins.
-        arrival: Time at which its goal is met and the dwell begins.
-        end: Time at which it ends.
+        begin: Time at which the segment begins.
+        arrival: Time at which the goal is met and the dwell begins.
+        end: Time at which the segment ends.
     """
 
     begin: float
@@ -267,7 +274,7 @@ def spans_of(motion: Trajectory, segments: Sequence[Segment]) -> list[Span]:
 
     Args:
         motion: The motion.
-        segments: The segments of its problem; empty where they are not known.
+        segments: The segments of the problem; empty where they are not known.
     """
     ends = [motion.duration]
     if motion.segment_ends is not None:
@@ -282,9 +289,9 @@ def spans_of(motion: Trajectory, segments: Sequence[Segment]) -> list[Span]:
 def _arrival(motion: Trajectory, segment: Segment, begin: float, end: float) -> float:
     """Time at which a motion meets the goal of a segment, before its dwell [s].
 
-    It is the first node from which on the arm rests for at least the dwell: on the
-    clock of a controller the rest takes whole periods. An arm that rests there before
-    the earliest arrival arrives at the first node from that time on.
+    The arrival is the first node from which the arm rests to the end, for at least the
+    dwell: on the clock of a controller the rest takes whole periods. If the arm rests
+    there before the earliest arrival, the arrival is the first node after that time.
     """
     if segment.dwell == 0.0:
         return end
@@ -295,30 +302,30 @@ def _arrival(motion: Trajectory, segment: Segment, begin: float, end: float) -> 
     rests = np.logical_and.accumulate(~moves[::-1])[::-1]
     earliest = 0.0 if segment.arrival is None else segment.arrival[0]
     latest = max(end - segment.dwell, begin)
-    able = rests & (t >= earliest - SAME) & (t <= latest + SAME)
-    return float(t[able][0]) if np.any(able) else latest
+    arrived = rests & (t >= earliest - SAME) & (t <= latest + SAME)
+    return float(t[arrived][0]) if np.any(arrived) else latest
 
 
 def segments_of(
     motion: Trajectory, segments: Sequence[Segment]
 ) -> tuple[SegmentOfMotion, ...]:
-    """The segments of a motion.
+    """Split a motion into its segments.
 
     Args:
         motion: The motion.
-        segments: The segments of its problem; empty where they are not known.
+        segments: The segments of the problem; empty where they are not known.
     """
     spans = spans_of(motion, segments)
     goals: Sequence[Goal | None] = [segment.goal for segment in segments]
     goals = goals or [None] * len(spans)
     return tuple(
-        SegmentOfMotion(goal, *span, _part(motion, number, span.begin, span.end))
+        SegmentOfMotion(goal, *span, _section(motion, number, span.begin, span.end))
         for number, (goal, span) in enumerate(zip(goals, spans, strict=True))
     )
 
 
-def _part(motion: Trajectory, number: int, begin: float, end: float) -> Trajectory:
-    """A segment of a motion, as a motion from time 0."""
+def _section(motion: Trajectory, number: int, begin: float, end: float) -> Trajectory:
+    """Section of a motion between two times, as a motion from time 0."""
     if motion.segment_ends is None:
         return motion
     first, last = np.searchsorted(motion.t, [begin, end]).tolist()

@@ -1,4 +1,4 @@
-"""Checks of states and goals that need no planning."""
+"""Checks of starts and goals that need no planning."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Goal
-from tominpmp.goals.sets import among
+from tominpmp.goals.sets import restricted
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import joint_kinds
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
 
-# The field of a problem that gives a state.
+# The field of a problem that holds the start or the goal.
 FIELDS = {"start": "q_start", "goal": "goal"}
-# A start or goal outside a limit by no more than this is put on it (positions in rad or
-# m, velocities in rad/s or m/s), as encoders and files round; for narrow limits this
-# share of the range between them.
+# Largest excess of a start or goal over a limit that is moved onto the limit (positions
+# in rad or m, velocities in rad/s or m/s), as encoders and files round; for narrow
+# limits the largest share of the range between them.
 SNAP, SNAP_SHARE = 1e-4, 1e-2
-# Overlaps and violations up to this are rounding [m, or the unit of the constraint].
+# Overlaps and constraint violations up to this size are rounding [m, or the unit of the
+# constraint].
 ROUNDING = 1e-6
-# Angles beyond limits above this get a remark, as they are unlikely to be in radians.
+# Angles that exceed a limit and this size get a hint: they are probably in degrees.
 LARGE_ANGLE, IN_RADIANS = 2.0 * np.pi, "; angles are in radians, not degrees"
 
 
@@ -43,7 +44,7 @@ class StateChecks:
     Attributes:
         robot: The robot.
         scene: The obstacles.
-        checker: Distances to them, and between links.
+        checker: Collision checker: distances to the obstacles, and between links.
         margin: Distance to keep from obstacles [m].
         constraints: Further constraints, ready to be evaluated.
     """
@@ -56,21 +57,30 @@ class StateChecks:
 
     @property
     def margins(self) -> Array:
-        """Distance to keep by pair of the checker [m].
+        """Margin of each collision pair of the checker [m].
 
-        Meshes are cut for it, which starts and goals that are clear by hulls do not
-        need.
+        The checker decomposes meshes into convex pieces for the margins: starts and
+        goals whose convex hulls are clear are accepted before.
         """
         return self.checker.margins(self.margin)
 
     def start(self, q: Array, v: Array) -> None:
         """Check a start: positions and velocities, shape (n,) each."""
         self.clear(q, "start")
-        self.moves_mass(q, "start")
-        self.kept(q, v, "start")
+        self.regular_mass(q, "start")
+        self.admit(q, v, "start")
 
     def goal(self, goal: Goal, rests: bool = True) -> tuple[Goal, list[str]]:
-        """Check a goal that belongs to the robot; returns it, and warnings."""
+        """Check a goal, which was validated against the robot.
+
+        Args:
+            goal: The goal.
+            rests: Whether the arm comes to rest at the goal.
+
+        Returns:
+            The goal, moved onto limits that it exceeds by rounding and without
+            alternatives that are out of reach, and warnings.
+        """
         if goal.alternatives[0] is not goal:
             return self._any_goal(goal, rests)
         if goal.configuration is not None:
@@ -78,17 +88,17 @@ class StateChecks:
             q, of_q = onto_limits(self.robot, "position", goal.configuration, "goal.q")
             v, of_v = onto_limits(self.robot, "velocity", v, "goal.v")
             self.clear(q, "goal")
-            self.moves_mass(q, "goal")
+            self.regular_mass(q, "goal")
             if rests:
-                self._hold(q, v)
-            self.kept(q, v, "goal")
+                self._holds_weight(q, v)
+            self.admit(q, v, "goal")
             return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
         messages = []
         for item in goal.members:
             q, name = item.positions(self.robot), "goal.q with its tolerance"
             messages += onto_limits(self.robot, "position", q, name)[1]
-            self._reach(item)
-            self._room(item)
+            self._within_reach(item)
+            self._link_clear(item)
         lower, upper = goal.joint_ranges(self.robot)
         for joint, least, most in zip(
             self.robot.joint_names, lower, upper, strict=True
@@ -99,43 +109,48 @@ class StateChecks:
         return goal, messages
 
     def _any_goal(self, goal: Goal, rests: bool) -> tuple[Goal, list[str]]:
-        """Leave out alternatives that cannot be reached, as long as others can.
+        """Drop alternatives that fail a check, if at least one alternative passes.
 
-        Of turns of angles those are left out without a word.
+        Each dropped alternative gets a warning, except equivalent joint angles: they
+        differ from the caller's goal by whole turns only.
+
+        Raises:
+            ProblemError: If no alternative passes.
         """
         goals = goal.choices
-        kept, messages = list[Goal](), list[str]()
+        valid, messages = list[Goal](), list[str]()
         faults = dict[int, ProblemError]()
-        for number, one in enumerate(goals, 1):
+        for number, alternative in enumerate(goals, 1):
             try:
-                checked, snapped = self.goal(one, rests)
+                checked, snapped = self.goal(alternative, rests)
             except ProblemError as error:
                 faults[number] = error
             else:
-                kept.append(checked)
+                valid.append(checked)
                 messages += snapped
         if goal.turning:
-            if not kept:
+            if not valid:
                 raise faults[1]
-            return among(goal, kept), list(dict.fromkeys(messages))
+            return restricted(goal, valid), list(dict.fromkeys(messages))
         faulty = [f"goal {k} of {len(goals)}: {fault}" for k, fault in faults.items()]
-        if not kept:
+        if not valid:
             raise ProblemError("; ".join(faulty), "goal")
         messages += [f"{text}; it is left out" for text in faulty]
-        return among(goal, kept), messages
+        return restricted(goal, valid), messages
 
     def clear(self, q: Array, which: str, *, later: bool = False) -> None:
-        """Check that a configuration keeps clear, at the "start" or the "goal".
+        """Check that the configuration at the "start" or the "goal" is collision-free.
 
         Args:
             q: The configuration, shape (n,).
             which: "start" or "goal".
-            later: Whether it is a start at a time that is not known yet.
+            later: Whether it is the start of a later segment, whose time is not known
+                yet.
 
         Raises:
-            ProblemError: If it is in collision, with the pair that overlaps most.
+            ProblemError: If it is in collision, naming the deepest collision pair.
         """
-        # The arrival time is not known yet: moving obstacles may be elsewhere by then.
+        # The arrival time is not known yet: moving obstacles may be elsewhere then.
         time = 0.0 if which == "start" and not later else None
         moves = time is None and self.checker.moving
         if self.checker.hulls_clear(q):
@@ -158,27 +173,30 @@ class StateChecks:
         )
 
     def _advice_on_links(self, q: Array) -> str:
-        """Advice on links that overlap although they may not touch."""
+        """Advice on an overlap of two links that the robot description may allow."""
         meshes = CollisionChecker(
             self.robot, Scene(), self_collision=True, geometry="mesh"
         )
         cause = " their meshes overlap, too;"
         if meshes.is_free(q):
-            cause = " their meshes do not, only the convex pieces these are taken as;"
+            cause = " their meshes do not, only the convex pieces that stand for them;"
         return (
             f":{cause} links that may touch belong among the disable_collisions of an "
             "SRDF, and self_collision=False lets all of them touch"
         )
 
-    def kept(self, q: Array, v: Array, which: str, *, passing: bool = False) -> None:
+    def admit(self, q: Array, v: Array, which: str, *, passing: bool = False) -> None:
         """Check that the constraints hold at a state.
 
         Args:
             q: Positions, shape (n,).
             v: Velocities, shape (n,).
             which: "start" or "goal".
-            passing: Whether the arm may pass the state at an unknown speed: then only
-                constraints on the configuration are checked.
+            passing: Whether the arm passes the configuration at an unknown velocity:
+                then only constraints on the configuration are checked.
+
+        Raises:
+            ProblemError: If a constraint is violated by more than rounding.
         """
         for item in self.constraints:
             if passing and item.order > 0:
@@ -192,15 +210,15 @@ class StateChecks:
                 why = contradiction(item, self.constraints, self.robot, q)
                 raise ProblemError(f"{which}: {lack}{why}", FIELDS[which])
 
-    def moves_mass(self, q: Array, which: str) -> None:
-        """Check that no torque would accelerate joints without bound.
+    def regular_mass(self, q: Array, which: str) -> None:
+        """Check that the mass matrix is regular, so that accelerations are bounded.
 
         Args:
             q: The configuration, shape (n,).
             which: "start" or "goal".
 
         Raises:
-            ProblemError: Naming the joints that move while the mass matrix is singular.
+            ProblemError: Naming the joints that can move without any inertia.
         """
         if self.robot.kinematic:
             return
@@ -215,8 +233,12 @@ class StateChecks:
                 FIELDS[which],
             )
 
-    def _hold(self, q: Array, v: Array) -> None:
-        """Check that the motors can hold an arm that is to come to rest."""
+    def _holds_weight(self, q: Array, v: Array) -> None:
+        """Check that the motors can hold the arm against gravity if it comes to rest.
+
+        Raises:
+            ProblemError: Naming a joint whose torque limit is too low.
+        """
         if np.any(v) or self.robot.kinematic:
             return
         tau = RobotDynamics(self.robot).inverse(q[None], v[None], v[None])[0]
@@ -234,8 +256,12 @@ class StateChecks:
                     "goal",
                 )
 
-    def _room(self, goal: Goal) -> None:
-        """Check that the goal does not put the link of a frame into an obstacle."""
+    def _link_clear(self, goal: Goal) -> None:
+        """Check that the link at the goal's frame has an orientation without collision.
+
+        Raises:
+            ProblemError: If the link overlaps an obstacle in every orientation.
+        """
         ball, frame = goal.ball, goal.frame_name
         if ball is None or frame is None or not len(self.scene):
             return
@@ -249,7 +275,12 @@ class StateChecks:
                 "goal",
             )
 
-    def _reach(self, goal: Goal) -> None:
+    def _within_reach(self, goal: Goal) -> None:
+        """Check that the goal's frame can come as far from the base as the goal is.
+
+        Raises:
+            ProblemError: If the goal is out of reach.
+        """
         target, frame = goal.nearest_point(), goal.frame_name
         if target is None or frame is None:
             return
@@ -267,7 +298,7 @@ class StateChecks:
 def onto_limits(
     robot: Robot, quantity: str, values: Array, name: str
 ) -> tuple[Array, list[str]]:
-    """Check values of joints against limits; values just beyond are put on them.
+    """Check joint values against limits, and move values just outside onto the limits.
 
     Args:
         robot: The robot.
@@ -276,10 +307,10 @@ def onto_limits(
         name: Name of the values in messages.
 
     Returns:
-        The values, and warnings.
+        The values within the limits, and a warning for each value that was moved.
 
     Raises:
-        ProblemError: If a value is beyond its limits by more than rounding.
+        ProblemError: If a value is outside its limits by more than rounding.
     """
     limits, snapped = robot.limits, list[str]()
     lower, upper = limits.position_lower, limits.position_upper
@@ -295,9 +326,9 @@ def onto_limits(
             f"outside its {quantity} limits [{lower[i]:.10g}, {upper[i]:.10g}] {unit}"
         )
         if excess[i] > slack[i]:
-            turned = unit == "rad" and abs(values[i]) > LARGE_ANGLE
+            degrees = unit == "rad" and abs(values[i]) > LARGE_ANGLE
             field = name.split(" ")[0]
-            raise ProblemError(beyond + (IN_RADIANS if turned else ""), field)
+            raise ProblemError(beyond + (IN_RADIANS if degrees else ""), field)
         snapped.append(f"{beyond}, by {excess[i]:.1e}, and was set to the limit")
     return np.asarray(clipped), snapped
 
@@ -307,7 +338,14 @@ def _unit(robot: Robot, quantity: str, joint: int) -> str:
 
 
 def joint_vector(robot: Robot, value: object, name: str) -> Array:
-    """Check a caller's numbers, one for each joint.
+    """Check a caller's joint vector, and bring it into the order of the joints.
+
+    Args:
+        robot: The robot.
+        value: Numbers in the order of the joints, or values by joint name. Locked
+            joints may be named, with the value at which they are locked; velocities of
+            joints that are not named are zero.
+        name: Name of the values in messages; it begins with "v" for velocities.
 
     Raises:
         ProblemError: If the value is not a number for each joint, or not finite.

@@ -1,7 +1,7 @@
 """Workcells: several robots that share a workspace and one duration T.
 
 The paper's conclusions name workcells as the next step: the robots are planned
-together, as one robot with several arms, and do not touch each other on the way.
+together, as one robot with several arms, and do not touch each other during the motion.
 """
 
 from __future__ import annotations
@@ -45,23 +45,23 @@ class Workcell(Record):
         solution = tm.plan(problem)
         motions = cell.split(solution.trajectory)
 
-    Points and placements, of goals too, are in the world, not in the base of a robot;
-    :meth:`base` gives the placement of a base. Payloads are given to the robots
-    beforehand.
+    Points and placements, also those of goals, are given in the world frame, not in the
+    base frame of a robot; :meth:`base` gives the placement of a base. Payloads are
+    attached to the robots beforehand.
 
     Attributes:
-        robots: For each robot, by its name, the robot and the placement base_to_world
-            of its base, as a pinocchio.SE3 or a position, shape (3,) [m]; or a list of
+        robots: By the name of each robot, the robot and the placement base_to_world of
+            its base, as a pinocchio.SE3 or a position, shape (3,) [m]; or a list of
             (name, robot, base).
-        gravity: Gravity in the world, shape (3,) [m/s^2]; None for that of the robots,
-            which have to agree.
-        robot: The robots combined into one, with their names before those of joints,
-            links and frames: "left/tool0".
+        gravity: Gravity in the world, shape (3,) [m/s^2]; None for the gravity of the
+            robots, which has to be the same for all.
+        robot: The robots combined into one robot; the name of a robot precedes the
+            names of its joints, links and frames: "left/tool0".
 
     Raises:
-        ProblemError: If two robots have one name, their bases overlap, or their
+        ProblemError: If two robots have the same name, their bases overlap, or their
             gravities differ.
-        OptionsError: If the gravity is no vector.
+        OptionsError: If the gravity is not a vector.
     """
 
     robots: Converted[
@@ -83,7 +83,7 @@ class Workcell(Record):
                     )
             parts = [(name, *item) for name, item in parts.items()]
         robot = combine_robots(parts, gravity=self.gravity)
-        placed = {name: (one, base_placement(name, base)) for name, one, base in parts}
+        placed = {name: (arm, base_placement(name, base)) for name, arm, base in parts}
         robots = MappingProxyType(placed)
         self._keep(robots=robots, gravity=robot.gravity, robot=robot)
 
@@ -92,7 +92,7 @@ class Workcell(Record):
         return type(self), (dict(self.robots), self.gravity)
 
     def _values(self) -> tuple[Any, ...]:
-        """Values that are compared; the others follow from them."""
+        """Values that are compared; the other attributes follow from them."""
         return (self.robot,)
 
     @property
@@ -101,6 +101,7 @@ class Workcell(Record):
         return tuple(self.robots)
 
     def _member(self, name: str) -> tuple[Robot, pin.SE3]:
+        """The robot of a name and the placement of its base."""
         if not isinstance(name, str) or name not in self.robots:
             known = ", ".join(self.robots)
             raise ProblemError(
@@ -117,7 +118,7 @@ class Workcell(Record):
         return pin.SE3(self._member(name)[1])
 
     def alone(self, name: str) -> Robot:
-        """A robot in free space, with gravity in the axes of its base.
+        """A robot in free space, with gravity expressed in the axes of its base.
 
         Raises:
             ProblemError: If no robot has the name.
@@ -127,7 +128,10 @@ class Workcell(Record):
         return robot.with_changes(gravity=gravity)
 
     def stack(self, values: Mapping[str, ArrayLike]) -> Array:
-        """Join values of the joints of all robots, by name: shape (n,).
+        """Stack joint values of all robots into one vector, shape (n,).
+
+        Args:
+            values: Joint values by the name of the robot, shape (n of the robot,).
 
         Raises:
             ProblemError: If a robot is missing or unknown, or a length is wrong.
@@ -147,7 +151,7 @@ class Workcell(Record):
 
         Args:
             start: Joint positions by robot, shape (n of the robot,) [rad or m].
-            goal: Goals by robot, see :meth:`goal`; or one for all robots combined.
+            goal: Goals by robot, see :meth:`goal`; or one goal for the combined robot.
             v_start: Joint velocities at the start by robot; robots not named are at
                 rest.
             **others: Scene, margin and further arguments of :class:`Problem`.
@@ -166,28 +170,29 @@ class Workcell(Record):
             moving = self.stack({**rest, **v_start})
         q_start = self.stack(start)
         if isinstance(goal, Mapping):
-            goal = {name: self._begun(name, one, start) for name, one in goal.items()}
-        wanted = goal if isinstance(goal, Goal) else self.goal(goal)
-        return Problem(self.robot, q_start, wanted, v_start=moving, **others)
+            goal = {k: self._resolved(k, item, start) for k, item in goal.items()}
+        combined = goal if isinstance(goal, Goal) else self.goal(goal)
+        return Problem(self.robot, q_start, combined, v_start=moving, **others)
 
-    def _begun(self, name: str, goal: Any, start: Mapping[str, ArrayLike]) -> Any:
-        """A goal of a robot; joints that it does not name stay at their start."""
+    def _resolved(self, name: str, goal: Any, start: Mapping[str, ArrayLike]) -> Any:
+        """The goal of a robot; joints that it does not name stay at their start."""
         if name not in self.robots or not isinstance(goal, Goal):
             return goal  # reported where goals are checked
         robot = self.robots[name][0]
         return goal.resolved(robot, joint_vector(robot, start[name], "start"))
 
     def goal(self, goals: Mapping[str, Goal | None]) -> Goal:
-        """Make one goal of the goals of the robots.
+        """Combine the goals of the robots into one goal.
 
         Args:
-            goals: A goal for each robot, in the names of its own joints and frames;
-                None for a robot that may end anywhere, at rest.
+            goals: A goal for each robot, with the names of joints and frames without
+                the name of the robot; None for a robot that may end anywhere, at rest.
 
         Returns:
-            A goal for the robots combined: a JointGoal if all goals are JointGoals
-            (taking numbers as they are, ``wrap=False``, if one of them does),
-            else AllGoals; or an AnyGoal, if one of them is, with all combinations.
+            A goal for the combined robot: a JointGoal if all goals are JointGoals (with
+            ``wrap=False``, which adds no whole turns to angles, if one of the goals has
+            it), otherwise AllGoals; or an AnyGoal of all combinations if a goal has
+            alternatives.
 
         Raises:
             ProblemError: If a robot is missing or unknown, or the goals do not go
@@ -200,22 +205,22 @@ class Workcell(Record):
         for name in self.robots:
             if name not in goals:
                 raise ProblemError(
-                    f"goal: there is none for {brief(name)}; expected a goal, or None "
-                    "if it may end anywhere",
+                    f"goal: no goal is given for {brief(name)}; expected a goal, or "
+                    "None if the robot may end anywhere",
                     "goal",
                 )
-            whose = f"goal: that of {brief(name)}"
+            whose = f"goal: the goal of {brief(name)}"
             of_kind(goals[name], (Goal, NoneType), whose, "a goal or None", "goal")
         each = [goals[name] for name in self.robots]
-        choices = [(None,) if one is None else one.alternatives for one in each]
-        found = [
+        choices = [(None,) if item is None else item.alternatives for item in each]
+        combinations = [
             self._joined(dict(zip(self.robots, chosen, strict=True)))
             for chosen in itertools.product(*choices)
         ]
-        return found[0] if len(found) == 1 else AnyGoal(found)
+        return combinations[0] if len(combinations) == 1 else AnyGoal(combinations)
 
     def _joined(self, goals: Mapping[str, Goal | None]) -> Goal:
-        """One goal of the goals of the robots, each without alternatives."""
+        """Combine the goals of the robots, each without alternatives, into one goal."""
         for name, goal in goals.items():
             if goal is not None:
                 with naming(name):
@@ -235,12 +240,12 @@ class Workcell(Record):
             return JointGoal(self.stack(q), v_end, wrap=wrap)
         if moving:
             raise ProblemError(
-                "goal: a JointGoal with a velocity goes together with JointGoals for "
-                "the other robots only",
+                "goal: a JointGoal with a velocity can be joined only with JointGoals "
+                "for the other robots",
                 "goal",
             )
         if not given:
-            raise ProblemError("goal: no robot has one", "goal")
+            raise ProblemError("goal: no robot has a goal", "goal")
         renamed = []
         for name, goal in given.items():
             with naming(name):
@@ -248,23 +253,23 @@ class Workcell(Record):
         return AllGoals(renamed)
 
     def split(self, trajectory: Trajectory) -> dict[str, Trajectory]:
-        """Take a motion of all robots apart.
+        """Split a motion of all robots into the motions of single robots.
 
         Args:
-            trajectory: A motion of the robots combined.
+            trajectory: A motion of the combined robot.
 
         Returns:
-            The motion of each robot by its name, in the names of its own joints, all of
-            one duration.
+            The motion of each robot by the name of the robot, with joint names without
+            it; all motions have the same duration.
 
         Raises:
-            ProblemError: If the motion is not one of these robots.
+            ProblemError: If the motion does not have the joints of these robots.
         """
         instance(trajectory, Trajectory, "trajectory")
         if trajectory.joint_names != self.robot.joint_names:
             raise ProblemError(
                 f"trajectory is a motion of {', '.join(trajectory.joint_names)}; "
-                f"expected one of {', '.join(self.robot.joint_names)}",
+                f"expected a motion of {', '.join(self.robot.joint_names)}",
                 "trajectory",
             )
         motions = {}
@@ -273,7 +278,7 @@ class Workcell(Record):
             rows = [trajectory.joint_names.index(joint) for joint in own]
             inverse = trajectory.inverse_dynamics
             if inverse is not None:
-                # The motion of a robot needs no torque of another robot.
+                # The combined inverse dynamics needs the states of all robots.
                 inverse = torques_of(self.alone(name))
             motions[name] = Trajectory(
                 robot.joint_names,

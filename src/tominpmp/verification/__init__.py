@@ -1,4 +1,4 @@
-"""Verification: independent checks of a motion, and reasons for a missing motion."""
+"""Verification: independent checks of motions, and explanations of failed plans."""
 
 import lazy_loader
 

@@ -1,12 +1,12 @@
-r"""Proof that a motion keeps clear, between the samples too (conservative advancement).
+r"""Proof of the clearance of a motion at all times, by conservative advancement.
 
-A stretch of time is clear if the distance of every pair in its middle is larger than
-the displacements of their points within the stretch. Else the stretch is cut, for that
-pair alone, by the search of :mod:`~.closest_approach`. A point that the joints i move
-is displaced by at most :math:`\sum_i r_i |\Delta q_i|` while the joints move by
-:math:`|\Delta q_i|` at most, where r_i bounds its distance from the axis of joint i (1
-for sliding joints). A point of a moving obstacle comes closer by its largest speed
-times the duration.
+A time interval is clear if the distance of every pair in the middle of the interval is
+larger than the displacements of the points of the pair within the interval. Otherwise
+the interval is subdivided, for this pair alone, by the search of
+:mod:`~.closest_approach`. While the joints i move by at most :math:`|\Delta q_i|`, a
+point that they move is displaced by at most :math:`\sum_i r_i |\Delta q_i|`, where r_i
+bounds the distance of the point from the axis of joint i (1 for prismatic joints). A
+point of a moving obstacle comes closer by at most its largest speed times the duration.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
-from tominpmp.verification.closest_approach import Approach
+from tominpmp.verification.closest_approach import ClosestApproach
 from tominpmp.verification.replay import Replay, planned
 from tominpmp.verification.stages import stages_of
 
-# Largest number of stretches for each pair before the proof is given up.
+# Largest number of time intervals for each pair before the proof is given up.
 MAX_STRETCHES = 20_000
-# Beyond this number of kinds of pairs only the least and the largest margin are named.
+# Number of kinds of pairs beyond which a message names only the range of their margins.
 MOST_KINDS = 3
 # Names of the kinds of pairs.
 KINDS = ("links and obstacles", "links of the robot")
-# Deviations of polynomials are bounded by this multiple of the measured deviations.
-OFF = 2.0
+# Safety factor on the measured deviations from the polynomials between samples.
+SAFETY = 2.0
 
 
-class Kept(NamedTuple):
-    """A distance that pairs of one kind and margin keep at all times.
+class ProvedDistance(NamedTuple):
+    """Distance that all pairs of one kind and margin keep at all times.
 
     Attributes:
-        pairs: The kind of pairs, in words.
-        margin: Their margin [m].
-        bound: Their proved distance [m]: at least the margin less the tolerated slack.
+        pairs: Name of the kind of pairs.
+        margin: Margin of the pairs [m].
+        bound: Proved distance [m]: at least the margin minus the tolerated slack.
     """
 
     pairs: str
@@ -59,13 +59,13 @@ class Kept(NamedTuple):
         Args:
             pairs: Name of the pairs.
         """
-        # At most the margin and the proved distance: the last digit is rounded down.
+        # A rounded distance must not exceed the proof: the last digit is rounded down.
         least = math.floor(1e4 * min(self.margin, self.bound) * (1.0 + 1e-12)) / 1e4
         apart = f"at least {least:.4f} m apart"
         if least <= 0.0:
             lack = math.ceil(-1e5 * self.bound) / 1e5
             apart = "apart" if self.bound > 0.0 else f"clear but for {lack:.5f} m"
-        return f"{pairs} {apart} ({_asked(self.margin)})"
+        return f"{pairs} {apart} ({_required(self.margin)})"
 
 
 @dataclass(frozen=True)
@@ -74,16 +74,17 @@ class ClearanceProof:
 
     Attributes:
         proved: Whether every pair keeps its margin at every time.
-        kept: Proved distances, pairs of one margin together; empty without a proof.
+        kept: Proved distances, for the pairs of each kind and margin; empty without a
+            proof.
         nearest: The pair with the least measured clearance beyond its margin, and its
             distance; None without pairs.
-        time: Time of that distance [s].
-        contact: Whether a distance below the required one was measured.
-        stretches: Number of examined stretches of time, for each pair alone.
+        time: Time of the least measured clearance [s].
+        contact: Whether a distance below the required distance was measured.
+        stretches: Number of examined time intervals, counted for each pair.
     """
 
     proved: bool
-    kept: tuple[Kept, ...]
+    kept: tuple[ProvedDistance, ...]
     nearest: Contact | None
     time: float
     contact: bool
@@ -95,10 +96,10 @@ class ClearanceProof:
 
     @property
     def bound(self) -> float:
-        """Distance that all pairs are proved to keep, whatever their margins [m].
+        """Least proved distance of all pairs, whatever their margins [m].
 
-        Minus infinity after a contact or a proof that was given up, infinite without
-        pairs.
+        Minus infinity if a contact was found or the proof was given up; infinite
+        without pairs.
         """
         if not self.proved:
             return -math.inf
@@ -124,19 +125,19 @@ class ClearanceProof:
         """The outcome in a sentence."""
         if self.nearest is None:
             return "There is nothing to collide with."
-        near, asked = self.nearest, _asked(self.nearest.margin)
+        near, margin = self.nearest, _required(self.nearest.margin)
         apart = f"{near.distance:{'.4f' if self.proved else '.4g'}} m"
         place = f"{near.pair}, {apart} at {self.time:.3f} s"
         if self.contact:
-            return f"Not clear: too near are {place} ({asked})."
+            return f"Not clear: too close are {place} ({margin})."
         if self.proved:
-            seen = "the nearest approach seen is"
+            seen = "the closest approach measured is"
             if len({item.margin for item in self.kept}) > 1:
-                seen = "the least room is seen between"
+                seen = "the least measured clearance is between"
             return f"Proved: {self._statement}; {seen} {place}."
         return (
-            f"Neither proved nor disproved in {self.stretches} stretches; the least "
-            f"room is seen between {place} ({asked})."
+            f"Neither proved nor disproved in {self.stretches} time intervals; the "
+            f"least measured clearance is between {place} ({margin})."
         )
 
     @property
@@ -145,7 +146,7 @@ class ClearanceProof:
         margins = [item.margin for item in self.kept]
         if len(margins) > MOST_KINDS:
             return (
-                "every pair keeps the margin asked of it at all times, "
+                "every pair keeps its margin at all times, "
                 f"{min(margins):.4g} to {max(margins):.4g} m"
             )
         clauses = [item.words(f"{item.pairs} stay") for item in self.kept]
@@ -155,20 +156,21 @@ class ClearanceProof:
         return f"{', '.join(clauses)} at all times"
 
 
-# The proof for a robot without pairs.
-NOTHING_NEAR = ClearanceProof(True, (), None, 0.0, False, 0)
+# The proof for a robot without collision pairs.
+WITHOUT_PAIRS = ClearanceProof(True, (), None, 0.0, False, 0)
 
 
-def _kept(found: Iterable[Kept]) -> tuple[Kept, ...]:
-    """Proved distances, pairs of one kind and margin together."""
+def _merged(distances: Iterable[ProvedDistance]) -> tuple[ProvedDistance, ...]:
+    """Merge proved distances of equal kind and margin into the least of them."""
     least: dict[tuple[str, float], float] = {}
-    for pairs, margin, bound in found:
+    for pairs, margin, bound in distances:
         least[pairs, margin] = min(bound, least.get((pairs, margin), math.inf))
-    return tuple(Kept(*kind, bound) for kind, bound in sorted(least.items()))
+    return tuple(ProvedDistance(*kind, bound) for kind, bound in sorted(least.items()))
 
 
-def _asked(margin: float) -> str:
-    return f"margin asked {margin:.4g} m" if margin != 0.0 else "no margin asked"
+def _required(margin: float) -> str:
+    """The required margin, in words."""
+    return f"required margin {margin:.4g} m" if margin != 0.0 else "no margin required"
 
 
 @on_one_thread
@@ -181,22 +183,22 @@ def prove_clearance(
     deviation: Array | None = None,
     max_stretches: int = MAX_STRETCHES,
 ) -> ClearanceProof:
-    """Prove that all pairs keep a distance along a motion, or find where they do not.
+    """Prove that all pairs keep a distance along a motion, or find a violation.
 
     Args:
-        checker: Distances of the pairs.
+        checker: Collision checker with the pairs.
         trajectory: The motion.
-        margin: Distance to keep [m], one for all pairs or by pair.
-        slack: Tolerated violation of the margin [m]. Along a motion at the margin the
-            proof needs stretches in which links move no farther than this.
+        margin: Distance to keep [m], one number for all pairs or one for each pair.
+        slack: Tolerated violation of the margin [m]. Where a motion is at the margin,
+            the proof needs time intervals in which links move no farther than this.
         deviation: Largest deviations of the real motion from the trajectory by joint,
-            shape (n,) [rad or m]: those of a replay, say.
-        max_stretches: Number of stretches after which the proof is given up, in the
-            mean over the pairs.
+            shape (n,) [rad or m], for example the deviations of a replay.
+        max_stretches: Number of time intervals after which the proof is given up, in
+            the mean over the pairs.
 
     Returns:
-        The proof, or its failure. For an obstacle that a function without bounds on its
-        speed moves, the proof rests on estimates of its speed.
+        The proof, or its failure. For an obstacle that is moved by a function without
+        bounds on its speed, the proof relies on estimates of the speed.
     """
     expected = "a CollisionChecker: problem.checker"
     instance(checker, CollisionChecker, "checker", expected)
@@ -212,7 +214,7 @@ def prove_clearance(
         deviation = _lengths(deviation, "deviation", n)
     max_stretches = whole(max_stretches, "max_stretches")
     if not checker.pairs:
-        return NOTHING_NEAR
+        return WITHOUT_PAIRS
     motion, stray = _rows(trajectory, deviation)
     return _proof(checker, motion, margins, stray, slack, max_stretches)
 
@@ -232,23 +234,23 @@ def clearance_of(
     for stage in stages_of(problem, trajectory):
         checker = stage.problem.checker
         if checker.pairs and stage.end > stage.begin:
-            part = motion.between(stage.begin, stage.end)
-            proofs.append(_proof(checker, part, stage.problem.margins, stray))
+            section = motion.between(stage.begin, stage.end)
+            proofs.append(_proof(checker, section, stage.problem.margins, stray))
     if not proofs:
-        return NOTHING_NEAR
+        return WITHOUT_PAIRS
     worst = min(proofs, key=lambda item: (item.proved, item.room))
     return replace(
         worst,
-        kept=_kept(kept for item in proofs for kept in item.kept) if worst else (),
+        kept=_merged(kept for item in proofs for kept in item.kept) if worst else (),
         stretches=sum(item.stretches for item in proofs),
     )
 
 
 def _lengths(value: object, name: str, count: int | None) -> Array:
-    """Check finite lengths: a single one, or one for each of a number of items."""
+    """Check finite lengths: a single length, or one for each of a number of items."""
     array = array_or_nan(value)
     if not np.all(np.isfinite(array)) or array.shape not in ((), (count,)):
-        each = "" if count is None else f", or {count} of them"
+        each = "" if count is None else f", or {count} numbers"
         raise wrong(value, name, f"a finite number{each}")
     return array
 
@@ -261,46 +263,48 @@ def _proof(
     slack: float = 0.0,
     max_stretches: int = MAX_STRETCHES,
 ) -> ClearanceProof:
-    """The proof of a motion, or its failure.
+    """Proof of the clearance along the rows of a motion, or its failure.
 
     Args:
-        checker: Distances of the pairs.
+        checker: Collision checker with the pairs.
         motion: The motion.
         margins: Distances to keep by pair, shape (pairs,) [m].
-        stray: Largest deviations of joints from the motion, shape (n,) [rad or m].
+        stray: Largest deviations of the real motion from the rows by joint, shape (n,)
+            [rad or m].
         slack: Tolerated violation of the margins [m].
-        max_stretches: Number of stretches after which the proof is given up.
+        max_stretches: Number of time intervals after which the proof is given up, in
+            the mean over the pairs.
     """
     least, most = margins - slack, max_stretches * margins.size
-    found = Approach(checker, motion, least, stray=stray, most=most).run()
-    nearest = found.nearest()._replace(margin=float(margins[found.pair]))
+    search = ClosestApproach(checker, motion, least, deviation=stray, most=most).run()
+    nearest = search.nearest()._replace(margin=float(margins[search.pair]))
     own = np.arange(margins.size) >= checker.obstacle_pairs
-    proved = not found.violated and found.doubt == 0.0
-    bounds = least + max(found.sure, 0.0)
+    proved = not search.violated and search.possible_violation == 0.0
+    bounds = least + max(search.lower_bound, 0.0)
     each = zip(own.tolist(), margins.tolist(), bounds.tolist(), strict=True)
-    kept = _kept(Kept(KINDS[own], *rest) for own, *rest in each) if proved else ()
-    return ClearanceProof(
-        proved, kept, nearest, found.time, found.violated, found.stretches
-    )
+    kept = (ProvedDistance(KINDS[own], *rest) for own, *rest in each) if proved else ()
+    examined = search.time, search.violated, search.intervals
+    return ClearanceProof(proved, _merged(kept), nearest, *examined)
 
 
 def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Array]:
-    """A motion in rows, and the deviations of joints from the polynomials between them.
+    """Rows of a motion, and the deviations from the cubic polynomials between them.
 
     Args:
         trajectory: The motion.
-        deviation: Largest deviations of joints from it, shape (n,) [rad or m]; None for
-            zero.
+        deviation: Largest deviations of the real motion from the trajectory by joint,
+            shape (n,) [rad or m]; None for zero.
 
     Returns:
-        The rows, and the largest deviations, shape (n,) [rad or m].
+        The rows, and the largest deviations of the real motion from the polynomials,
+        shape (n,) [rad or m].
     """
     stray = np.zeros(trajectory.n) if deviation is None else np.abs(deviation)
-    path = replace(trajectory, inverse_dynamics=None)  # its torques take time
+    path = replace(trajectory, inverse_dynamics=None)  # torques are not needed
     rows = planned(path)
     if rows.t.size < 2:
         return rows, stray
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
-    joined, *_ = states(rows.t, rows.q, rows.v, None, probes)
-    gaps = np.abs(joined - path(probes).q)
-    return rows, stray + OFF * np.max(gaps, axis=0)
+    cubic, *_ = states(rows.t, rows.q, rows.v, None, probes)
+    gaps = np.abs(cubic - path(probes).q)
+    return rows, stray + SAFETY * np.max(gaps, axis=0)

@@ -1,8 +1,8 @@
-"""Diagnosis of failed plans: the reason for a missing motion, in words.
+"""Diagnosis of failed plans: an explanation in words why no motion was found.
 
-The motion with the smallest violations is examined: these are the smallest known
-relaxation of the problem. A search that came to its end ("infeasible") is distinguished
-from one that was cut short ("gave up").
+The motion with the smallest constraint violations is examined: its violations are the
+smallest known relaxation of the problem. A search that ended by itself ("infeasible")
+is distinguished from a search that was cut short ("gave up").
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tominpmp.verification.replay import TIME_STEP, Replay, planned, torque_piec
 from tominpmp.verification.stages import Stage, stages_of
 from tominpmp.verification.verification import judge
 
-# Ends of searches that were cut short.
+# Descriptions of searches that were cut short.
 GAVE_UP = {
     Status.TIME_LIMIT: "Gave up when the planning time was used up",
     Status.ITERATION_LIMIT: "Gave up at the iteration limit",
@@ -36,24 +36,24 @@ GAVE_UP = {
 }
 # Largest number of violations in a message.
 MOST = 3
-# Tolerances for the violations of a motion that failed.
+# Tolerances beyond which a deviation of an infeasible motion is a violation.
 STRICT = Tolerances(goal=1e-4, speed=1e-3, limits=1e-3, contact=1e-5)
-# Violation of a margin that counts as one in every start [m].
+# Violation of a margin above which a pair counts as too close from a start [m].
 RESIDUE = 1e-5
-# Largest number of examined instants of a motion that failed.
+# Largest number of instants at which an infeasible motion is examined.
 MOST_INSTANTS = 1000
 
 
 class Outcome(Protocol):
-    """Result of an iteration from one initial guess."""
+    """Result of the iteration from one initial guess."""
 
     @property
     def trajectory(self) -> Trajectory:
-        """The best motion."""
+        """The best motion of the iteration."""
 
     @property
     def violations(self) -> Mapping[str, float]:
-        """Largest violation by kind of row."""
+        """Largest constraint violation by kind of row."""
 
     @property
     def history(self) -> Sequence[IterationRecord]:
@@ -69,73 +69,74 @@ def explain(
 
     Args:
         problem: The problem.
-        outcomes: Results of the initial guesses, all infeasible.
-        status: End of the planning.
+        outcomes: Results from the initial guesses, all infeasible.
+        status: Status at the end of planning.
 
     Returns:
-        One to three sentences: the end, the obstructions, and the relaxation that the
-        best motion needs.
+        One to three sentences: how the search ended, the violated constraints, and the
+        relaxation that the best motion needs.
     """
     if not outcomes:
         return status.value
     iterations = sum(len(outcome.history) for outcome in outcomes)
     effort = f"{_count(len(outcomes), 'start')} and {_count(iterations, 'iteration')}"
-    least = min(outcomes, key=lambda item: max(item.violations.values(), default=0.0))
-    found = _violations_of(problem, least.trajectory)
+    best = min(outcomes, key=lambda item: max(item.violations.values(), default=0.0))
+    violations = _violations_of(problem, best.trajectory)
     begin = f"{GAVE_UP.get(status, status.value.rstrip('.'))} after {effort}"
-    if not found:
-        return f"{begin}; the best motion is within 0.1 % of what is allowed."
-    everywhere = _everywhere(problem, outcomes, found)
-    stages = stages_of(problem, least.trajectory)
+    if not violations:
+        return f"{begin}; the best motion is within 0.1 % of the limits."
+    everywhere = _everywhere(problem, outcomes, violations)
+    stages = stages_of(problem, best.trajectory)
     clauses = [
         item.place
-        + _clause(stages[(item.segment or 1) - 1], least.trajectory, item)
-        + (" in every start tried" if item.name in everywhere else "")
-        for item in found
+        + _clause(stages[(item.segment or 1) - 1], best.trajectory, item)
+        + (" from every start tried" if item.name in everywhere else "")
+        for item in violations
     ]
-    needed = _joined([_relaxation(item) for item in found])
+    needed = _joined([_relaxation(item) for item in violations])
     return (
         f"{begin}: {'; '.join(clauses)}. The nearest motion found would need {needed}."
     )
 
 
 def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolation]:
-    """Violations of a planned motion, the worst first."""
-    motion, stages = _look(trajectory), stages_of(problem, trajectory)
+    """The largest violations of a planned motion, in units of their tolerances."""
+    motion, stages = _sampled(trajectory), stages_of(problem, trajectory)
     torque = torque_pieces(problem.robot, trajectory)
     checkers = [stage.problem.checker for stage in stages]
-    found = judge(stages, motion, torque, STRICT, checkers).violations
-    measure = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
-    worst = sorted(found, key=lambda x: -x.share / measure.get(x.kind, STRICT.limits))
+    items = judge(stages, motion, torque, STRICT, checkers).violations
+    units = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
+    worst = sorted(items, key=lambda x: -x.share / units.get(x.kind, STRICT.limits))
     return worst[:MOST]
 
 
-def _look(trajectory: Trajectory) -> Replay:
-    """A planned motion at the instants of an explanation."""
+def _sampled(trajectory: Trajectory) -> Replay:
+    """A planned motion, sampled at the instants that an explanation examines."""
     return planned(trajectory, max(TIME_STEP, trajectory.duration / MOST_INSTANTS))
 
 
 def _everywhere(
     problem: Problem,
     outcomes: Sequence[Outcome],
-    found: Sequence[LimitViolation],
+    violations: Sequence[LimitViolation],
 ) -> set[str]:
-    """Names of the pairs that are too close in every start."""
-    names = {item.name for item in found if item.kind == "clearance"}
+    """Names of the pairs that are too close in the motions from all starts."""
+    names = {item.name for item in violations if item.kind == "clearance"}
     if not names or len(outcomes) < 2 or problem.segments:
         return set()
     checker = problem.checker
     for outcome in outcomes:
-        seen = _look(outcome.trajectory)
-        room = checker.distances(seen.q, problem.margins + RESIDUE, seen.t)
-        room -= problem.margins
-        lack = -np.min(room, axis=0)
+        motion = _sampled(outcome.trajectory)
+        clearance = checker.distances(motion.q, problem.margins + RESIDUE, motion.t)
+        clearance -= problem.margins
+        lack = -np.min(clearance, axis=0)
         pairs = zip(checker.pairs, lack.tolist(), strict=True)
-        names &= {" and ".join(pair) for pair, much in pairs if much > RESIDUE}
+        names &= {" and ".join(pair) for pair, amount in pairs if amount > RESIDUE}
     return names
 
 
 def _clause(stage: Stage, trajectory: Trajectory, item: LimitViolation) -> str:
+    """A violation in words, with the reason where it is known."""
     problem = stage.problem
     if item.kind == "goal":
         return _of_goal(problem, item)
@@ -148,7 +149,7 @@ def _clause(stage: Stage, trajectory: Trajectory, item: LimitViolation) -> str:
 
 
 def _of_goal(problem: Problem, item: LimitViolation) -> str:
-    """A goal out of reach, or one to which the motion comes no nearer."""
+    """Clause on a goal: it is out of reach, or the motion stops short of it."""
     goal = problem.goal
     point = goal.nearest_point()
     if point is not None:
@@ -162,9 +163,13 @@ def _of_goal(problem: Problem, item: LimitViolation) -> str:
 def _of_effort(
     problem: Problem, first: Array, last: Array, item: LimitViolation
 ) -> str:
-    """A weight that cannot be held at the goal, or a torque that is too large.
+    """Clause on a torque: the weight at the goal, dry friction, or a peak torque.
 
-    The motion leads from the first to the last configuration, each of shape (n,).
+    Args:
+        problem: The problem of the segment.
+        first: Configuration at the start of the segment, shape (n,).
+        last: Configuration at the end of the segment, shape (n,).
+        item: The violation of the torque limit.
     """
     robot, goal = problem.robot, problem.goal
     i = robot.joint_names.index(item.name)
@@ -175,17 +180,17 @@ def _of_effort(
     middle, half = (part[i] for part in effort_range(robot, problem.motion_limits))
     low, high = middle - half, middle + half
     if goal.fixes_velocity and not np.any(goal.final_velocity(robot.n)):
-        much = max(holding - high, low - holding)
-        if much > STRICT.limits * max(high - low, 1e-12):
+        excess = max(holding - high, low - holding)
+        if excess > STRICT.limits * max(high - low, 1e-12):
             bound = high if holding > high else low
             return (
                 f"joint {item.name} cannot hold its weight at the goal: "
                 f"{abs(holding):.3g} {item.unit} needed, {abs(bound):.3g} allowed"
             )
-    way, friction = float(last[i] - first[i]), float(robot.friction[i])
-    # The torque that starts the joint.
-    needed = leaving + float(np.sign(way)) * friction
-    if way != 0.0 and friction != 0.0 and not low < needed < high:
+    travel, friction = float(last[i] - first[i]), float(robot.friction[i])
+    # Breakaway torque: gravity and friction against the direction of travel.
+    needed = leaving + float(np.sign(travel)) * friction
+    if travel != 0.0 and friction != 0.0 and not low < needed < high:
         return (
             f"joint {item.name} cannot overcome its dry friction of "
             f"{friction:.3g} {item.unit}: {needed:.3g} {item.unit} needed to "
@@ -199,6 +204,7 @@ def _of_effort(
 
 
 def _of_clearance(problem: Problem, item: LimitViolation) -> str:
+    """Clause on a pair that is too close, with its distance and its margin."""
     pairs = [" and ".join(pair) for pair in problem.checker.pairs]
     margin = float(problem.margins[pairs.index(item.name)])
     distance = margin - item.amount
@@ -211,6 +217,7 @@ def _of_clearance(problem: Problem, item: LimitViolation) -> str:
 
 
 def _relaxation(item: LimitViolation) -> str:
+    """The relaxation of a constraint that would remove a violation, in words."""
     amount = f"{item.amount:.3g} {item.unit}"
     if item.kind == "goal":
         return f"a goal {amount} nearer"
@@ -220,13 +227,14 @@ def _relaxation(item: LimitViolation) -> str:
         side = "later" if item.name == "late" else "earlier"
         return f"an arrival {amount} {side}"
     if item.kind == "clearance":
-        return f"{_length(item.amount)} more room between {item.name}"
+        return f"{_length(item.amount)} more clearance between {item.name}"
     if item.kind not in joint_kinds():
         return f"{amount} more {item.kind}"
     return f"{amount} more {item.kind} of joint {item.name}"
 
 
 def _length(value: float) -> str:
+    """A length in words, in centimetres below one metre."""
     return f"{100.0 * value:.2g} cm" if abs(value) < 1.0 else f"{value:.3g} m"
 
 

@@ -1,11 +1,11 @@
-"""Replay of unstable motions: the torques with a small feedback.
+"""Replay of unstable motions: the planned torques with a small feedback.
 
-An arm that is raised slowly is a row of inverted pendulums: over seconds it amplifies
-all errors, rounding included, 10^10-fold and more, and no torque over time brings it to
-the goal, in a computer or in the world. A proof of such a motion is that its torques
-need very little feedback. The replay then is a motion of the arm under the torques of
-the plan and of the feedback, and is judged as any other; the feedback may take only a
-small share of the limits.
+An arm that is raised slowly is a chain of inverted pendulums: over seconds it amplifies
+all errors, rounding errors included, by a factor of 10^10 and more, and no open-loop
+torque brings it to the goal, neither in simulation nor in reality. A motion of this
+kind is verified by showing that its torques need very little feedback. The replay is
+then the motion of the arm under the torques of the plan and of the feedback, and is
+judged like any other replay; the feedback may use only a small share of the limits.
 """
 
 from __future__ import annotations
@@ -39,26 +39,28 @@ from tominpmp.verification.replay import (
 if TYPE_CHECKING:
     from tominpmp.verification.stages import Stage
 
-# Rate of the feedback as a multiple of that of the instability, and its least [1/s].
-FASTER = 4.0
+# Rate of the feedback as a multiple of the growth rate of errors, and its least value
+# [1/s].
+RATE_FACTOR = 4.0
 LEAST_RATE = 20.0
-# Share of the tolerated excess over the torque limits that the feedback may take.
-TRACE = 0.2
-# Amplified errors of the integration below this share of the tolerance at the goal are
-# neglected.
+# Share of the tolerated excess over the torque limits that the feedback may use.
+FEEDBACK_SHARE = 0.2
+# Share of the tolerance at the goal below which amplified integration errors are
+# negligible.
 NEGLIGIBLE = 0.1
-# Factor by which tighter tolerances of the integration must not change the end.
+# Factor by which the integration tolerances are tightened to test whether the end of a
+# replay depends on them.
 TIGHTER = 10.0
 
 
 class TrackingPlant(Plant):
-    """A robot under the torque of a plan and a feedback of its position and velocity.
+    """A robot under the planned torques and a feedback of position and velocity.
 
-    Its state is its deviation from the plan: deviations stay small, and are integrated
-    with steps many times as long as those of an explicit method for the state itself,
-    which a fast feedback makes stiff. The polynomials are those of the torques of the
-    plan, of its states and of their derivatives, 5n in all. The feedback acts on the
-    accelerations: a double pole at ``-rate``.
+    The integrated state is the deviation from the plan. It stays small, so that its
+    integration takes steps many times as long as an explicit integration of the state
+    of the robot, which is stiff with a fast feedback. The polynomials hold the torques
+    of the plan, its states and their derivatives, 5n in all. The feedback acts on the
+    accelerations and places a double pole at ``-rate``.
     """
 
     def __init__(self, robot: Robot, rate: float) -> None:
@@ -71,23 +73,23 @@ class TrackingPlant(Plant):
         return self._plan[: self._n]
 
     def state(self, t: float, x: Array) -> Array:
-        """State of the robot: that of the plan and the deviation, shape (2n,)."""
+        """State of the robot: the state of the plan plus the deviation, shape (2n,)."""
         self._plan = super().torque(t)
         return self._plan[self._n : 3 * self._n] + x
 
-    def demand(self, off: Array) -> Array:
-        """Acceleration by the feedback for a deviation, shape (..., n)."""
+    def correction(self, error: Array) -> Array:
+        """Acceleration that the feedback adds for a tracking error, shape (..., n)."""
         n, rate = self.robot.n, self.rate_of_feedback
-        return np.asarray(-rate * (rate * off[..., :n] + 2.0 * off[..., n:]))
+        return np.asarray(-rate * (rate * error[..., :n] + 2.0 * error[..., n:]))
 
     def free(self, t: float, x: Array) -> Array:
-        """Derivative of the state with the feedback, for free joints, shape (2n,)."""
+        """State derivative with the feedback, without held joints, shape (2n,)."""
         out = super().free(t, self.state(t, x))
-        out[self._n :] += self.demand(x)
+        out[self._n :] += self.correction(x)
         return out
 
     def free_jacobian(self, t: float, x: Array) -> Array:
-        """Derivative of :meth:`free` by the deviation, shape (2n, 2n)."""
+        """Jacobian of :meth:`free` with respect to the deviation, shape (2n, 2n)."""
         out = super().free_jacobian(t, self.state(t, x))
         n, rate, diagonal = self._n, self.rate_of_feedback, np.arange(self._n)
         out[n + diagonal, diagonal] -= rate * rate
@@ -95,7 +97,7 @@ class TrackingPlant(Plant):
         return out
 
     def slope(self, t: float, x: Array) -> Array:
-        """Derivative of the deviation, shape (2n,)."""
+        """Time derivative of the deviation, shape (2n,)."""
         return super().slope(t, x) - self._plan[3 * self._n :]
 
 
@@ -104,19 +106,19 @@ class Tracking(Integration):
 
     Args:
         stages: The segments of the motion, with their robots.
-        trajectory: The plan.
+        trajectory: The planned motion.
         rate: Rate of the feedback [1/s].
         integrator: Name of the integrator.
 
     Attributes:
-        feedback: Torques of the feedback at the times of the replay, after its run,
-            shape (m, n) [N m or N].
+        feedback: Feedback torques at the times of the replay, shape (m, n) [N m or N];
+            set by :meth:`run`.
     """
 
     feedback: Array
-    # With feedback errors do not grow, and deviations stay small: the first step may be
-    # a whole piece, and a nanoradian is exact enough.
-    lsoda_tightness, hurried, atol = 1.0, True, 1e-9
+    # With feedback errors do not grow, and deviations stay small: the first step may
+    # take a whole piece, and an error of a nanoradian is small enough.
+    lsoda_tightness, long_first_step, atol = 1.0, True, 1e-9
 
     def __init__(
         self,
@@ -128,8 +130,8 @@ class Tracking(Integration):
         robot = stages[0].problem.robot
 
         def curve(times: Array) -> Array:
-            found = trajectory(times)
-            return np.concatenate([found.u, found.q, found.v], axis=1)
+            state = trajectory(times)
+            return np.concatenate([state.u, state.q, state.v], axis=1)
 
         pieces = Pieces.of(curve, torque_breaks(trajectory, robot.friction))
         rates = pieces.derivatives()[:, robot.n :]
@@ -141,16 +143,16 @@ class Tracking(Integration):
 
     def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end; u includes the feedback."""
-        found, n = super().run(start), start.size // 2
-        plan = self.pieces(found.t)[:, n : 3 * n]
-        demand = self._plants[0].demand(np.hstack([found.q, found.v]) - plan)
-        self.feedback = np.zeros_like(demand)
+        out, n = super().run(start), start.size // 2
+        plan = self.pieces(out.t)[:, n : 3 * n]
+        correction = self._plants[0].correction(np.hstack([out.q, out.v]) - plan)
+        self.feedback = np.zeros_like(correction)
         for plant, stage in zip(self._plants, self._stages, strict=True):
             check()
-            rows = (found.t >= stage.begin) & (found.t <= stage.end)
-            torque = plant.dynamics.inertial(found.q[rows], demand[rows])
+            rows = (out.t >= stage.begin) & (out.t <= stage.end)
+            torque = plant.dynamics.inertial(out.q[rows], correction[rows])
             self.feedback[rows] = torque
-        return replace(found, u=found.u[:, :n] + self.feedback)
+        return replace(out, u=out.u[:, :n] + self.feedback)
 
     def _piece(self, k: int, x: Array, times: Array) -> tuple[Array, Array]:
         """Integrate the deviation over a piece, and add the plan."""
@@ -160,16 +162,16 @@ class Tracking(Integration):
 
 
 def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
-    """Largest amplification of a small error along a motion.
+    """Largest amplification of a small error along a motion, to first order.
 
     Args:
-        stages: Its segments, with their robots.
+        stages: Segments of the motion, with their robots.
         trajectory: The motion.
 
     Returns:
-        The largest ratio of the error at a node to one at an earlier node: of norms of
-        positions, and velocities times a tenth of a second. Infinite for numbers that
-        overflow.
+        The largest ratio of the error at a node to the error at an earlier node, in the
+        norm of positions and velocities times a tenth of a second. Infinite if the
+        numbers overflow.
     """
     n, t = trajectory.n, trajectory.t
     times = 0.5 * (t[1:] + t[:-1])
@@ -183,10 +185,11 @@ def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
     scale = np.concatenate([np.ones(n), np.full(n, 0.1)])
     largest, from_start = 1.0, np.eye(2 * n)
     with np.errstate(all="ignore"):
-        moves = expm(slopes * np.diff(t)[:, None, None])
-        for move in moves * scale[:, None] / scale:
-            # Where errors have decayed, errors of later nodes are larger.
-            from_start = move @ from_start
+        transitions = expm(slopes * np.diff(t)[:, None, None])
+        for transition in transitions * scale[:, None] / scale:
+            # Where errors have decayed, the product starts again: from there, errors
+            # that arise at later nodes grow more than earlier errors.
+            from_start = transition @ from_start
             finite = bool(np.all(np.isfinite(from_start)))
             size = float(np.linalg.norm(from_start, 2)) if finite else 0.0
             if not size > 0.0:
@@ -197,61 +200,61 @@ def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
     return largest
 
 
-def doubtful(
+def errors_matter(
     growth: float, tolerance: float, error: float, share: float = NEGLIGIBLE
 ) -> bool:
-    """Whether errors of the integration may matter at the goal.
+    """Whether amplified integration errors may matter at the goal.
 
     Args:
-        growth: See :func:`amplification`.
+        growth: Amplification of errors, see :func:`amplification`.
         tolerance: Tolerance at the goal [rad or m].
-        error: Errors of the integration, as a share of the growth.
-        share: Share of the tolerance above which they matter.
+        error: Errors of the integration, as a share of the growth [rad or m].
+        share: Share of the tolerance above which errors matter.
     """
     return not growth * error < share * tolerance
 
 
-def settled(one: Replay, finer: Replay, tolerances: Tolerances) -> bool:
-    """Whether a replay and one with tighter tolerances have the same end.
+def ends_agree(coarse: Replay, fine: Replay, tolerances: Tolerances) -> bool:
+    """Whether two replays with different integration tolerances have the same end.
 
     Args:
-        one: The replay.
-        finer: The replay with tighter tolerances.
+        coarse: The replay with the usual integration tolerances.
+        fine: The replay with tighter integration tolerances.
         tolerances: Tolerances at the goal.
     """
-    apart = np.abs([one.q[-1] - finer.q[-1], one.v[-1] - finer.v[-1]])
+    gaps = np.abs([coarse.q[-1] - fine.q[-1], coarse.v[-1] - fine.v[-1]])
     allowed = NEGLIGIBLE * np.array([[tolerances.goal], [tolerances.speed]])
-    return one.complete and finer.complete and bool(np.all(apart <= allowed))
+    return coarse.complete and fine.complete and bool(np.all(gaps <= allowed))
 
 
 def feedback_rate(growth: float, duration: float, tolerance: float) -> float | None:
     """Rate of the feedback that a replay needs [1/s]; None without feedback.
 
     Args:
-        growth: See :func:`amplification`.
+        growth: Amplification of errors, see :func:`amplification`.
         duration: Duration of the motion [s].
         tolerance: Tolerance at the goal [rad or m].
     """
-    if not doubtful(growth, tolerance, RTOL):
+    if not errors_matter(growth, tolerance, RTOL):
         return None
-    speed = np.log(min(growth, 1e300)) / duration
-    return float(max(FASTER * speed, LEAST_RATE))
+    growth_rate = np.log(min(growth, 1e300)) / duration
+    return float(max(RATE_FACTOR * growth_rate, LEAST_RATE))
 
 
-def needed(
+def feedback_excess(
     robot: Robot, t: Array, feedback: Array, tolerance: float
 ) -> LimitViolation | None:
-    """Excess of the torques of a feedback over its share of the torque limits.
+    """Excess of feedback torques over the share of the torque limits they may use.
 
     Args:
         robot: The robot.
         t: Times [s], shape (m,).
-        feedback: Torques of the feedback at these times, shape (m, n) [N m or N].
-        tolerance: Tolerated excess over the limits, as a share of their range.
+        feedback: Feedback torques at the times, shape (m, n) [N m or N].
+        tolerance: Tolerated excess over the torque limits, as a share of their range.
 
     Returns:
-        The worst joint; None without torque limits.
+        The excess of the worst joint; None without torque limits.
     """
     span = robot.limits.effort_upper - robot.limits.effort_lower
-    beyond = np.abs(feedback) - TRACE * tolerance * span
-    return worst_of_joints(robot, FEEDBACK, t, beyond, span, 0.0)
+    excess = np.abs(feedback) - FEEDBACK_SHARE * tolerance * span
+    return worst_of_joints(robot, FEEDBACK, t, excess, span, 0.0)

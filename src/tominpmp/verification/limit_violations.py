@@ -1,4 +1,4 @@
-"""Violations of limits by a motion: joint, time and amount."""
+"""Limit violations of a motion: joint, time and amount."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from tominpmp.verification.replay import TIME_STEP, Replay
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Joints slower than this may stop, reverse or start at another time than in a replay
-# [rad/s or m/s]: a tenth of the tolerance of joints at rest.
+# Speed below which a joint may stop, reverse or start at another time than in a replay
+# [rad/s or m/s]: a tenth of the tolerance of the final velocity.
 SLOW = 1e-3
-# Rounding of positions, as a share of the largest one. Accelerations have its second
-# differences: within microseconds it looks like a jerk.
+# Rounding error of positions, as a share of the largest position. Accelerations contain
+# its second differences: within microseconds rounding looks like a jerk.
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
 class LimitViolation:
-    """The worst violation of one kind of limit, or the least slack to it.
+    """The worst violation of one kind of limit, or the least slack.
 
     Attributes:
         kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
             "effort rate", "feedback", "clearance", "duration", "arrival", or the name
             of a constraint.
-        name: The joint, the frame, or the pair as "one and other".
-        time: Its time [s].
+        name: Name of the joint, of the frame, or of the pair: "link and obstacle".
+        time: Time of the violation [s].
         amount: Excess over the limit, or distance from the goal; negative for slack.
         unit: Unit of the amount.
-        share: The amount relative to the limit: for positions and efforts to the range.
-            For goals and clearances the amount itself.
+        share: The amount relative to the limit, for positions and efforts relative to
+            the range of the limits; for goals and clearances the amount itself.
         violated: Whether the excess is larger than the tolerance.
-        segment: Number of its segment, from 1; None for a motion of one segment.
-        span: Begin and end of that segment [s]; None for a motion of one segment.
+        segment: Number of the segment, from 1; None for a motion of one segment.
+        span: Begin and end of the segment [s]; None for a motion of one segment.
     """
 
     kind: str
@@ -64,7 +64,7 @@ class LimitViolation:
 
     @property
     def place(self) -> str:
-        """Begin of a sentence about its segment; empty for a motion of one segment."""
+        """Beginning of a sentence, with the segment; empty for a single segment."""
         if self.segment is None:
             return ""
         span = self.span
@@ -76,12 +76,12 @@ class LimitViolation:
         """The violation in words, without the segment."""
         amount = f"{abs(self.amount):.3g} {self.unit}"
         if self.kind in ("goal", "speed"):
-            of = "" if self.kind == "goal" else "the velocity of "
+            velocity = "" if self.kind == "goal" else "the velocity of "
             if self.amount < np.inf:
-                return f"{self.name} ends {amount} from {of}the goal"
-            what = f"has {of}" if of else "is at "
+                return f"{self.name} ends {amount} from {velocity}the goal"
+            verb = f"has {velocity}" if velocity else "is at "
             lost = f"the replay is lost at {self.time:.3f} s"
-            return f"{lost}, before {self.name} {what}the goal"
+            return f"{lost}, before {self.name} {verb}the goal"
         if self.kind == "arrival":
             verb = f"too {self.name}" if self.amount > 0.0 else "in time"
             return f"the goal is reached {amount} {verb}, at {self.time:.3f} s"
@@ -106,44 +106,51 @@ class LimitViolation:
 def limit_violations(
     problem: Problem, replay: Replay, torque: Pieces, tolerance: float
 ) -> list[LimitViolation]:
-    """The worst violation of each kind of limit; the tolerance is relative.
+    """The worst violation of each kind of limit along a replay.
 
-    Torques are compared with their limits on both sides of every jump: the rows are
-    those of the replay, just after a jump, followed by those just before each jump.
+    Torques are compared with their limits on both sides of every jump: the rows of the
+    replay, which hold the values just after a jump, are followed by rows with the
+    values just before each jump.
+
+    Args:
+        problem: The problem, with the limits and constraints.
+        replay: The motion.
+        torque: Torques of the motion, as polynomials between their jumps.
+        tolerance: Tolerated excess, as a share of the limits.
     """
     check()
     robot = problem.robot
     limits = joint_limits(robot, problem.motion_limits)
     known = torque.t[1:] <= replay.t[-1]
-    # Rows of the replay at which pieces of torque end.
+    # Rows of the replay at the ends of the pieces of torque.
     ends: IntArray = np.searchsorted(replay.t, torque.t[1:][known])
     rows: IntArray = np.concatenate([np.arange(replay.t.size), ends])
     t, q, v = replay.t[rows], replay.q[rows], replay.v[rows]
     u = np.concatenate([replay.u, torque.ends()[known, 1]])
-    ways, a = _ways(robot, replay, v, ends), np.zeros((1, 0, 0))
+    directions, a = _directions(robot, replay, v, ends), np.zeros((1, 0, 0))
     accelerated = any(item.kind.quantity in ("a", "j") for item in limits)
     if accelerated or any(item.order > 1 for item in problem.ready_constraints):
         dynamics = RobotDynamics(robot)
-        a = np.array([dynamics.forward_along(q, v, u, way) for way in ways])
+        a = np.array([dynamics.forward_along(q, v, u, way) for way in directions])
 
-    def beyond(item: JointBounds) -> tuple[Array, Array]:
-        """Times, and excesses over a limit."""
+    def excesses(item: JointBounds) -> tuple[Array, Array]:
+        """Times, and excesses over a limit, the least of all possible directions."""
         if item.kind.quantity == "j":
             rounding = ROUNDING * np.max(np.abs(q), axis=0)
             return _rates(replay.t, ends, a[0], item.upper, rounding=rounding)
         if item.kind.quantity == "du":
-            return _rates(replay.t, ends, u, item.upper, robot.friction * ways)
-        return t, np.min([item.beyond(q, v, one, u) for one in a], axis=0)
+            return _rates(replay.t, ends, u, item.upper, robot.friction * directions)
+        return t, np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
 
-    found: list[LimitViolation | None] = []
-    found += _worst_of(problem, [(item, *beyond(item)) for item in limits], tolerance)
+    worst: list[LimitViolation | None] = []
+    worst += _worst_of(problem, [(item, *excesses(item)) for item in limits], tolerance)
     for constraint in problem.ready_constraints:
-        sizes = np.min([constraint.sizes(t, q, v, one) for one in a], axis=0)
+        sizes = np.min([constraint.sizes(t, q, v, accel) for accel in a], axis=0)
         excess = np.where(np.isfinite(sizes), sizes, np.inf) - constraint.largest
-        about, scale = (constraint.subject, constraint.unit), constraint.scale
+        subject, scale = (constraint.subject, constraint.unit), constraint.scale
         row = t, excess[:, None], np.array([scale]), tolerance
-        found.append(_worst(constraint.name, [about], *row))
-    return [item for item in found if item is not None]
+        worst.append(_worst(constraint.name, [subject], *row))
+    return [item for item in worst if item is not None]
 
 
 def state_violations(
@@ -155,9 +162,9 @@ def state_violations(
         problem: The problem, with the limits.
         t: Times [s], shape (m,).
         q: Positions, shape (m, n) [rad or m].
-        v: Velocities, shape (m, n).
+        v: Velocities, shape (m, n) [rad/s or m/s].
         u: Torques, shape (m, n) [N m or N].
-        tolerance: Tolerated excess, as a share.
+        tolerance: Tolerated excess, as a share of the limits.
     """
     limits = joint_limits(problem.robot, problem.motion_limits)
     of_states = [item for item in limits if item.kind.of_states]
@@ -170,39 +177,42 @@ def _worst_of(
     rows: Sequence[tuple[JointBounds, Array, Array]],
     tolerance: float,
 ) -> list[LimitViolation]:
-    """The worst violations of limits of joints, by the kinds that they are part of.
+    """The worst violation of each kind of joint limit.
+
+    Kinds that are reported as part of another kind, such as motor curves as part of
+    effort limits, are merged with it.
 
     Args:
         problem: The problem.
-        rows: Limits with times, shape (m,), and excesses over them, shape (m, n).
-        tolerance: Tolerated excess, as a share.
+        rows: Limits with times, shape (m,), and excesses over the limits, shape (m, n).
+        tolerance: Tolerated excess, as a share of the limits.
     """
     merged: dict[str, tuple[LimitKind, Array, Array, Array]] = {}
-    for item, t, beyond in rows:
+    for item, t, excess in rows:
         kind, scale = item.kind, item.scale
         if kind.part_of:
             kind, _, known, scale = merged[kind.part_of]
-            beyond = np.maximum(known, beyond)
-        merged[kind.name] = kind, t, beyond, scale
-    found = (worst_of_joints(problem.robot, *row, tolerance) for row in merged.values())
-    return [item for item in found if item is not None]
+            excess = np.maximum(known, excess)
+        merged[kind.name] = kind, t, excess, scale
+    worst = (worst_of_joints(problem.robot, *row, tolerance) for row in merged.values())
+    return [item for item in worst if item is not None]
 
 
 def worst_of_joints(
     robot: Robot,
     kind: LimitKind,
     t: Array,
-    beyond: Array,
+    excess: Array,
     scale: Array,
     tolerance: float,
 ) -> LimitViolation | None:
-    """The worst violation of one kind of limit of joints.
+    """The worst violation of one kind of joint limit.
 
     Args:
         robot: The robot.
         kind: The kind of limit.
         t: Times [s], shape (m,).
-        beyond: Excesses over the limits at these times, shape (m, n).
+        excess: Excesses over the limits at the times, shape (m, n).
         scale: Scale of the excess of each joint, shape (n,).
         tolerance: Tolerated excess, as a share of the scale.
 
@@ -211,23 +221,32 @@ def worst_of_joints(
     """
     units = [kind.units[int(slides)] for slides in prismatic_joints(robot)]
     joints = [*zip(robot.joint_names, units, strict=True)]
-    return _worst(kind.name, joints, t, beyond, scale, tolerance)
+    return _worst(kind.name, joints, t, excess, scale, tolerance)
 
 
 def _worst(
     kind: str,
     subjects: Sequence[tuple[str, str]],
     t: Array,
-    beyond: Array,
+    excess: Array,
     scale: Array,
     tolerance: float,
 ) -> LimitViolation | None:
-    """The worst violation of subjects, each with its unit and its column."""
-    beyond = np.where(np.isnan(beyond), np.inf, beyond)
-    # A limit that is infinite or zero is measured by 1.
-    share = beyond / np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
+    """The worst violation in a table of excesses.
+
+    Args:
+        kind: Name of the kind of limit.
+        subjects: Name and unit of the subject of each column.
+        t: Times [s], shape (m,).
+        excess: Excesses over the limits, shape (m, k).
+        scale: Scale of the excesses, shape (k,).
+        tolerance: Tolerated excess, as a share of the scale.
+    """
+    excess = np.where(np.isnan(excess), np.inf, excess)
+    # An excess over a limit whose scale is infinite or zero is not divided.
+    share = excess / np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
     row, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    amount, worst = float(beyond[row, column]), float(share[row, column])
+    amount, worst = float(excess[row, column]), float(share[row, column])
     if amount == -np.inf:
         return None  # no subject has a limit
     name, unit = subjects[int(column)]
@@ -235,22 +254,23 @@ def _worst(
     return LimitViolation(kind, name, float(t[row]), amount, unit, worst, violated)
 
 
-def _ways(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:
-    """Possible directions of the joints at the rows.
+def _directions(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:
+    """Possible directions of motion of the joints at the rows, for dry friction.
 
     Joints of a replay stop, reverse and start a little early or late. The direction of
-    a slow joint may be that until the next row (or since the last one, at the end of a
-    torque), or that of the row before or after.
+    a slow joint may be its direction until the next row (or since the row before, at
+    the end of a piece of torque), or its direction one row earlier or later.
 
     Returns:
-        These three, shape (3, m + P, n); a single one without dry friction.
+        The three possible directions, shape (3, m + P, n); zero, shape (1, m + P, n),
+        without dry friction.
     """
     count = len(replay.way)
     if not (count and np.any(robot.friction)):
         return np.zeros((1, *v.shape))
-    own = np.concatenate([np.arange(count + 1), ends - 1])
-    beside = np.clip(own + np.array([[0], [-1], [1]]), 0, count - 1)
-    return np.where(np.abs(v) > SLOW, np.sign(v), replay.way[beside])
+    rows = np.concatenate([np.arange(count + 1), ends - 1])
+    adjacent = np.clip(rows + np.array([[0], [-1], [1]]), 0, count - 1)
+    return np.where(np.abs(v) > SLOW, np.sign(v), replay.way[adjacent])
 
 
 def _rates(
@@ -258,19 +278,19 @@ def _rates(
     ends: IntArray,
     values: Array,
     limit: Array,
-    own: Array | None = None,
+    friction: Array | None = None,
     rounding: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Excesses of jerks or torque rates; a jump counts as if it took a millisecond.
 
     Args:
         t: Times of the replay [s], shape (m,).
-        ends: Indices of the times at which there may be jumps, shape (P,).
-        values: At the rows, shape (m + P, n).
+        ends: Indices of the times at which the values may jump, shape (P,).
+        values: Accelerations or torques at the rows, shape (m + P, n).
         limit: The largest rates, shape (n,).
-        own: Values whose jumps are allowed: of dry friction where a joint reverses,
-            which no motor can follow. Shape (k, m + P, n).
-        rounding: Rounding of the twofold integrals of the values, shape (n,).
+        friction: Possible torques of dry friction, shape (k, m + P, n): their jumps
+            where a joint reverses are allowed, as no motor can follow them.
+        rounding: Rounding error of the second integrals of the values, shape (n,).
 
     Returns:
         Times, and excesses over the limit.
@@ -286,10 +306,10 @@ def _rates(
     dt = np.diff(t)[:, None]
     steps = np.maximum(np.abs(before[1:] - after[:-1]) - rounding / dt**2, 0.0) / dt
     jumps = after - before
-    if own is not None:
-        (low, later), (high, latest) = map(sides, (own.min(0), own.max(0)))
+    if friction is not None:
+        (low, later), (high, latest) = map(sides, (friction.min(0), friction.max(0)))
         jumps -= np.clip(
             jumps, np.minimum(later - high, 0.0), np.maximum(latest - low, 0.0)
         )
-    beyond = np.concatenate([steps, np.abs(jumps) / TIME_STEP]) - limit
-    return np.concatenate([t[:-1], t]), beyond
+    excess = np.concatenate([steps, np.abs(jumps) / TIME_STEP]) - limit
+    return np.concatenate([t[:-1], t]), excess

@@ -1,4 +1,4 @@
-"""Nearest pair of a motion, and links that touch without being checked."""
+"""Nearest collision pair of a motion, and contacts of pairs that are not checked."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from tominpmp.arrays import Array
 from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.collision.selection import links_touching
 from tominpmp.stopping import Stop, check
-from tominpmp.verification.closest_approach import Approach
+from tominpmp.verification.closest_approach import ClosestApproach
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import Replay
 
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Near a start or a goal at the margin a trace of violation is tolerated, while no joint
-# is farther from there than this [rad or m].
+# Largest distance of the joints from a start or goal that is itself at the margin, up
+# to which a small violation is tolerated [rad or m].
 NEAR_END = 0.05
-# Largest number of rows of a replay at which links that are not checked are compared.
+# Largest number of rows of a replay at which pairs that are not checked are tested.
 GLANCES = 250
 
 
@@ -29,7 +29,7 @@ class Touch(NamedTuple):
 
     Attributes:
         link: Name of a link.
-        other: Name of the other one.
+        other: Name of the other link.
         time: First time at which their meshes were found to overlap [s].
     """
 
@@ -41,7 +41,7 @@ class Touch(NamedTuple):
         """Both links and the time, in a sentence."""
         return (
             f"Links {self.link!r} and {self.other!r} touch at {self.time:.3f} s: they "
-            "are not watched, as the SRDF disables their pair."
+            "are not checked, as the SRDF disables their pair."
         )
 
 
@@ -50,63 +50,64 @@ def closest(
 ) -> tuple[LimitViolation, Contact] | None:
     """The pair with the least clearance beyond its margin along a motion.
 
-    All pairs are to keep their margins at all times, between the rows of the replay,
-    too. Only around a start or a goal that is itself at the margin a trace of violation
-    is tolerated.
+    All pairs have to keep their margins at all times, also between the rows of the
+    replay. A small violation is tolerated only near a start or a goal that is itself at
+    the margin.
 
     Args:
         problem: The problem, with the margin.
         replay: The motion.
-        checker: Distances of the pairs.
-        tolerance: Tolerated violation there [m].
+        checker: Collision checker with the pairs.
+        tolerance: Tolerated violation near the start and the goal [m].
 
     Returns:
-        The missing clearance, and the pair; None without pairs.
+        The violation of the margin, negative for clearance, and the pair; None without
+        pairs.
     """
     check()
-    # Links of a single robot are represented by one hull each, whose distances are not
-    # larger than those of the pieces, and only the nearest links are cut into pieces:
-    # this gives a tenth of the pairs, and most meshes need not be cut, which takes a
-    # second for each mesh, once.
-    part = checker.with_cut(frozenset()) if checker.single_arm else checker
-    if not part.pairs:
+    # Each link of a single robot is represented by one convex hull, whose distances are
+    # not larger than those of its convex pieces, and only the nearest links are
+    # decomposed: this leaves a tenth of the pairs, and most meshes need no
+    # decomposition, which takes a second for each mesh, once.
+    coarse = checker.with_cut(frozenset()) if checker.single_arm else checker
+    if not coarse.pairs:
         return None
     bound = None
     while True:
         try:
-            margins = part.margins(problem.margin)
-            allowed = _touching(problem, part, margins, tolerance)
-            found = Approach(part, replay, margins, allowed, NEAR_END).run()
+            margins = coarse.margins(problem.margin)
+            allowed = _tolerated(problem, coarse, margins, tolerance)
+            search = ClosestApproach(coarse, replay, margins, allowed, NEAR_END).run()
         except Stop:
-            # Without the time to cut meshes, a bound is better than no distance.
+            # Without the time to decompose meshes, a bound is better than no distance.
             if bound is None:
                 raise
-            found = bound
+            search = bound
             break
-        names, cut = frozenset(part.pairs[found.pair]), part.cut or frozenset()
+        names, cut = frozenset(coarse.pairs[search.pair]), coarse.cut or frozenset()
         if not checker.single_arm or names <= cut:
             break
-        bound = bound if found.violated or found.doubt > 0.0 else found
-        part = checker.with_cut(cut | names)
-    pair = found.nearest()
-    lack, violated = -found.room, found.violated or found.doubt > 0.0
-    if violated and not found.violated:
-        lack = max(lack, found.doubt)
-    row = " and ".join(pair[:2]), found.time, lack, "m", lack, violated
+        bound = bound if search.violated or search.possible_violation > 0.0 else search
+        coarse = checker.with_cut(cut | names)
+    pair, lack = search.nearest(), -search.clearance
+    violated = search.violated or search.possible_violation > 0.0
+    if violated and not search.violated:
+        lack = max(lack, search.possible_violation)
+    row = " and ".join(pair[:2]), search.time, lack, "m", lack, violated
     return LimitViolation("clearance", *row), pair
 
 
-def _touching(
+def _tolerated(
     problem: Problem, checker: CollisionChecker, margins: Array, tolerance: float
 ) -> Array:
-    """Tolerated violations around start and goal, shape (2, pairs) [m]."""
+    """Tolerated violations near the start and the goal, shape (2, pairs) [m]."""
     ends = [problem.q_start]
     if problem.goal.configuration is not None:
         ends.append(problem.goal.configuration)
     room = checker.distances(np.array(ends), margins + tolerance) - margins
     allowed = np.zeros((2, margins.size))
     allowed[: len(ends)] = np.where(room < tolerance, tolerance, 0.0)
-    # The places of moving obstacles at the end of the motion are not known.
+    # The arrival time and with it the placements of moving obstacles are not known.
     allowed[1, checker.moving_pairs] = 0.0
     return allowed
 
@@ -115,19 +116,19 @@ def never_touching(problem: Problem, replay: Replay) -> tuple[Touch, ...]:
     """Links that touch although the SRDF says that they never do.
 
     Pairs that an SRDF disables are not checked. But the reason "Never" comes from
-    random samples, and a file may give no reasons. These pairs are compared by their
+    random samples, and a file may give no reasons: these pairs are tested with their
     meshes at some rows of a replay. Pairs with other reasons ("Adjacent", "Default"),
-    pairs of links that one joint moves against each other, and pairs that may touch by
-    the problem are left out.
+    pairs of links that are connected by a joint, and pairs that the problem allows to
+    touch are left out.
     """
     srdf = problem.robot.srdf
     if srdf is None or problem.self_collision is False:
         return ()
     pairs = {frozenset(pair): pair for pair in srdf.never_touch}
-    looked_at = pairs.keys() - set(map(frozenset, problem.may_touch))
-    if not looked_at:
+    unchecked = pairs.keys() - set(map(frozenset, problem.may_touch))
+    if not unchecked:
         return ()
     step = 1 + replay.t.size // GLANCES
     q, t = replay.q[::step], replay.t[::step]
-    found = links_touching(problem.robot, looked_at, q)
-    return tuple(Touch(*pairs[names], float(t[row])) for names, row in found.items())
+    contacts = links_touching(problem.robot, unchecked, q)
+    return tuple(Touch(*pairs[names], float(t[row])) for names, row in contacts.items())

@@ -1,8 +1,8 @@
-"""The robot of a replay.
+"""The robot of a replay, as a hybrid system.
 
-The direction in which a joint with dry friction slides, or that friction holds it, is a
-part of the state: between two changes of it the equations of motion are smooth, see
-``docs/friction.md``.
+For each joint with dry friction the direction in which it slides, or the fact that
+friction holds it, is a discrete state: between two changes of the discrete state the
+equations of motion are smooth, see ``docs/friction.md``.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from tominpmp.robot.robot import Robot
 Slope: TypeAlias = Callable[[float, Array], Array]
 Curve: TypeAlias = Callable[[float], Array]
 
-# Speed of a joint at rest [rad/s or m/s]: below the errors of an integration.
+# Speed below which a joint is at rest [rad/s or m/s]: below the integration errors.
 STILL = 1e-11
-# Speed of a reversal between two rows that is neglected [rad/s or m/s].
+# Speed of a reversal between two rows below which it is neglected [rad/s or m/s].
 GRAZE = 1e-8
 
-# Instants of a piece at which it is checked that friction holds an arm at rest.
+# Number of instants of a piece at which the static friction of a resting arm is tested.
 LOOKS = 30
 
 
@@ -39,11 +39,11 @@ class Plant:
 
     Attributes:
         robot: The robot.
-        dynamics: Its dynamics without dry friction.
+        dynamics: Dynamics of the robot without dry friction.
         dry: Whether each joint has dry friction, shape (n,).
-        way: Directions of these joints: 1, -1, or 0 for joints that friction holds, and
-            for joints without friction, shape (n,).
-        still: Speed of joints at rest [rad/s or m/s].
+        way: Sliding direction of each joint with dry friction, 1 or -1; 0 for joints
+            that friction holds, and for joints without dry friction, shape (n,).
+        still: Speed below which a joint is at rest [rad/s or m/s].
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -60,27 +60,34 @@ class Plant:
         self.begin, self.rate = 0.0, 1.0
 
     def load(self, begin: float, end: float, coefficients: Array) -> None:
-        """Replace the torque by that of another piece."""
+        """Replace the torque by the polynomial of another piece.
+
+        Args:
+            begin: Begin of the piece [s].
+            end: End of the piece [s].
+            coefficients: Coefficients of the polynomial, shape (n, K).
+        """
         self._given = self.coefficients = coefficients
         self.begin, self.rate = begin, 2.0 / (end - begin)
         self._exponents = np.arange(float(coefficients.shape[1]))
         self.way = np.zeros(self._n)
 
     def torque(self, t: float) -> Array:
-        """Torque less the friction of sliding joints, shape (n,)."""
+        """Torque minus the dry friction of sliding joints, shape (n,)."""
         s = (t - self.begin) * self.rate - 1.0
         return np.asarray(self.coefficients.dot(s**self._exponents))
 
     def state(self, t: float, x: Array) -> Array:
-        """Positions and velocities for an integrated vector, shape (2n,)."""
+        """Positions and velocities that belong to an integrated vector, shape (2n,)."""
         return x
 
     def free(self, t: float, x: Array) -> Array:
-        """Derivative of positions and velocities for free joints, shape (2n,)."""
+        """State derivative if friction holds no joint, shape (2n,)."""
         robot, n = self.robot, self._n
         if robot.kinematic or robot.expansion_matrix is not None:
             return np.asarray(self.dynamics.forward(x[None], self.torque(t)[None])[0])
-        # Without the handling of many rows, which takes longer than the dynamics.
+        # A single row is evaluated directly: the overhead of a batch of rows would take
+        # longer than the dynamics.
         out, v = np.empty(2 * n), x[n:]
         out[:n] = v
         force = self.torque(t) - robot.damping * v
@@ -88,38 +95,39 @@ class Plant:
         return out
 
     def free_jacobian(self, t: float, x: Array) -> Array:
-        """Derivative of :meth:`free` with respect to x, shape (2n, 2n)."""
+        """Jacobian of :meth:`free` with respect to x, shape (2n, 2n)."""
         u = self.torque(t)[None]
         return np.asarray(self.dynamics.forward_jacobians(x[None], u).f_x[0])
 
     def slope(self, t: float, x: Array) -> Array:
-        """dx/dt, shape (2n,)."""
-        return self._kept(t, x, self.free(t, x))
+        """State derivative dx/dt, shape (2n,)."""
+        return self._with_held(t, x, self.free(t, x))
 
     def jacobian(self, t: float, x: Array) -> Array:
-        """Derivative of dx/dt with respect to x, shape (2n, 2n)."""
-        return self._kept(t, x, self.free_jacobian(t, x))
+        """Jacobian of dx/dt with respect to x, shape (2n, 2n)."""
+        return self._with_held(t, x, self.free_jacobian(t, x))
 
-    def _kept(self, t: float, x: Array, free: Array) -> Array:
-        """A derivative with joints that friction holds at rest."""
+    def _with_held(self, t: float, x: Array, free: Array) -> Array:
+        """A state derivative or its Jacobian, with joints that friction holds."""
         if self._holds:
             n, a = self._n, free.reshape(2 * self._n, -1)
             a[n:] = held_accelerations(self._mass(t, x), a[n:], self._held)
         return free
 
     def _mass(self, t: float, x: Array) -> Array:
+        """Mass matrix at a state, shape (n, n)."""
         q = self.state(t, x)[None, : self._n]
         return np.asarray(self.dynamics.mass(q)[0])
 
     def settle(self, t: float, x: Array) -> Array:
-        """Determine the joints that slide from here on, and those that friction holds.
+        """Determine which joints slide from a state on, and which friction holds.
 
         Args:
             t: The time [s].
             x: The integrated vector, shape (2n,).
 
         Returns:
-            The vector with velocity zero for joints that have stopped.
+            The integrated vector, with velocity zero for joints that have stopped.
         """
         if not self.dry.any():
             return x
@@ -130,27 +138,27 @@ class Plant:
         self._slide(np.where(self.dry & ~stopped, np.sign(v), 0.0))
         if resting.any():
             mass, a = self._mass(t, x), self.free(t, x)[n:]
-            sets_out = slip_directions(mass, mass @ a, self.robot.friction, resting)
-            self._slide(self.way + sets_out)
+            released = slip_directions(mass, mass @ a, self.robot.friction, resting)
+            self._slide(self.way + released)
         self._held = self.dry & (self.way == 0.0)
         self._holds = bool(self._held.any())
         return x
 
     def _slide(self, way: Array) -> None:
-        """Let friction act against the directions of the joints."""
+        """Set the sliding directions of the joints, against which friction acts."""
         self.way, self.coefficients = way, np.array(self._given)
         self.coefficients[: self._n, 0] -= self.robot.friction * way
 
     def changes(self, begin: float, end: float, curve: Curve) -> float:
-        """Time of the first change in a step: a joint stops, or friction releases it.
+        """Time of the first event in a step: a joint stops, or friction releases it.
 
         Args:
             begin: Begin of the step [s].
             end: End of the step [s].
-            curve: The integrated vector over time.
+            curve: The integrated vector as a function of time.
 
         Returns:
-            The time just after the change; the end of the step without a change.
+            The time just after the event; the end of the step without an event.
         """
         if not self.dry.any():
             return end
@@ -160,18 +168,19 @@ class Plant:
         if self.unchanged(*step):
             return end
         while early < (middle := 0.5 * (early + late)) < late:
-            if self._room(middle, curve(middle)) < 0.0:
+            if self._event_margin(middle, curve(middle)) < 0.0:
                 late = middle
             else:
                 early = middle
         return late
 
     def unchanged(self, t: Array, x: Array) -> int:
-        """Number of rows of a motion before a joint stops, or friction releases it.
+        """Number of rows before the first event: a joint stops, or is released.
 
         Args:
             t: Times [s], from the last :meth:`settle` on, shape (m + 1,).
-            x: The integrated vector there; fewer rows after a failure, (k + 1, 2n).
+            x: The integrated vector at the times, shape (k + 1, 2n); fewer rows than
+                times after a failure.
 
         Returns:
             Number of valid rows among the k rows.
@@ -182,30 +191,35 @@ class Plant:
         t = t[: count + 1]
         state = np.array([self.state(*row) for row in zip(t.tolist(), x, strict=True)])
         q, v = state[:, : self._n], state[:, self._n :]
-        # By Simpson's rule, halfway between two rows.
+        # Velocity halfway between two rows, by Simpson's rule.
         halfway = 1.5 * np.diff(q, axis=0) / np.diff(t)[:, None]
         halfway -= 0.25 * (v[1:] + v[:-1])
         slowest = np.minimum(self.way * v[1:] + self.still, self.way * halfway + GRAZE)
         back = np.flatnonzero((slowest < 0.0).any(axis=1))
         count = int(back[0]) if back.size else count
         rows = np.arange(count if self._holds else 0)
-        if not v.any():  # torques of an arm at rest are polynomials
+        if not v.any():  # torques of a resting arm are smooth: some instants suffice
             rows = np.unique(np.linspace(0, count - 1, LOOKS).astype(int))
-        good = 0
+        valid = 0
         for k in rows.tolist():
-            if self._room(t[k + 1], x[k + 1]) < 0.0:
-                return good
-            good = k + 1
+            if self._event_margin(t[k + 1], x[k + 1]) < 0.0:
+                return valid
+            valid = k + 1
         return count
 
-    def _room(self, t: float, x: Array) -> float:
-        """Margin of joints to a reversal, and of friction to a release."""
+    def _event_margin(self, t: float, x: Array) -> float:
+        """Margin to the next event, negative after it.
+
+        The margin is the least speed of a sliding joint, or the least reserve of
+        friction torque of a held joint, if that is less.
+        """
         v = self.state(t, x)[self._n :]
-        back = float((self.way * v).min()) + self.still
-        if back < 0.0 or not self._holds:
-            return back
+        slowest = float((self.way * v).min()) + self.still
+        if slowest < 0.0 or not self._holds:
+            return slowest
         free, mass = self.free(t, x)[self._n :, None], self._mass(t, x)
         needed = mass @ (free - held_accelerations(mass, free, self._held))
-        # A trace more than the torque that starts joints, so that they start.
-        rest = (1.0 + 2.0 * HOLD_TOLERANCE) * self.robot.friction - np.abs(needed[:, 0])
-        return min(back, float(rest[self._held].min()))
+        # Slightly more than the friction by which joints are released, so that a joint
+        # beyond the margin is released.
+        spare = (1.0 + 2.0 * HOLD_TOLERANCE) * self.robot.friction - np.abs(needed[:, 0])
+        return min(slowest, float(spare[self._held].min()))

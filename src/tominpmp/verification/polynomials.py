@@ -1,13 +1,13 @@
-"""Piecewise polynomials fitted to any curve, for the replay.
+"""Piecewise polynomials fitted to a curve, for the replay.
 
-The replay evaluates torques at thousands of instants of its own. Between two nodes a
-trajectory is smooth: a polynomial through Chebyshev points, which are inside the piece
-and so never on a jump, follows it to rounding.
+The replay evaluates torques at thousands of instants that the integrator chooses.
+Between two nodes a trajectory is smooth: a polynomial through Chebyshev points, which
+are inside the piece and so never on a jump, approximates it up to rounding.
 
-SciPy's ``PPoly`` was measured beside it: equal to 6e-16, 1.3 times faster at thousands
-of instants at once, but 8.5 us against 3.2 us for the single instant that an
-integration asks for, where a whole evaluation of the dynamics takes 9.7 us; and it
-does not fit curves.
+SciPy's ``PPoly`` was measured in comparison: it agrees to 6e-16 and is 1.3 times faster
+at thousands of instants at once, but takes 8.5 us instead of 3.2 us for a single
+instant, the case of an integration, where a whole evaluation of the dynamics takes 9.7
+us; and it does not fit curves.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 
-# Points of a piece, and the tolerated relative deviation between them.
+# Chebyshev points of a piece, and the tolerated relative deviation between them.
 POINTS = 10
 DEVIATION = 1e-10
-# Coefficients below this, relative to the largest value, are left out.
+# Size of a coefficient, relative to the largest value, below which it is dropped.
 ROUNDING = 1e-14
-# Largest number of halvings of the pieces for that.
+# Largest number of halvings of the pieces to reach the tolerated deviation.
 HALVINGS = 5
-# Places in [-1, 1] at which the deviation is measured: far from the points.
+# Abscissae in [-1, 1] at which the deviation is measured: far from the points.
 PROBES = (-0.999, 0.16, 0.93)
-# Times at which a curve is evaluated at once, which limits the memory.
+# Number of times at which a curve is evaluated at once, which limits the memory.
 CHUNK = 10_000
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """A curve of n components as polynomials of s in [-1, 1], one a piece of time.
+    """A curve of n components as polynomials of s in [-1, 1], one for each time piece.
 
     Attributes:
         t: Ends of the pieces [s], shape (P + 1,).
         coefficients: Coefficients of 1, s, s^2, ..., shape (P, n, K); for a curve at a
-            single time, without a piece, its value, shape (1, n, 1).
+            single time, which has no piece, the value, shape (1, n, 1).
         deviation: Largest measured deviation from the curve, relative to its largest
             value.
     """
@@ -53,7 +53,7 @@ class Pieces:
         """Fit a curve: a function from times of shape (m,) to values of shape (m, n).
 
         The curve is smooth between the times t, shape (P + 1,) [s]; pieces are halved
-        until they follow it.
+        until they follow the curve.
         """
         if t.size == 1:
             return cls(t, curve(t)[:, :, None], 0.0)
@@ -74,11 +74,11 @@ class Pieces:
         values = curve(times.ravel()).reshape(*times.shape, -1)  # (P, K + 3, n)
         scale = max(float(np.max(np.abs(values), initial=0.0)), 1e-300)
         fitted = np.linalg.solve(np.vander(s, increasing=True), values[:, :POINTS])
-        guessed = np.vander(probes, POINTS, increasing=True) @ fitted
-        deviation = float(np.max(np.abs(guessed - values[:, POINTS:]))) / scale
-        # Negligible powers are left out: each costs time in every evaluation.
-        seen = np.max(np.abs(fitted), axis=(0, 2)) > ROUNDING * scale
-        terms = int(np.max(np.flatnonzero(seen), initial=0)) + 1
+        at_probes = np.vander(probes, POINTS, increasing=True) @ fitted
+        deviation = float(np.max(np.abs(at_probes - values[:, POINTS:]))) / scale
+        # Negligible powers are dropped: each power costs time in every evaluation.
+        relevant = np.max(np.abs(fitted), axis=(0, 2)) > ROUNDING * scale
+        terms = int(np.max(np.flatnonzero(relevant), initial=0)) + 1
         fitted = np.ascontiguousarray(np.swapaxes(fitted[:, :terms], 1, 2))
         return cls(t, fitted, deviation)
 
@@ -104,7 +104,7 @@ class Pieces:
         return out * (2.0 / np.diff(self.t))[:, None, None]
 
     def on(self, piece: int | IntArray, times: Array) -> Array:
-        """Values of pieces at times of shape (m,), which may be their ends.
+        """Values of pieces at times of shape (m,), ends of the pieces included.
 
         Args:
             piece: Index of the piece, for all times or for each, shape (m,).
@@ -127,6 +127,6 @@ class Pieces:
         piece = np.clip(piece, 0, self.count - 1)
         out = np.empty((times.size, self.coefficients.shape[1]))
         for first in range(0, times.size, CHUNK):
-            part = slice(first, first + CHUNK)
-            out[part] = self.on(piece[part], times[part])
+            chunk = slice(first, first + CHUNK)
+            out[chunk] = self.on(piece[chunk], times[chunk])
         return out

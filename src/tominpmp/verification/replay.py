@@ -1,9 +1,10 @@
 """Replay: integration of the torques of a motion by an independent integrator.
 
 Transcriptions have their own integrators, or need no integration; a motion is accepted
-if SciPy, given only the start of the problem and the torques over time, ends at the
-goal. The integration restarts where the torque may jump, and where a joint with dry
-friction stops or is released, so that no step straddles a jump of the acceleration.
+if an integration by SciPy, which knows only the start of the problem and the torques
+over time, ends at the goal. The integration restarts where the torque may jump, and
+where a joint with dry friction stops or is released, so that no step straddles a jump
+of the acceleration.
 """
 
 from __future__ import annotations
@@ -32,17 +33,17 @@ if TYPE_CHECKING:
 
 RTOL = 1e-9
 ATOL = 1e-11  # [rad, m, rad/s, m/s]
-# Factor by which the tolerances of LSODA are tighter: it takes as many evaluations, as
-# it restarts with short steps at every jump.
+# Factor by which the tolerances of LSODA are tighter. It costs no more evaluations, as
+# LSODA restarts with short steps at every jump.
 LSODA_TIGHTNESS = 1000.0
-# Errors at the end of a replay, in shares of RTOL times the growth of errors along the
+# Errors at the end of a replay, as shares of RTOL times the growth of errors along the
 # motion, see docs/verification.md.
 ERRORS: dict[str, float] = {"DOP853": 0.02, "LSODA": 0.02, "Radau": 1.0}
 # Largest time between two rows of a replay [s].
 TIME_STEP = 1e-3
-# Largest number of rows: longer motions have more time between them.
+# Largest number of rows: longer motions have a larger time between rows.
 MOST_ROWS = 200_000
-# Ratio of the first step of a piece to the last step before.
+# Ratio of the first step of a piece to the last step of the piece before.
 GROWTH = 1.5
 LSODA_STEPS = 20_000
 # Largest number of evaluations before an integration is given up.
@@ -51,7 +52,7 @@ MAX_EVALUATIONS = 500_000
 WATCH = 256
 # LSODA of SciPy before 1.17 has one state for all threads.
 AT_WORK = threading.Lock()
-# Larger positions or velocities are those of a failed integration.
+# Position or velocity beyond which an integration has failed.
 MAX_STATE = 1e6
 
 Integrator: TypeAlias = Literal["DOP853", "LSODA", "Radau"]
@@ -59,21 +60,22 @@ Integrator: TypeAlias = Literal["DOP853", "LSODA", "Radau"]
 
 @dataclass(frozen=True, eq=False)
 class Replay(Record):
-    """The motion of a robot under given torques.
+    """The motion of a robot under prescribed torques.
 
     Attributes:
         joint_names: Names of the joints, in column order.
-        t: Times [s], every millisecond or closer, with all nodes, shape (m,).
+        t: Times [s], at most a millisecond apart, all nodes included, shape (m,).
         q: Positions [rad or m], shape (m, n).
         v: Velocities [rad/s or m/s], shape (m, n).
-        u: Torques, just after a jump [N m or N], shape (m, n).
-        way: Directions of joints with dry friction between two of the times, in the
-            middle: 1, -1, or 0 for joints that friction holds, shape (m - 1, n).
+        u: Torques [N m or N], at a jump the torques just after it, shape (m, n).
+        way: Sliding directions of joints with dry friction, halfway between two times:
+            1, -1, or 0 for joints that friction holds, shape (m - 1, n).
         nodes: Indices of the times of the nodes of the trajectory, shape (N + 1,).
-        integrator: "DOP853", "LSODA" or "Radau", or "planned" without an integration.
+        integrator: "DOP853", "LSODA" or "Radau", or "planned" for samples of a plan,
+            without an integration.
         evaluations: Number of evaluations of the dynamics.
-        complete: Whether the end was reached; else the rows end where the integration
-            failed.
+        complete: Whether the end of the motion was reached; otherwise the rows end
+            where the integration failed.
     """
 
     joint_names: tuple[str, ...]
@@ -93,22 +95,22 @@ class Replay(Record):
         return float(self.t[-1])
 
     def between(self, begin: float, end: float) -> Replay:
-        """Its rows from one time to another [s], both included."""
-        mine = np.flatnonzero((self.t >= begin) & (self.t <= end))
-        nodes = np.searchsorted(mine, self.nodes[np.isin(self.nodes, mine)])
-        t, q, v, u = (rows[mine] for rows in (self.t, self.q, self.v, self.u))
-        way = self.way[mine[:-1]]
+        """The rows from one time to another [s], both included."""
+        kept = np.flatnonzero((self.t >= begin) & (self.t <= end))
+        nodes = np.searchsorted(kept, self.nodes[np.isin(self.nodes, kept)])
+        t, q, v, u = (rows[kept] for rows in (self.t, self.q, self.v, self.u))
+        way = self.way[kept[:-1]]
         return replace(self, t=t, q=q, v=v, u=u, way=way, nodes=nodes)
 
 
 def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:
-    """Torques of a trajectory as polynomials of time, between which they may jump."""
+    """Torques of a trajectory as polynomials of time, with jumps between the pieces."""
     breaks = torque_breaks(trajectory, robot.friction)
     return Pieces.of(lambda times: trajectory(times).u, breaks)
 
 
 def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
-    """A planned motion in the form of a replay.
+    """Samples of a planned motion in the form of a replay, without an integration.
 
     Args:
         trajectory: The motion.
@@ -131,18 +133,21 @@ def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
 
 
 def cut(nodes: Array, time_step: float) -> Array:
-    """Nodes, and times between them that cut their intervals into equal parts.
+    """Subdivide the intervals between nodes into equal parts.
 
     Args:
         nodes: Times of the nodes [s], increasing, shape (N + 1,).
-        time_step: Largest time between two of the times [s].
+        time_step: Largest time between two of the resulting times [s].
+
+    Returns:
+        The nodes and the times between them [s].
     """
     counts = np.maximum(np.ceil(np.diff(nodes) / time_step - 1e-9), 1.0)
-    parts = [
+    times = [
         np.linspace(begin, end, int(count), endpoint=False)
         for begin, end, count in zip(nodes[:-1], nodes[1:], counts, strict=True)
     ]
-    return np.concatenate([*parts, nodes[-1:]])
+    return np.concatenate([*times, nodes[-1:]])
 
 
 def replay(
@@ -154,7 +159,7 @@ def replay(
     """Integrate the torques of a trajectory from the start of a problem.
 
     Args:
-        problem: Robot and start.
+        problem: The problem, with the robot and the start.
         trajectory: The motion, of which only the torques are used.
         integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences for
             stiff arms) or "Radau" (implicit); None for LSODA.
@@ -167,12 +172,12 @@ def replay(
 
 
 def start_of(problem: Problem) -> Array:
-    """First state of a replay, shape (2n,)."""
+    """Initial state of a replay, shape (2n,)."""
     return np.concatenate([problem.q_start, problem.v_start])
 
 
 class _GivenUp(Exception):
-    """Raised to end an integration that takes too many evaluations."""
+    """Raised to abort an integration that takes too many evaluations."""
 
 
 class Integration:
@@ -181,24 +186,24 @@ class Integration:
     Args:
         robot: The robot.
         trajectory: The motion.
-        pieces: Its torques, if known.
+        pieces: Torques of the motion; None to compute them.
         integrator: Name of the integrator; None for LSODA.
-        plants: The robots of the segments; empty for the robot on all segments.
-        tightness: Factor by which its tolerances are tighter than usual.
+        plants: Robots of the segments; empty if the robot is the same on all segments.
+        tightness: Factor by which the tolerances are tighter than the defaults.
 
     Attributes:
         pieces: The torques.
         plants: The robots of the segments.
         integrator: Name of the integrator.
-        error: Its errors at the end, in shares of the growth of errors on the way.
+        error: Errors at the end, as a share of the growth of errors along the motion.
         evaluations: Number of evaluations of the dynamics so far.
-        lsoda_tightness: See :data:`LSODA_TIGHTNESS`.
-        hurried: Whether the first step of LSODA is a whole piece, instead of a step
-            that is short enough for any motion.
-        atol: See :data:`ATOL`.
+        lsoda_tightness: Tightness of LSODA, see :data:`LSODA_TIGHTNESS`.
+        long_first_step: Whether the first step of LSODA takes a whole piece; otherwise
+            LSODA chooses a step that is short enough for any motion.
+        atol: Absolute tolerance, see :data:`ATOL`.
     """
 
-    lsoda_tightness, hurried, atol = LSODA_TIGHTNESS, False, ATOL
+    lsoda_tightness, long_first_step, atol = LSODA_TIGHTNESS, False, ATOL
 
     def __init__(
         self,
@@ -257,9 +262,10 @@ class Integration:
         )
 
     def _watched(self, slope: Slope) -> Slope:
-        """A slope that counts its evaluations, and ends long integrations.
+        """A state derivative that counts its evaluations, and aborts long integrations.
 
-        A piece of a slow motion may take minutes, and can be ended only from here.
+        A piece of a slow motion may take minutes: only a call from the integrator can
+        interrupt it.
         """
 
         def watched(t: float, x: Array) -> Array:
@@ -273,10 +279,11 @@ class Integration:
         return watched
 
     def defects(self) -> Array:
-        """Defects of the intervals: their ends, integrated from their nodes.
+        """Defects of the intervals, each integrated from its first node.
 
         Returns:
-            Differences to the next nodes, shape (N, 2n); NaN for failed integrations.
+            Differences of the final states from the next nodes, shape (N, 2n); NaN for
+            failed integrations.
         """
         nodes = np.concatenate([self._trajectory.q, self._trajectory.v], axis=1)
         pieces, out = self.pieces, np.full_like(nodes[1:], np.nan)
@@ -296,12 +303,13 @@ class Integration:
 
         Args:
             k: Index of the piece.
-            x: The state at its beginning, shape (2n,).
-            times: Its beginning, and times of rows up to its end [s], shape (m + 1,).
+            x: State at the beginning of the piece, shape (2n,).
+            times: Beginning of the piece, and times of rows up to the end of the piece
+                [s], shape (m + 1,).
 
         Returns:
             States at the rows, shape (m, 2n), and directions of joints with dry
-            friction before each of them, shape (m, n); fewer rows after a failure.
+            friction before each row, shape (m, n); fewer rows after a failure.
         """
         begin, end = float(times[0]), float(times[-1])
         plant = self.plants[min(self._segment[k], len(self.plants) - 1)]
@@ -309,17 +317,17 @@ class Integration:
         rows, ways = np.empty((0, x.size)), np.empty((0, x.size // 2))
         if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:
             return rows, ways
-        # Rows far apart do not show the changes between them.
-        near = not plant.dry.any() or np.max(np.diff(times)) < 2.0 * TIME_STEP
+        # Rows that are far apart may miss events of dry friction between them.
+        dense = not plant.dry.any() or np.max(np.diff(times)) < 2.0 * TIME_STEP
         with AT_WORK, np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             warnings.simplefilter("error", ODEintWarning)
-            if self.integrator == "LSODA" and near:
+            if self.integrator == "LSODA" and dense:
                 x = plant.settle(begin, x)
-                found = self._fortran(plant, x, times)
-                done = plant.unchanged(times, found)
-                rows, ways = found[1 : done + 1], np.tile(plant.way, (done, 1))
-                begin, x = float(times[done]), found[done]
+                states = self._fortran(plant, x, times)
+                done = plant.unchanged(times, states)
+                rows, ways = states[1 : done + 1], np.tile(plant.way, (done, 1))
+                begin, x = float(times[done]), states[done]
                 if done == times.size - 1 or not plant.dry.any():
                     return rows, ways
                 # A joint stops or is released: the rest is integrated step by step.
@@ -327,8 +335,9 @@ class Integration:
         return np.vstack([rows, more]), np.vstack([ways, later])
 
     def _fortran(self, plant: Plant, x: Array, times: Array) -> Array:
-        """Integrate with LSODA from the first time on; only its row after a failure."""
-        first = float(times[-1] - times[0]) if self.hurried else 0.0  # 0: its own
+        """States at times, by LSODA; after a failure only the first state."""
+        # For a first step of zero, LSODA chooses the step.
+        first = float(times[-1] - times[0]) if self.long_first_step else 0.0
         try:
             rows = odeint(
                 self._watched(plant.slope),
@@ -339,7 +348,7 @@ class Integration:
                 rtol=self._tolerance[0],
                 atol=self._tolerance[1],
                 h0=first,
-                tcrit=times[-1:],  # no evaluation of the torque beyond it
+                tcrit=times[-1:],  # no evaluation of the torque beyond the piece
                 mxstep=LSODA_STEPS,
             )
         except (ODEintWarning, _GivenUp):
@@ -353,7 +362,7 @@ class Integration:
     ) -> tuple[Array, Array]:
         """Integrate step by step with an ``OdeSolver`` of SciPy.
 
-        It restarts where a joint with dry friction stops or is released.
+        The integration restarts where a joint with dry friction stops or is released.
         """
         t, end, done, passed = begin, float(ticks[-1]), 0, 0
         middles = 0.5 * (ticks + np.concatenate([[begin], ticks[:-1]]))
@@ -386,7 +395,7 @@ class Integration:
         return rows[:done], ways[:done]
 
     def _solver(self, plant: Plant, t: float, x: Array, end: float) -> OdeSolver:
-        """Solver of SciPy from a time to the end of a piece."""
+        """A solver of SciPy from a time to the end of a piece."""
         rtol, atol = self._tolerance
         # Newton's method has no initial guess in the first step.
         first = {"DOP853": min(end - t, self._stride), "Radau": 0.1 * (end - t)}

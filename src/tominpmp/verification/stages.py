@@ -1,7 +1,7 @@
-"""Segments of a motion, each judged as a motion of its own.
+"""Segments of a motion, each of which is verified like a whole motion.
 
-A segment has a robot with its load, a scene, limits, and a goal at its end. The replay
-is a single one, from the start of the first segment to the end of the last.
+A segment has a robot with its payload, a scene, limits, and a goal at its end. There is
+one replay for all segments, from the start of the first to the end of the last.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from tominpmp.verification.replay import TIME_STEP, Replay
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Largest number of instants among which ends of recorded segments are searched.
+# Largest number of instants at which ends of recorded segments are searched for.
 MOST_LOOKS = 20_000
-# A goal is met where its residual is below this share of the tolerance.
+# Residual below which a goal counts as met, as a share of the tolerance.
 MET = 1e-3
 
 
@@ -38,14 +38,14 @@ class Stage:
     """One segment of a motion.
 
     Attributes:
-        number: Its number, from 0.
+        number: Number of the segment, from 0.
         count: Number of segments of the motion.
-        problem: Its problem.
-        begin: Time of its beginning [s].
-        reached: Time at which its goal is met, before its dwell [s].
-        end: Time of its end, after its dwell [s].
-        arrival: Earliest and latest time at which the goal is to be met [s]; None for
-            any time.
+        problem: The problem of the segment.
+        begin: Time at which the segment begins [s].
+        reached: Time at which the goal is met, before the dwell [s].
+        end: Time at which the segment ends, after the dwell [s].
+        arrival: Earliest and latest time at which the goal has to be met [s]; None
+            without arrival times.
     """
 
     number: int
@@ -58,49 +58,60 @@ class Stage:
 
     @property
     def timeliness(self) -> list[LimitViolation]:
-        """Deviation from its arrival times; empty without arrival times."""
+        """Deviation from the arrival times; empty without arrival times."""
         if self.arrival is None:
             return []
         (earliest, latest), reached = self.arrival, self.reached
-        late = max(reached - latest, earliest - reached)
+        excess = max(reached - latest, earliest - reached)
         side = "late" if reached - latest >= earliest - reached else "early"
-        wrong = late > TIME_STEP
-        return [LimitViolation("arrival", side, reached, late, "s", late, wrong)]
+        violated = excess > TIME_STEP
+        return [LimitViolation("arrival", side, reached, excess, "s", excess, violated)]
 
     def named(self, item: LimitViolation) -> LimitViolation:
-        """A violation with number and times of the segment, if there are several."""
+        """A violation with number and times of the segment, if the motion has several.
+
+        Args:
+            item: The violation.
+        """
         if self.count == 1:
             return item
         return replace(item, segment=self.number + 1, span=(self.begin, self.end))
 
-    def part(self, replay: Replay, torque: Pieces) -> tuple[Replay, Pieces]:
-        """Its rows of a replay, empty if that ended before it, and its torques."""
+    def section(self, replay: Replay, torque: Pieces) -> tuple[Replay, Pieces]:
+        """Section of a replay and of its torques on the segment.
+
+        The section is empty if the replay failed before the segment.
+
+        Args:
+            replay: The replay of the whole motion.
+            torque: Torques of the whole motion.
+        """
         if self.count == 1:
             return replay, torque
-        part = replay.between(self.begin, self.end)
-        complete = bool(part.t.size) and part.t[-1] == self.end
+        rows = replay.between(self.begin, self.end)
+        complete = bool(rows.t.size) and rows.t[-1] == self.end
         first, behind = np.searchsorted(torque.t, [self.begin, self.end]).tolist()
         pieces = replace(
             torque,
             t=torque.t[first : behind + 1],
             coefficients=torque.coefficients[first:behind],
         )
-        u = np.array(part.u)
+        u = np.array(rows.u)
         if self.begin == self.end:
             # A segment without duration has the torques that hold the arm.
-            u = RobotDynamics(self.problem.robot).inverse(part.q, part.v, 0.0 * part.v)
+            u = RobotDynamics(self.problem.robot).inverse(rows.q, rows.v, 0.0 * rows.v)
         elif complete:
             # The row of a node has the torque just after it, on the next segment.
             u[-1] = pieces.ends()[-1, 1]
-        return replace(part, u=u, complete=complete), pieces
+        return replace(rows, u=u, complete=complete), pieces
 
 
 def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
-    """The segments of a motion; a single one without the times of all their ends.
+    """The segments of a motion; a single segment if their end times are not known.
 
     Args:
         problem: The problem.
-        trajectory: The motion, with the times at which its segments end.
+        trajectory: The motion, with the end times of its segments.
     """
     phases, segments, T = problem.phases, problem.segments, trajectory.duration
     ends = trajectory.segment_ends
@@ -116,29 +127,34 @@ def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
 def with_segments(
     problem: Problem, trajectory: Trajectory, tolerances: Tolerances
 ) -> Trajectory:
-    """A motion with the times at which its segments end, and the load of each.
+    """A motion with the end times of its segments, and the payload of each segment.
 
-    A recorded motion has these times at best up to the time between two rows. Its
+    A recorded motion has these times at best up to the time step between two rows. Its
     segments end where it first meets their goals, one after the other, or comes nearest
-    to them: near the recorded times, if there are any.
+    to them; if end times are recorded, the search is restricted to their neighbourhood.
+
+    Args:
+        problem: The problem.
+        trajectory: The motion.
+        tolerances: Tolerances of the goals.
     """
     phases = problem.phases
     if not problem.segments:
         return replace(trajectory, segment_ends=None, segment_dynamics=())
-    given = trajectory.segment_ends
-    known = given is not None and len(given) == len(phases)
+    recorded = trajectory.segment_ends
+    known = recorded is not None and len(recorded) == len(phases)
     if known and trajectory.segment_dynamics:
         return trajectory
-    ends = _found(problem, trajectory, tolerances, given if known else None)
-    found = replace(_with_nodes(trajectory, ends), segment_ends=ends)
+    ends = _segment_ends(problem, trajectory, tolerances, recorded if known else None)
+    motion = replace(_with_nodes(trajectory, ends), segment_ends=ends)
     if trajectory.inverse_dynamics is None:
-        return found
+        return motion
     dynamics = tuple(RobotDynamics(phase.robot).inverse for phase in phases)
-    return found.with_torques(dynamics[0], dynamics)
+    return motion.with_torques(dynamics[0], dynamics)
 
 
-def _found(
-    problem: Problem, motion: Trajectory, tolerances: Tolerances, about: Array | None
+def _segment_ends(
+    problem: Problem, motion: Trajectory, tolerances: Tolerances, recorded: Array | None
 ) -> Array:
     """Times at which the segments of a recorded motion end [s], shape (k,).
 
@@ -146,7 +162,7 @@ def _found(
         problem: The problem.
         motion: The motion.
         tolerances: Tolerances of the goals.
-        about: Recorded times, at nodes [s], shape (k,); None without them.
+        recorded: Recorded end times, at nodes [s], shape (k,); None if not recorded.
     """
     plain, T = replace(motion, inverse_dynamics=None), motion.duration
     step = max(TIME_STEP, T / MOST_LOOKS)
@@ -156,34 +172,34 @@ def _found(
     each = zip(problem.phases[:-1], problem.segments[:-1], strict=True)
     for number, (phase, segment) in enumerate(each):
         begin, behind = first, last + 1
-        if about is not None:
+        if recorded is not None:
             # The row before the recorded first row of the next segment.
-            row = max(int(np.searchsorted(motion.t, about[number])) - 1, 0)
+            row = max(int(np.searchsorted(motion.t, recorded[number])) - 1, 0)
             earliest = motion.t[row] - segment.dwell
             begin = max(first, int(np.searchsorted(times, earliest - step)))
-            behind = max(int(np.searchsorted(times, about[number])) + 1, begin + 1)
-        missed = partial(_missed, plain, phase, tolerances)
-        met = _first_met(missed, times[begin:behind])
+            behind = max(int(np.searchsorted(times, recorded[number])) + 1, begin + 1)
+        residuals = partial(_residuals, plain, phase, tolerances)
+        met = _first_met(residuals, times[begin:behind])
         if segment.stop and segment.arrival is not None:
-            # The goal may be met before its earliest time, and until then.
+            # An arm that stops may reach the goal early and wait for the earliest time.
             allowed = segment.arrival[0]
-            if met < allowed <= T and next(missed(np.array([allowed]))) <= MET:
+            if met < allowed <= T and next(residuals(np.array([allowed]))) <= MET:
                 met = allowed
         end = met
         if segment.dwell > 0.0:
             later = np.searchsorted(times, met + segment.dwell - SAME)
             end = float(times[min(int(later), last)])
-            if about is not None and _rests(plain, end, about[number]):
-                end = float(about[number])  # a longer dwell
+            if recorded is not None and _rests(plain, end, recorded[number]):
+                end = float(recorded[number])  # a dwell longer than the least
         first = min(int(np.searchsorted(times, end)), last)
         ends.append(end)
     return np.array([*ends, T])
 
 
-def _missed(
+def _residuals(
     motion: Trajectory, phase: Problem, tolerances: Tolerances, times: Array
 ) -> Iterator[float]:
-    """Residuals of a goal at times of a motion, in units of the tolerances."""
+    """Largest goal residual at each time of a motion, in units of the tolerances."""
     kinematics, state = RobotKinematics(phase.robot), motion(times)
     units = tolerances.goal, tolerances.speed
     for q, v in zip(state.q, state.v, strict=True):
@@ -196,29 +212,30 @@ def _rests(motion: Trajectory, begin: float, end: float) -> bool:
     if begin > end:
         return False
     state = motion(np.array([begin, end]))
-    off = np.maximum(np.abs(state.q[1] - state.q[0]), np.abs(state.v[1]))
-    return bool(np.all(off <= SAME))
+    movement = np.maximum(np.abs(state.q[1] - state.q[0]), np.abs(state.v[1]))
+    return bool(np.all(movement <= SAME))
 
 
-def _first_met(missed: Callable[[Array], Iterator[float]], times: Array) -> float:
-    """First time at which a goal is met, or time of its least residual [s]."""
+def _first_met(residuals: Callable[[Array], Iterator[float]], times: Array) -> float:
+    """First time at which a goal is met, or the time of its least residual [s]."""
     best, least = 0, np.inf
-    for k, off in enumerate(missed(times)):
-        nearer = off < least
+    for k, residual in enumerate(residuals(times)):
+        nearer = residual < least
         if nearer:
-            best, least = k, off
-        # The tolerance is reached before the goal: the end is at the least residual.
+            best, least = k, residual
+        # Within the tolerance the motion may still come nearer: the segment ends at the
+        # first local minimum of the residual.
         if least <= MET or (least <= 1.0 and not nearer):
             break
     if least <= MET:
         return float(times[best])
     low, high = times[max(best - 1, 0)], times[min(best + 1, times.size - 1)]
-    time, off = least_between(lambda near: np.array([*missed(near)]), low, high)
-    return time if off < least else float(times[best])
+    sampled = least_between(lambda near: np.array([*residuals(near)]), low, high)
+    return sampled[0] if sampled[1] < least else float(times[best])
 
 
 def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
-    """The motion with further nodes, at given times [s]."""
+    """The motion with additional nodes at times [s]."""
     t = np.unique(np.concatenate([motion.t, times]))
     node = np.searchsorted(motion.t, t, side="right") - 1
     state = replace(motion, inverse_dynamics=None)(t)
@@ -232,12 +249,18 @@ def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
     return replace(motion, t=t, q=state.q, v=state.v, u=u, a=a)
 
 
-def arrival(
+def goal_misses(
     stage: Stage, replay: Replay, tolerances: Tolerances
 ) -> list[LimitViolation]:
-    """Largest deviations of place and velocity from the goal of a segment.
+    """Largest deviations from the goal of a segment, in position and in velocity.
 
-    At its end and before its dwell; no deviation of velocity if the goal has none.
+    Both are evaluated at the end of the segment and before its dwell; a goal that
+    leaves the velocity free has no deviation in velocity.
+
+    Args:
+        stage: The segment.
+        replay: The motion on the segment.
+        tolerances: Tolerances of the goals.
     """
     rows = [replay.t.size - 1]
     if stage.reached < stage.end:
@@ -248,13 +271,13 @@ def arrival(
         for q, v in zip(replay.q[rows], replay.v[rows], strict=True)
         for miss in goal.nearest(kinematics, q, v).misses(kinematics, q, v)
     ]
-    time, found = replay.duration, []
+    time, worst = replay.duration, []
     for kind, tolerance in (("goal", tolerances.goal), ("speed", tolerances.speed)):
-        mine = [miss for miss in misses if miss.moving is (kind == "speed")]
-        if mine:
-            miss = max(mine, key=lambda miss: miss.amount)
+        of_kind = [miss for miss in misses if miss.moving is (kind == "speed")]
+        if of_kind:
+            miss = max(of_kind, key=lambda miss: miss.amount)
             amount = miss.amount if replay.complete else np.inf
-            missed = not amount <= tolerance
-            item = kind, miss.name, time, amount, miss.unit, amount, missed
-            found.append(LimitViolation(*item))
-    return found
+            violated = not amount <= tolerance
+            item = kind, miss.name, time, amount, miss.unit, amount, violated
+            worst.append(LimitViolation(*item))
+    return worst

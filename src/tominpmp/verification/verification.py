@@ -1,7 +1,7 @@
 """Verification of a motion by a replay of its torques.
 
-The replay is judged, not the plan: its end, and its violations of limits and margins,
-every millisecond.
+The replay is judged instead of the plan: its final state, and its violations of limits
+and margins, every millisecond.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from tominpmp.verification.feedback import (
     TIGHTER,
     Tracking,
     amplification,
-    doubtful,
+    ends_agree,
+    errors_matter,
+    feedback_excess,
     feedback_rate,
-    needed,
-    settled,
 )
 from tominpmp.verification.limit_violations import LimitViolation, limit_violations
 from tominpmp.verification.nearest import Touch, closest, never_touching
@@ -46,9 +46,9 @@ from tominpmp.verification.replay import (
     start_of,
     torque_pieces,
 )
-from tominpmp.verification.stages import Stage, arrival, stages_of, with_segments
+from tominpmp.verification.stages import Stage, goal_misses, stages_of, with_segments
 
-# Longer motions would take too many steps, and are not replayed [s].
+# Duration above which a motion is not replayed, as it would take too many steps [s].
 LONGEST = 1e4
 # Relative rounding of a floating-point number.
 ROUNDING = float(np.finfo(float).eps)
@@ -59,31 +59,33 @@ class Verification:
     """Result of a replay of the torques of a motion.
 
     Attributes:
-        ok: Whether it reaches the goal and keeps all limits, within the tolerances.
-        goal_error: Distance of the end from the goal: of the worst joint, or of the
-            frame in position and angle [rad or m].
-        speed_error: Deviation of the final velocity from that of the goal: of the worst
-            joint or direction [rad/s or m/s].
-        worst: The worst of each kind of limit ("position", "velocity", "effort",
-            "clearance", ...) with joint or pair, time and amount, also if it is within
-            the tolerance.
-        violations: Violations beyond the tolerances, those of the goal among them.
-        min_clearance: Smallest distance to obstacles and between links [m], every
-            millisecond; infinite without pairs.
-        deviation: Largest distance of each joint from the plan, shape (n,).
-        defect: Largest distance in position by which an interval that begins at its own
-            node misses the next one; None for a motion without violations. Where this
-            is small and the goal missed, the motion is unstable, or errors added up.
+        ok: Whether the replay reaches the goal and keeps all limits, within the
+            tolerances.
+        goal_error: Distance of the final configuration from the goal: of the worst
+            joint, or of the frame in position and angle [rad or m].
+        speed_error: Deviation of the final velocity from the velocity of the goal: of
+            the worst joint or direction [rad/s or m/s].
+        worst: The worst violation, or least slack, of each kind of limit ("position",
+            "velocity", "effort", "clearance", ...) with joint or pair, time and amount,
+            also if it is within the tolerance.
+        violations: Violations beyond the tolerances, violations of the goal included.
+        min_clearance: Smallest distance to obstacles and between links at all times
+            [m]; infinite without pairs.
+        deviation: Largest distance of each joint from the plan, shape (n,) [rad or m].
+        defect: Largest distance in position by which the integration of an interval
+            from its first node misses its last node [rad or m]; None for a motion
+            without violations. If the defect is small and the goal is missed, the
+            motion is unstable, or errors add up.
         integrator: Name of the integrator.
-        complete: Whether the replay reached the end.
+        complete: Whether the replay reached the end of the motion.
         tolerances: The tolerances.
-        seconds: Time of the computation [s].
+        seconds: Computation time [s].
         replay: The replayed motion.
-        problem: The problem that the motion is to solve.
+        problem: The problem that the motion has to solve.
         growth: Amplification of errors along the motion, to first order.
-        feedback: Largest torques of the feedback in the replay of an unstable motion,
-            shape (n,) [N m or N], see :mod:`~tominpmp.verification.feedback`; None
-            without feedback.
+        feedback: Largest feedback torques in the replay of an unstable motion, shape
+            (n,) [N m or N], see :mod:`~tominpmp.verification.feedback`; None without
+            feedback.
     """
 
     ok: bool
@@ -108,13 +110,13 @@ class Verification:
         return self.ok
 
     def __repr__(self) -> str:
-        """The result, on one line."""
-        found = "ok" if self.ok else "not ok"
-        return f"<Verification {found}: {shortened(self.message, 2 * BRIEF)}>"
+        """Show the result on one line."""
+        verdict = "ok" if self.ok else "not ok"
+        return f"<Verification {verdict}: {shortened(self.message, 2 * BRIEF)}>"
 
     @property
     def message(self) -> str:
-        """The violations, or the absence of violations, in a sentence."""
+        """The violations, or the success of the replay, in a sentence."""
         if not self.ok:
             return "; ".join(map(str, self.violations)) + "."
         if self.feedback is not None:
@@ -131,8 +133,8 @@ class Verification:
     def touches(self) -> tuple[Touch, ...]:
         """Links that touch although the SRDF says that they never do.
 
-        They are searched when they are first used, in a motion without violations, and
-        violate no limit; see :func:`~.nearest.never_touching`.
+        They are determined at the first access, for a motion without violations, and do
+        not count as violations; see :func:`~.nearest.never_touching`.
         """
         return never_touching(self.problem, self.replay) if self.ok else ()
 
@@ -150,21 +152,21 @@ def verify(
     """Replay the torques of a motion and compare the replay with its problem.
 
     Args:
-        problem: The problem that the motion is to solve.
-        trajectory: The motion: its torques are used, and its nodes, where torques may
-            jump. Samples, from a file say, are joined to a motion first.
-        tolerances: The tolerances; None for the usual ones.
-        geometry: "convex" represents links by the convex pieces that motions are
-            planned with; "mesh" by their triangles, which is slow.
-        checker: Distances that replace either.
+        problem: The problem that the motion has to solve.
+        trajectory: The motion: the torques are used, and the nodes, at which torques
+            may jump. Samples, for example from a file, are joined into a motion first.
+        tolerances: The tolerances; None for the defaults.
+        geometry: "convex" represents links by the convex pieces with which motions are
+            planned; "mesh" by their triangles, which is slow.
+        checker: Collision checker that replaces the checker of the geometry.
         integrator: See :func:`~tominpmp.verification.replay.replay`.
 
     Returns:
-        The result.
+        The result of the replay.
 
     Raises:
-        ProblemError: If the motion has other joints.
-        ScenarioError: If the samples have other joints.
+        ProblemError: If the motion has other joints than the robot.
+        ScenarioError: If the samples have other joints than the robot.
     """
     begin = time.perf_counter()
     instance(problem, Problem, "problem")
@@ -182,38 +184,38 @@ def verify(
     stages = stages_of(problem, trajectory)
     torque = torque_pieces(robot, trajectory)
     plants = [Plant(stage.problem.robot) for stage in stages]
-    known = robot, trajectory, torque, integrator, plants
-    integration = Integration(*known)
+    args = robot, trajectory, torque, integrator, plants
+    integration = Integration(*args)
     start, checkers = start_of(problem), _checkers(stages, checker, geometry)
     growth, goal = amplification(stages, trajectory), tolerances.goal
-    findings, feedback, defect, sure = None, None, None, False
-    if not doubtful(growth, goal, ROUNDING, share=1.0):
-        alone = integration.run(start)
-        findings = judge(stages, alone, torque, tolerances, checkers)
-        # Errors of the integration may also carry a motion to its goal.
-        sure = not findings.violations and (
-            not doubtful(growth, goal, integration.error)
-            or settled(alone, Integration(*known, TIGHTER).run(start), tolerances)
+    findings, feedback, defect, accepted = None, None, None, False
+    if not errors_matter(growth, goal, ROUNDING, share=1.0):
+        open_loop = integration.run(start)
+        findings = judge(stages, open_loop, torque, tolerances, checkers)
+        # Integration errors may also carry a motion to its goal by accident.
+        accepted = not findings.violations and (
+            not errors_matter(growth, goal, integration.error)
+            or ends_agree(open_loop, Integration(*args, TIGHTER).run(start), tolerances)
         )
-    rate = None if sure else feedback_rate(growth, trajectory.duration, goal)
+    rate = None if accepted else feedback_rate(growth, trajectory.duration, goal)
     if rate is not None:
         tracking = Tracking(stages, trajectory, rate, integrator)
         tracked = tracking.run(start)
         feedback = frozen_array(np.max(np.abs(tracking.feedback), axis=0))
         findings = judge(stages, tracked, torque, tolerances, checkers)
-        taken = needed(robot, tracked.t, tracking.feedback, tolerances.limits)
-        findings.items.extend([] if taken is None else [taken])
+        excess = feedback_excess(robot, tracked.t, tracking.feedback, tolerances.limits)
+        findings.items.extend([] if excess is None else [excess])
     assert findings is not None  # noqa: S101
     if findings.violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
         gaps = np.where(np.isfinite(gaps), gaps, np.inf)
         defect = float(np.max(gaps, initial=0.0))
     replayed = findings.replay
-    # Torques would take most of the time of an evaluation.
+    # Without inverse dynamics, which would take most of the time of the evaluation.
     plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
     deviation = np.max(np.abs(replayed.q - plan), axis=0)
-    found = findings.result(problem, tolerances, deviation, growth, begin)
-    return replace(found, defect=defect, feedback=feedback)
+    result = findings.result(problem, tolerances, deviation, growth, begin)
+    return replace(result, defect=defect, feedback=feedback)
 
 
 def _too_long(
@@ -221,16 +223,16 @@ def _too_long(
 ) -> Verification:
     """Result for a motion that is too long to be replayed."""
     T = trajectory.duration
-    beyond = T - LONGEST
-    share = beyond / LONGEST
+    excess = T - LONGEST
+    share = excess / LONGEST
     violation = LimitViolation(
-        "duration", "the motion", T, beyond, "s", share, violated=True
+        "duration", "the motion", T, excess, "s", share, violated=True
     )
     plan = replace(planned(trajectory, np.inf), complete=False)
     findings = Findings(plan, [violation], -np.inf)
     deviation = np.full(trajectory.n, np.inf)
-    found = findings.result(problem, tolerances, deviation, np.inf, begin)
-    return replace(found, goal_error=np.inf, speed_error=np.inf)
+    result = findings.result(problem, tolerances, deviation, np.inf, begin)
+    return replace(result, goal_error=np.inf, speed_error=np.inf)
 
 
 class Findings(NamedTuple):
@@ -238,9 +240,10 @@ class Findings(NamedTuple):
 
     Attributes:
         replay: The replay.
-        items: Deviations from the goals of the segments, in place ("goal") and velocity
-            ("speed"), and the worst of each kind of limit, clearance among them.
-        distance: Least distance of the pairs [m]; infinite without pairs.
+        items: Deviations from the goals of the segments, in position ("goal") and
+            velocity ("speed"), and the worst violation, or least slack, of each kind of
+            limit, clearance included.
+        distance: Least distance of the collision pairs [m]; infinite without pairs.
     """
 
     replay: Replay
@@ -260,16 +263,17 @@ class Findings(NamedTuple):
         growth: float,
         begin: float,
     ) -> Verification:
-        """The verification without a defect and without feedback.
+        """The verification; the caller adds a defect and feedback torques.
 
         Args:
             problem: The problem.
             tolerances: The tolerances.
-            deviation: Largest distance of each joint from the plan, shape (n,).
+            deviation: Largest distance of each joint from the plan, shape (n,) [rad or
+                m].
             growth: Amplification of errors along the motion.
             begin: Begin of the computation, by ``time.perf_counter`` [s].
         """
-        worst: dict[str, LimitViolation] = {}  # of each kind, on all segments
+        worst: dict[str, LimitViolation] = {}  # by kind, over all segments
         for item in self.items:
             known = worst.get(item.kind)
             if known is None or item.share > known.share:
@@ -301,29 +305,38 @@ def judge(
     tolerances: Tolerances,
     checkers: Sequence[CollisionChecker],
 ) -> Findings:
-    """Compare a replay with the goals, the limits and the obstacles."""
+    """Compare a replay with the goals, the limits and the obstacles of its segments.
+
+    Args:
+        stages: The segments of the motion.
+        replay: The motion.
+        torque: Torques of the motion, as polynomials between their jumps.
+        tolerances: The tolerances.
+        checkers: Collision checkers of the segments.
+    """
     limits: list[LimitViolation] = []
     ends: list[LimitViolation] = []
     distance = np.inf
     for stage, checker in zip(stages, checkers, strict=True):
-        problem, (part, pieces) = stage.problem, stage.part(replay, torque)
-        if not part.t.size:
+        problem, (section, pieces) = stage.problem, stage.section(replay, torque)
+        if not section.t.size:
             lost = replay.duration, np.inf, "m or rad", np.inf, True
             ends.append(stage.named(LimitViolation("goal", "the arm", *lost)))
             continue
-        found = limit_violations(problem, part, pieces, tolerances.limits)
-        near = closest(problem, part, checker, tolerances.contact)
-        if near is not None:
-            found.append(near[0])
-            distance = min(distance, near[1].distance)
-        limits += map(stage.named, [*found, *stage.timeliness])
-        ends += map(stage.named, arrival(stage, part, tolerances))
+        worst = limit_violations(problem, section, pieces, tolerances.limits)
+        nearest = closest(problem, section, checker, tolerances.contact)
+        if nearest is not None:
+            worst.append(nearest[0])
+            distance = min(distance, nearest[1].distance)
+        limits += map(stage.named, [*worst, *stage.timeliness])
+        ends += map(stage.named, goal_misses(stage, section, tolerances))
     return Findings(replay, [*ends, *limits], distance)
 
 
 def _checkers(
     stages: Sequence[Stage], checker: CollisionChecker | None, geometry: Geometry
 ) -> list[CollisionChecker]:
+    """Collision checkers of the segments, with the geometry of a verification."""
     if checker is not None and len(stages) == 1:
         return [checker]
     own = [stage.problem.checker for stage in stages]
