@@ -330,8 +330,8 @@ def test_multipliers_account_for_the_promise() -> None:
     assert found is not None
     given = found.multipliers
     assert np.all(given.value >= 0.0)
-    assert np.all(given.room >= 0.0)
-    assert found.promise == pytest.approx(float(given.promise.sum()))
+    assert np.all(given.slack >= 0.0)
+    assert found.predicted_gain == pytest.approx(float(given.predicted_gain.sum()))
     assert given.of("effort").sum() + given.of("clearance").sum() > 100
 
 
@@ -489,7 +489,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
     )
     dx = np.concatenate([after.q - before.q, after.v - before.v], axis=1)[1:]
     z = np.concatenate([dx.ravel() / (2.0 * step), da.ravel(), dh])
-    np.testing.assert_allclose(motion.changes.gaps() @ z, 0.0, atol=1e-6)
+    np.testing.assert_allclose(motion.changes.defects() @ z, 0.0, atol=1e-6)
     high, low = rooms(Motion.of(system, after)), rooms(Motion.of(system, before))
     compared = 0
     slope = rows.change @ z

@@ -73,7 +73,7 @@ def approaches(problem: Problem, motion: Trajectory) -> dict[int, tuple[float, f
 def rows_of(problem: Problem, motion: Trajectory) -> tuple[Motion, LimitRows]:
     seen = Motion.of(ProblemFunctions.of(problem), motion)
     every = limits_of(seen)
-    return seen, every.kept(every.of("clearance"))
+    return seen, every.selected(every.of("clearance"))
 
 
 @pytest.mark.parametrize("name", OBSTACLES)
@@ -159,7 +159,7 @@ def test_a_joint_that_turns_back_between_the_nodes_is_held_there(
     )
     bounded = Problem(robot, START, JointGoal(START), v_start=SPEED)
     found = limits_of(Motion.of(ProblemFunctions.of(bounded), motion))
-    rows = found.kept(found.of("position") & (found.at.share < 1.0))
+    rows = found.selected(found.of("position") & (found.at.share < 1.0))
     assert rows.subject.tolist() == [0]
     assert rows.at.interval.tolist() == [7]
     assert rows.upper[0] == pytest.approx(0.0, abs=1e-9)

@@ -49,7 +49,7 @@ def test_a_goal_that_is_met_later_than_need_be_is_told():
     found = tm.certify(sooner, solution.trajectory)
     assert not found.ok
     assert found.stationarity == pytest.approx(0.5 / solution.T, rel=0.1)
-    assert "the goal of segment 1 is met 0.5 s later than need be" in found.message
+    assert "the goal of segment 1 is met 0.5 s later than necessary" in found.message
 
 
 def test_stays_count_until_a_goal_is_met():

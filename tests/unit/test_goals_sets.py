@@ -315,7 +315,7 @@ BAD: dict[str, tuple[Callable[[], Goal], str]] = {
     "no direction": (lambda: AxisGoal(TIP, (0, 0, 1), (0, 0)), r"goal\.direction"),
     "swapped": (lambda: RegionGoal(TIP, (0, 1, 0), (1, 0, 1)), "along y"),
     "at infinity": (lambda: RegionGoal(TIP, [np.inf] * 3, [np.inf] * 3), "along x"),
-    "anywhere": (lambda: RegionGoal(TIP, [-np.inf] * 3, [np.inf] * 3), "nothing is"),
+    "anywhere": (lambda: RegionGoal(TIP, [-np.inf] * 3, [np.inf] * 3), "no condition"),
     "no pose": (
         lambda: RegionGoal(TIP, Q[:3], Q[:3], pose=np.eye(3)),
         "expected a pinocchio.SE3",

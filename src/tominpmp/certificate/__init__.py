@@ -1,4 +1,4 @@
-"""Certificates of the minimum principle: costates and multipliers of a motion."""
+"""Certificates of optimality: costates and multipliers of the minimum principle."""
 
 import lazy_loader
 

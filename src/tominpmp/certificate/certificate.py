@@ -1,4 +1,4 @@
-"""Records of a certificate of the minimum principle, and of the active limits."""
+"""Records of an optimality certificate and of the active limits of a motion."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from tominpmp.exceptions import BRIEF, shortened
 
 @dataclass(frozen=True, eq=False)
 class ActiveLimit(Record):
-    """A limit that is active in a motion for some of the time.
+    """A limit that is active during a part of a motion.
 
     Attributes:
         kind: "effort", "velocity", "position", "acceleration", "jerk", "effort rate",
             "effort over speed", "clearance" or "arrival".
-        name: The joint, the pair as "one and other", or the segment.
-        begin: Beginnings of the intervals on which it is active [s], shape (m,).
-        end: Ends of these intervals [s], shape (m,).
-        multiplier: Time gained per time and unit of the limit: its share, rad or m,
-            shape (m,).
-        upper: Whether the upper side is active, shape (m,).
+        name: Name of the joint, of the pair ("link and obstacle"), or of the segment.
+        begin: Beginnings of the intervals on which the limit is active [s], shape (m,).
+        end: Ends of the intervals [s], shape (m,).
+        multiplier: Time gained per time and unit by which the limit is relaxed: a share
+            of the limit, rad or m, shape (m,).
+        upper: Whether the upper limit is active, otherwise the lower, shape (m,).
     """
 
     kind: str
@@ -33,40 +33,41 @@ class ActiveLimit(Record):
 
 @dataclass(frozen=True, eq=False)
 class Certificate(Record):
-    """How near a motion is to the first-order conditions of a time-optimal one.
+    """How well a motion satisfies the first-order conditions of time-optimality.
 
     Attributes:
         joint_names: Names of the joints, in column order.
-        ok: Whether the motion keeps the conditions, within the tolerance.
-        message: The result, in words: how well the conditions are kept, or which of
-            them fails where.
+        ok: Whether the motion satisfies the conditions, within the tolerance.
+        message: The result, in words: how well the conditions are satisfied, or which
+            condition fails at which time.
         t: Nodes at which the motion was examined [s], shape (N + 1,).
-        costates: Derivatives of the duration by (q, v) [s/rad or s/m, s^2/rad or
-            s^2/m], just after the start and just before the other nodes, shape
-            (N + 1, 2 n).
-        switching: Derivatives of the Hamiltonian by the torques, each in units of half
-            its range, mean over the intervals, shape (N, n).
+        costates: Derivatives of the duration with respect to (q, v) [s/rad or s/m,
+            s^2/rad or s^2/m], just after the start and just before the other nodes,
+            shape (N + 1, 2 n).
+        switching: Switching functions: derivatives of the Hamiltonian with respect to
+            the torques, each in units of half its range, mean over the intervals, shape
+            (N, n).
         hamiltonian: H, mean over the intervals, shape (N,); 0 at the optimum.
         obeys: Whether the torques obey their switching functions, shape (N, n).
         active: Active limits of the motion.
-        hamiltonian_deviation: Largest difference of H to its mean, relative to the cost
-            of time, which is 1.
-        hamiltonian_mean_deviation: Mean of that difference over time.
+        hamiltonian_deviation: Largest difference of H from its mean, relative to the
+            cost of time, which is 1.
+        hamiltonian_mean_deviation: Mean difference of H from its mean, over time.
         sign_share: Share of the time, mean over the joints, in which the torque obeys
-            its switching function: it is at the limit that the sign asks for, or the
-            switching function is zero.
+            its switching function: the torque is at the limit that the sign requires,
+            or the switching function is zero.
         saturated_share: Share of the time in which an actuator is saturated.
         active_share: Share of the time in which a limit of any kind is active.
         complementarity: Sum of multiplier times slack over all limits, as a share of T.
         stationarity: Predicted reduction of T by changes within a unit trust region, to
             first order and as a share of T: the complementarity, and the gain that only
             the trust region bounds.
-        grid_gain: Predicted reduction if torques may switch within the intervals, too.
-        costate_error: Largest difference of the costates to the adjoint equation,
+        grid_gain: Predicted reduction if torques may also switch within the intervals.
+        costate_error: Largest difference between the costates and the adjoint equation,
             integrated over each interval, relative to the largest costate; None where
-            limits on accelerations or torque rates enter it.
+            limits on accelerations or torque rates enter the adjoint equation.
         tolerance: Upper bound of ``stationarity``.
-        seconds: Time of the computation [s].
+        seconds: Computation time [s].
     """
 
     joint_names: tuple[str, ...]
@@ -91,10 +92,10 @@ class Certificate(Record):
     seconds: float
 
     def __bool__(self) -> bool:
-        """Whether the motion keeps the conditions."""
+        """Whether the motion satisfies the conditions."""
         return self.ok
 
     def __repr__(self) -> str:
-        """The result, on one line."""
-        found = "ok" if self.ok else "not ok"
-        return f"<Certificate {found}: {shortened(self.message, 2 * BRIEF)}>"
+        """Show the result on one line."""
+        verdict = "ok" if self.ok else "not ok"
+        return f"<Certificate {verdict}: {shortened(self.message, 2 * BRIEF)}>"

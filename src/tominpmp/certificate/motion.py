@@ -1,15 +1,15 @@
 r"""A motion on the grid of its certificate, and its small changes.
 
-Small changes are linear maps of a few unknowns: of states at nodes, of accelerations
-between them, and of the lengths of the intervals. On each interval, with :math:`s` the
-share of it that has passed,
+Small changes are linear maps of a few unknowns: changes of the states at nodes, of the
+accelerations between the nodes, and of the lengths of the intervals. On an interval, of
+which the share :math:`s` has passed,
 
 .. math:: \delta\ddot q = (1 - s)\, \delta a_0 + s\, \delta a_1,
 
 and the double integrator carries positions and velocities over the interval exactly, so
-that limits on them hold between the nodes as they do at the nodes. The limits are those
-of the programs that plan motions: their derivatives by states at instants are pulled
-back to these unknowns.
+that their limits hold between the nodes in the same way as at the nodes. The limits are
+the constraints of the programs that plan motions: their derivatives with respect to
+states at instants are pulled back to these unknowns.
 """
 
 from __future__ import annotations
@@ -35,19 +35,20 @@ from tominpmp.verification.replay import cut
 # torque.
 Shape: TypeAlias = Literal["steps", "ramps", "torques"]
 
-# Intervals longer than this share of the motion are cut.
+# Largest length of an interval, as a share of the motion; longer ones are subdivided.
 LONGEST = 0.05
-# Beyond this number of intervals neighbours are merged up to this share of the motion.
+# Number of intervals above which neighbours are merged, and the length up to which they
+# are merged, as a share of the motion.
 MOST = 300
 SHORTEST = 0.0125
-# Torques that change by this share of their range at a node jump there.
+# Change of a torque at a node from which it counts as a jump, as a share of its range.
 JUMP = 0.2
-# Distance from a node at which torques just after and before a jump are evaluated, in
-# shares of the interval.
+# Distance from a node at which torques just after and before a jump are evaluated, as a
+# share of the interval.
 JUST_INSIDE = 1e-9
-# Instants of an interval over which its mean torque is taken.
+# Number of instants over which the mean torque of an interval is taken.
 SAMPLES = 8
-# Accelerations that jump by less than this share of the largest one are continuous.
+# Jump of accelerations below which they are continuous, as a share of the largest.
 SAME = 1e-6
 
 
@@ -55,14 +56,14 @@ SAME = 1e-6
 class Perturbations:
     """Small changes of a motion on a grid.
 
-    The unknowns are, one after the other, the states (q, v) at all nodes but the first,
-    which is given, the accelerations, one of each interval or with "ramps" one of each
-    node, and the lengths of the intervals.
+    The unknowns are, in this order, the states (q, v) at all nodes except the first,
+    which is fixed; the accelerations, one for each interval or, with "ramps", one for
+    each node; and the lengths of the intervals.
 
     Attributes:
         t: Times of the nodes [s], shape (N + 1,).
-        q: Positions there, shape (N + 1, n).
-        v: Velocities there, shape (N + 1, n).
+        q: Positions at the nodes, shape (N + 1, n).
+        v: Velocities at the nodes, shape (N + 1, n).
         shape: The quantity that is constant on the intervals.
     """
 
@@ -104,29 +105,30 @@ class Perturbations:
         *,
         carried: bool = False,
     ) -> sp.csr_matrix:
-        """Derivatives by the unknowns from derivatives by states at instants.
+        """Derivatives with respect to the unknowns, from partials by states.
 
-        States inside an interval begin from the node before it; at its end they are
-        those of the node there. The times of instants follow the lengths.
+        States inside an interval depend on the node before it; the state at the end of
+        an interval is the state of the node there. Instants move with the lengths.
 
         Args:
             at: The instants.
-            states: The states of the motion there.
-            partials: Derivatives of k values.
-            carried: Whether ends of intervals begin from the node before, too.
+            states: The states of the motion at the instants.
+            partials: Partial derivatives of k values.
+            carried: Whether states at ends of intervals depend on the node before the
+                interval instead.
 
         Returns:
             Shape (k, size); a row for each row of the partial derivatives.
         """
         n, N, which = self.n, self.N, partials.at
         interval, share = at.interval[which], at.share[which]
-        none = np.zeros((which.size, n))
+        zero = np.zeros((which.size, n))
         by_states = partials.by_q, partials.by_v, partials.by_a
-        by_q, by_v, by_a = (none if part is None else part for part in by_states)
+        by_q, by_v, by_a = (zero if values is None else values for values in by_states)
         ended = (share >= 1.0) & (not carried)
         node, h = interval + ended, self.h[interval]
         passed = np.where(ended, 0.0, share)
-        p, t, after = (part[:, None] for part in (passed, passed * h, share))
+        p, t, after = (column[:, None] for column in (passed, passed * h, share))
         by_unknowns = [
             by_q,
             t * by_q + by_v,
@@ -138,12 +140,12 @@ class Perturbations:
         first = [2 * node - 2, 2 * node - 1, 2 * N + interval, 2 * N + last]
         columns = [n * k[:, None] + np.arange(n) for k in first]
         # A longer interval with unchanged accelerations adds twice the displacement,
-        # less its part by the initial velocity.
-        run = ~ended[:, None] / h[:, None]
-        way = (states.q[which] - self.q[node]) * run
-        gained = (states.v[which] - self.v[node]) * run
-        longer = 2.0 * way - p * self.v[node]
-        by_length = np.sum(by_q * longer + by_v * gained, axis=1)
+        # minus its part due to the initial velocity.
+        per_length = ~ended[:, None] / h[:, None]
+        displacement = (states.q[which] - self.q[node]) * per_length
+        v_length = (states.v[which] - self.v[node]) * per_length
+        q_length = 2.0 * displacement - p * self.v[node]
+        by_length = np.sum(by_q * q_length + by_v * v_length, axis=1)
         data = np.concatenate([*by_unknowns, by_length[:, None]], axis=1)
         lengths = self.size - N
         columns.append((lengths + interval)[:, None])
@@ -160,10 +162,10 @@ class Perturbations:
             matrix = sp.csr_matrix((np.ones(which.size), terms)) @ matrix
         return sp.csr_matrix(matrix)
 
-    def gaps(self) -> sp.csr_matrix:
-        """Defects: states at the nodes less the states that the intervals lead to.
+    def defects(self) -> sp.csr_matrix:
+        """Defects of the intervals: changes of end nodes minus the integrated changes.
 
-        Zero for changes that a motion can make: the equations of motion. Rows are
+        The defects are zero for changes that obey the equations of motion. Rows are
         (q, v) of one node after the other, shape (2 N n, size).
         """
         n, N = self.n, self.N
@@ -177,8 +179,8 @@ class Perturbations:
     def pairs(self, interval: IntArray) -> Instants:
         """Pairs of instants between which slopes over time are taken.
 
-        These are the ends of intervals where accelerations are continuous, else the
-        middles of an interval and of the next one.
+        The pairs are both ends of an interval where accelerations are continuous,
+        otherwise the middles of an interval and of the next one.
 
         Args:
             interval: The intervals, shape (k,).
@@ -192,16 +194,17 @@ class Perturbations:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion on a grid, on which its limits are rows.
+    """A motion on the grid on which its limits are linearised.
 
     Attributes:
         system: The functions of the problem, without padding of distances.
         trajectory: The motion.
-        changes: Its small changes.
-        span: First interval on which the problem holds, and the one after its last.
-        sections: The same motion on each of its segments, with the functions of the
-            segment; empty for one segment.
-        number: Number of the segment, from 0; None for one segment.
+        changes: Small changes of the motion.
+        span: Index of the first interval on which the problem applies, and the index
+            after the last.
+        sections: The motion on each of its segments, with the functions of the segment;
+            empty for a motion of one segment.
+        number: Number of the segment, from 0; None for a motion of one segment.
     """
 
     system: ProblemFunctions
@@ -213,11 +216,11 @@ class Motion:
 
     @classmethod
     def of(cls, system: ProblemFunctions, trajectory: Trajectory) -> Motion:
-        """Put a motion on a grid that suits it."""
+        """Put a motion on the grid of its certificate."""
         system = system.padded(0.0)
-        t, joined = certificate_grid(trajectory)
+        t, merged = certificate_grid(trajectory)
         nodes = trajectory(t)
-        changes = Perturbations(t, nodes.q, nodes.v, _shape(system, trajectory, joined))
+        changes = Perturbations(t, nodes.q, nodes.v, _shape(system, trajectory, merged))
         whole = cls(system, trajectory, changes, (0, changes.N))
         if trajectory.segment_ends is None:
             return whole
@@ -241,28 +244,28 @@ class Motion:
 
     @property
     def constraints(self) -> list[Any]:
-        """Constraints along the motion, of one segment after the other."""
-        every = (one.system.problem.constraints for one in self.segments)
+        """Constraints along the motion, segment by segment."""
+        every = (part.system.problem.constraints for part in self.segments)
         return [item for items in every for item in items]
 
     @property
     def driven(self) -> IntArray:
-        """Joints with a motor."""
+        """Indices of the joints with a motor."""
         return driven_joints(self.system)
 
     # -- states ------------------------------------------------------------------------
 
     def instants(self, *shares: float) -> Instants:
-        """The same shares of all intervals of its span."""
+        """Instants at the same shares of all intervals of the span."""
         return Instants.spread(self.changes.N, shares).within(*self.span)
 
     def _times(self, at: Instants) -> Array:
-        """Times of instants [s], just inside of an interval at its ends."""
+        """Times of instants [s]; those at ends of intervals are moved just inside."""
         share = np.clip(at.share, JUST_INSIDE, 1.0 - JUST_INSIDE)
         return self.changes.t[at.interval] + share * self.changes.h[at.interval]
 
     def ways(self, at: Instants) -> Array:
-        """Directions of the joints at instants, 0 at rest, shape (m, n)."""
+        """Directions of motion of the joints at instants, 0 at rest, shape (m, n)."""
         return self.trajectory.turns.at(self._times(at))
 
     def torques(self, at: Instants) -> Array:
@@ -270,7 +273,7 @@ class Motion:
         return np.asarray(self.trajectory(self._times(at)).u)
 
     def states(self, at: Instants) -> States:
-        """States at instants; accelerations are those of torques that are given."""
+        """States at instants; for motions given by torques, accelerations follow."""
         times = self._times(at)
         q, v, a, u = self.path(times)
         if self.trajectory.inverse_dynamics is None:
@@ -281,45 +284,45 @@ class Motion:
 
     # -- torques as shares of their limits ---------------------------------------------
 
-    def _shares(self, *places: float) -> Array:
-        """Torques at shares of all intervals, in shares of their limits, (N, k, n)."""
-        found = []
-        for one in self.segments:
-            u = one.torques(one.instants(*places))
-            shares = (u - one.system.effort_middle) / one.system.effort_half
-            found.append(shares.reshape(-1, len(places), self.changes.n))
-        return np.concatenate(found)
+    def _loads_at(self, *shares: float) -> Array:
+        """Torques at shares of all intervals, relative to their limits, (N, k, n)."""
+        loads = []
+        for part in self.segments:
+            u = part.torques(part.instants(*shares))
+            load = (u - part.system.effort_middle) / part.system.effort_half
+            loads.append(load.reshape(-1, len(shares), self.changes.n))
+        return np.concatenate(loads)
 
     @cached_property
     def loads(self) -> Array:
-        """Torques at both ends of its intervals, shape (N, 2, n)."""
-        return self._shares(0.0, 1.0)
+        """Torques at both ends of the intervals, relative to limits, (N, 2, n)."""
+        return self._loads_at(0.0, 1.0)
 
     @cached_property
     def load(self) -> Array:
-        """Mean torque of its intervals, shape (N, n)."""
-        places = (np.arange(SAMPLES) + 0.5) / SAMPLES
+        """Mean torque of each interval, relative to its limits, shape (N, n)."""
+        shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
         if self.changes.shape != "torques":
             return np.asarray(self.loads.mean(axis=1))
-        return np.asarray(self._shares(*places.tolist()).mean(axis=1))
+        return np.asarray(self._loads_at(*shares.tolist()).mean(axis=1))
 
     @cached_property
     def inertia(self) -> tuple[Array, Array]:
         """Mean derivatives of torques by accelerations and by speeds, shape (n,)."""
-        found = []
-        for one in self.segments:
-            state = one.states(one.instants(0.5))
-            by = one.system.dynamics.inverse_jacobians(state.q, state.v, state.a)
-            found.append([np.einsum("mii->mi", part) for part in (by.tau_a, by.tau_v)])
-        mass, drag = map(np.vstack, zip(*found, strict=True))
+        diagonals = []
+        for part in self.segments:
+            state = part.states(part.instants(0.5))
+            by = part.system.dynamics.inverse_jacobians(state.q, state.v, state.a)
+            diagonals.append([np.einsum("mii->mi", x) for x in (by.tau_a, by.tau_v)])
+        mass, drag = map(np.vstack, zip(*diagonals, strict=True))
         return np.maximum(mass.mean(axis=0), 1e-12), np.abs(drag).mean(axis=0)
 
 
-def _shape(system: ProblemFunctions, trajectory: Trajectory, joined: bool) -> Shape:
+def _shape(system: ProblemFunctions, trajectory: Trajectory, merged: bool) -> Shape:
     """The quantity that is constant on the intervals of a motion."""
     if system.motion_limits.continuous:
         return "ramps"
-    if trajectory.inverse_dynamics is None or joined:
+    if trajectory.inverse_dynamics is None or merged:
         return "torques"
     t, h = trajectory.t, np.diff(trajectory.t)
     before = trajectory(t[1:] - JUST_INSIDE * h).a[:-1]
@@ -333,16 +336,16 @@ def _shape(system: ProblemFunctions, trajectory: Trajectory, joined: bool) -> Sh
 
 
 def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
-    """Nodes at which a motion is examined.
+    """Nodes at which the certificate examines a motion.
 
     Returns:
-        Times [s], and whether intervals of the motion were merged. Without merging, all
-        nodes of the motion are kept; with it, nodes at which the torque jumps are kept,
-        unless there are many.
+        Times of the nodes [s], and whether intervals of the motion were merged. Without
+        merging, all nodes of the motion are kept; with merging, nodes at which the
+        torque jumps are kept, unless there are too many.
     """
     t, T = trajectory.t, trajectory.duration
-    joined = t.size - 1 > MOST
-    if joined:
+    merged = t.size - 1 > MOST
+    if merged:
         jumps = _jumps(trajectory)
         if trajectory.segment_ends is not None:
             jumps |= np.isin(t, trajectory.segment_ends)
@@ -351,15 +354,15 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
             if jumps[k] or t[k + 1] - t[kept[-1]] > SHORTEST * T:
                 kept.append(k)
         t = t[[*kept, t.size - 1]]
-    return cut(t, LONGEST * T), joined
+    return cut(t, LONGEST * T), merged
 
 
 def _jumps(trajectory: Trajectory) -> BoolArray:
-    """Nodes at which a torque jumps, unless there are too many, shape (N + 1,)."""
+    """Whether a torque jumps at each node, shape (N + 1,); none if jumps are many."""
     t = trajectory.t
     before = trajectory(t[1:-1] - JUST_INSIDE * np.diff(t)[:-1]).u
     height = np.abs(trajectory.u[1:-1] - before)
     span = np.ptp(trajectory.u, axis=0)
-    found = np.zeros(t.size, dtype=bool)
-    found[1:-1] = np.any(height > JUMP * span, axis=1)
-    return found if np.count_nonzero(found) <= MOST // 4 else np.zeros_like(found)
+    jumps = np.zeros(t.size, dtype=bool)
+    jumps[1:-1] = np.any(height > JUMP * span, axis=1)
+    return jumps if np.count_nonzero(jumps) <= MOST // 4 else np.zeros_like(jumps)

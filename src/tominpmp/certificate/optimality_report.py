@@ -1,4 +1,4 @@
-"""Report on the first-order conditions: how well they are kept, which fails where."""
+"""Report on the first-order conditions: how well they hold, and which fails where."""
 
 from __future__ import annotations
 
@@ -16,22 +16,28 @@ from tominpmp.verification.verification import Verification
 if TYPE_CHECKING:
     from tominpmp.certificate.dual_program import DualSolution
 
-# Largest mean deviation of the Hamiltonian; the cost of time is 1.
+# Largest tolerated mean deviation of the Hamiltonian; the cost of time is 1.
 HAMILTONIAN = 0.2
 # Least share of the time for which torques must obey their switching functions.
 SIGN_SHARE = 0.95
-# A coarse grid is mentioned where a finer one predicts this share of T more.
+# Additional gain of a finer grid, as a share of T, from which the report mentions it.
 FINER_GAIN = 0.005
-# Shares below this are reported as rounding.
+# Share below which a report gives only an upper bound.
 LEAST_SHARE = 1e-5
 
 
-def name_of(motion: Motion, kind: str, subject: int) -> str:
-    """Name of the joint, or of the pair, that a limit belongs to."""
+def subject_name(motion: Motion, kind: str, subject: int) -> str:
+    """Name of the joint, pair, segment or frame to which a limit applies.
+
+    Args:
+        motion: The motion.
+        kind: Kind of the limit.
+        subject: Number of the subject, see :class:`~.limits.LimitRows`.
+    """
     if kind == "clearance":
         number, pair = divmod(subject, SEGMENT)
-        one, other = motion.segments[number].system.problem.checker.pairs[pair]
-        return f"{one} and {other}"
+        checker = motion.segments[number].system.problem.checker
+        return " and ".join(checker.pairs[pair])
     if kind == ARRIVAL:
         return f"segment {subject + 1}"
     for item in motion.constraints:
@@ -40,29 +46,29 @@ def name_of(motion: Motion, kind: str, subject: int) -> str:
     return motion.system.problem.robot.joint_names[subject]
 
 
-def _what_depends_on_time(motion: Motion) -> str:
-    """Why the Hamiltonian may change; empty where limits depend on the state alone.
+def _time_dependence(motion: Motion) -> str:
+    """Reason why the Hamiltonian need not be constant; empty if it has to be.
 
-    Moving obstacles, arrival times, and constraints that hold for a while depend on
-    time.
+    Moving obstacles, arrival times, and constraints with a time window make limits
+    depend on time, not only on the state.
     """
-    if any(one.system.problem.scene.moving for one in motion.segments):
+    if any(part.system.problem.scene.moving for part in motion.segments):
         return "Obstacles move"
-    timed = any(one.arrival is not None for one in motion.system.problem.segments)
+    timed = any(item.arrival is not None for item in motion.system.problem.segments)
     if timed or any(item.during is not None for item in motion.constraints):
         return "Limits depend on time"
     return ""
 
 
 def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> str:
-    """Sentences on a motion that keeps all first-order conditions.
+    """Sentences on a motion that satisfies all first-order conditions.
 
     Args:
         motion: The motion.
-        out: Its certificate.
-        rounding: Share of T that rounding to its clock may have cost.
+        out: The certificate of the motion.
+        rounding: Share of T that rounding to the clock may have cost.
     """
-    T, reason = float(out.t[-1]), _what_depends_on_time(motion)
+    T, reason = float(out.t[-1]), _time_dependence(motion)
     constancy = (
         f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
         f"the mean ({out.hamiltonian_deviation:.1g} at most), torques"
@@ -73,8 +79,8 @@ def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> 
         "The motion satisfies the first-order conditions to "
         f"{_percent(out.stationarity)}: small changes promise no more than "
         f"{_time(out.stationarity * T)} of its {T:.4g} s. {constancy} obey their "
-        f"switching functions {_percent(out.sign_share)} of the time, and some limit "
-        f"holds the motion {_percent(out.active_share)} of the time."
+        f"switching functions {_percent(out.sign_share)} of the time, and at least "
+        f"one limit is active {_percent(out.active_share)} of the time."
     )
     if rounding:
         text += (
@@ -91,19 +97,19 @@ def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> 
 
 def failed_conditions(
     motion: Motion,
-    found: DualSolution,
+    dual: DualSolution,
     out: Certificate,
     verification: Verification | None,
     *,
     fastest: bool = True,
 ) -> Iterator[str]:
-    """A sentence for each condition that fails, with where.
+    """A sentence for each condition that fails, with its joint or limit and time.
 
     Args:
         motion: The motion.
-        found: Its multipliers.
-        out: Its certificate so far.
-        verification: Its replay, if there is one.
+        dual: Costates and multipliers of the motion.
+        out: The certificate of the motion, without message and verdict.
+        verification: Verification of the motion, if there is one.
         fastest: Whether T is not rounded up to a clock: a motion that waits for the
             next tick may have any torques.
     """
@@ -114,18 +120,18 @@ def failed_conditions(
         yield (
             "The motion does not satisfy the first-order conditions: small changes "
             f"promise {_percent(out.stationarity)} of its duration "
-            f"({_time(out.stationarity * T)}). {_worst(motion, found)}"
+            f"({_time(out.stationarity * T)}). {_worst(motion, dual)}"
         )
     if not fastest:
         return
     constant = out.hamiltonian_mean_deviation <= HAMILTONIAN
-    if not (constant or _what_depends_on_time(motion)):
-        apart = np.abs(out.hamiltonian - np.average(out.hamiltonian, weights=h))
-        k = int(np.argmax(apart * h))
+    if not (constant or _time_dependence(motion)):
+        deviation = np.abs(out.hamiltonian - np.average(out.hamiltonian, weights=h))
+        k = int(np.argmax(deviation * h))
         yield (
-            "The Hamiltonian is not constant: it is off by "
+            "The Hamiltonian is not constant: it deviates by "
             f"{out.hamiltonian_mean_deviation:.2g} in the mean, and by "
-            f"{apart[k]:.2g} at {_middle(motion, k):.3f} s."
+            f"{deviation[k]:.2g} at {_middle(motion, k):.3f} s."
         )
     if not out.sign_share >= SIGN_SHARE:
         lost = np.abs(out.switching) * ~out.obeys * h[:, None]
@@ -133,63 +139,72 @@ def failed_conditions(
         k = int(np.argmax(lost[:, joint]))
         yield (
             "Torques obey the signs of their switching functions only "
-            f"{_percent(out.sign_share)} of the time; the worst is that of joint "
+            f"{_percent(out.sign_share)} of the time; the worst is the torque of joint "
             f"{out.joint_names[joint]}, about {_middle(motion, k):.3f} s."
         )
 
 
 def _middle(motion: Motion, k: int) -> float:
+    """Middle of an interval [s]."""
     return float(0.5 * (motion.changes.t[k] + motion.changes.t[k + 1]))
 
 
-def _worst(motion: Motion, found: DualSolution) -> str:
-    """The limit, or the joint, with the largest predicted gain, and when."""
-    given = found.multipliers
-    promise, interval = given.promise, given.at.interval
+def _worst(motion: Motion, dual: DualSolution) -> str:
+    """Sentence on the limit, or joint, with the largest predicted gain."""
+    limits = dual.multipliers
+    gain, interval = limits.predicted_gain, limits.at.interval
     # One sum for each kind and subject.
-    owners = list(zip(given.kind.tolist(), given.subject.tolist(), strict=True))
+    owners = list(zip(limits.kind.tolist(), limits.subject.tolist(), strict=True))
     sums = dict.fromkeys(owners, 0.0)
-    for owner, value in zip(owners, promise.tolist(), strict=True):
+    for owner, value in zip(owners, gain.tolist(), strict=True):
         sums[owner] += value
     kind, subject = max(sums, key=lambda owner: sums[owner])
-    own = np.where(given.of(kind) & (given.subject == subject), promise, 0.0)
+    own = np.where(limits.of(kind) & (limits.subject == subject), gain, 0.0)
     k = int(np.argmax(np.bincount(interval, weights=own)))
     peak = int(np.argmax(np.where(interval == k, own, -1.0)))
-    room, upper = float(given.room[peak]), bool(given.held_above[peak])
-    what = _what_gives(motion, kind, subject, room, upper)
+    slack, upper = float(limits.slack[peak]), bool(limits.upper_active[peak])
+    clause = _gain_clause(motion, kind, subject, slack, upper)
     share = f"{_percent(sums[kind, subject])} of the duration"
     if kind in (ARRIVAL, GOAL):
-        return f"Most of it, {share}{what}."
-    return f"Most of it, {share}{what} at {_middle(motion, k):.3f} s."
+        return f"Most of it, {share}{clause}."
+    return f"Most of it, {share}{clause} at {_middle(motion, k):.3f} s."
 
 
-def _what_gives(
-    motion: Motion, kind: str, subject: int, room: float, upper: bool
+def _gain_clause(
+    motion: Motion, kind: str, subject: int, slack: float, upper: bool
 ) -> str:
-    """How a limit, or a joint without an active limit, loses a part of the duration."""
+    """Clause on where the predicted gain is: a limit with slack, the path or the pace.
+
+    Args:
+        motion: The motion.
+        kind: Kind of the limit.
+        subject: Number of the subject, see :class:`~.limits.LimitRows`.
+        slack: Slack to the limit whose multiplier is positive.
+        upper: Whether it is the upper limit.
+    """
     if kind == GOAL:
-        return ", is in where the motion ends"
+        return ", is in the final state of the motion"
     if kind == ARRIVAL:
         side = "earlier" if upper else "later"
-        met = f"the goal of segment {subject + 1} is met {_time(room)} {side}"
-        return f": {met} than need be"
+        met = f"the goal of segment {subject + 1} is met {_time(slack)} {side}"
+        return f": {met} than necessary"
     if kind == TRUST and subject < 0:
         return ", is in the pace"
-    name = name_of(motion, kind, subject)
+    name = subject_name(motion, kind, subject)
     if kind == TRUST:
         return f", is in the path: no limit holds joint {name} where it is"
     if kind == "clearance":
-        return f": {name} are {1e3 * room:.3g} mm farther apart than need be"
+        return f": {name} are {1e3 * slack:.3g} mm farther apart than necessary"
     if kind in {item.name for item in motion.constraints}:
         number, index = divmod(subject, SEGMENT)
         item = motion.segments[number].system.problem.constraints[index]
-        what, side, far = f"the {kind}", "", f"{room:.3g} {item.unit}"
+        quantity, side, by = f"the {kind}", "", f"{slack:.3g} {item.unit}"
     else:
-        what = f"the {'torque' if kind == EFFORT.name else kind} of joint {name}"
+        quantity = f"the {'torque' if kind == EFFORT.name else kind} of joint {name}"
         side = "upper " if upper else "lower "
-        far = f"{room:.3g}" if kind == POSITION.name else f"{_percent(room)} of it"
-    limit = f"{side}limit that its multiplier asks for"
-    return f": {what} stays off the {limit}, by {far} and most"
+        by = f"{slack:.3g}" if kind == POSITION.name else f"{_percent(slack)} of it"
+    limit = f"{side}limit that its multiplier requires"
+    return f": {quantity} stays off the {limit}, by {by} and most"
 
 
 def _percent(share: float) -> str:
@@ -203,7 +218,7 @@ def _percent(share: float) -> str:
 
 
 def _time(seconds: float) -> str:
-    """A time in words."""
+    """A time in words, with its unit."""
     if seconds < 1e-6:
         return "a microsecond"
     if seconds < 0.1:

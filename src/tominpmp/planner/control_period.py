@@ -21,7 +21,7 @@ import numpy as np
 
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify
-from tominpmp.certificate.stays import stays_where_it_moves, with_stays
+from tominpmp.certificate.stays import dwells_among_motion, with_dwells
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS, Options
@@ -234,7 +234,7 @@ def status_on_clock(
     share = clock_share(motion, period)
     if share == 1.0 and status not in STOPPED:
         return Status.CONVERGED, ""
-    if status is not Status.CONVERGED or stays_where_it_moves(problem):
+    if status is not Status.CONVERGED or dwells_among_motion(problem):
         return status, ""
     if (1.0 - share - TESTED_AGAIN * TOLERANCE) * motion.duration <= solution.T:
         return status, ""
@@ -311,7 +311,7 @@ class Trial:
         """
         spans, counts = spans_of(motion, problem.segments), []
         dwells = [whole_periods(phase.dwell, period) for phase in problem.segments]
-        rounded = with_stays(problem.alternative_of(motion), dwells)
+        rounded = with_dwells(problem.alternative_of(motion), dwells)
         trial = cls(ProblemFunctions.of(rounded), motion, spans, period, ())
         for span, segment in zip(spans, trial.segments, strict=True):
             earliest = 0.0 if segment.arrival is None else segment.arrival[0]

@@ -18,7 +18,7 @@ import numpy as np
 
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.motion import LONGEST
-from tominpmp.certificate.stays import stays_where_it_moves, without_stays
+from tominpmp.certificate.stays import dwells_among_motion, without_dwells
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate
@@ -75,7 +75,7 @@ def certified(state: PlanState) -> Schedule[None]:
     """
     best, options, problem = state.incumbent, state.options, state.problem
     tolerance = tolerance_of(options)
-    if best is None or stays_where_it_moves(problem):
+    if best is None or dwells_among_motion(problem):
         return
     if best.status is Status.CONVERGED and last_step_suffices(
         problem, options, best, tolerance
@@ -201,7 +201,7 @@ class CertifiedDescent:
         near = _anything_near(problem, candidate)
         motion = candidate.trajectory
         if problem.segments:
-            problem, motion = without_stays(problem, motion)
+            problem, motion = without_dwells(problem, motion)
         findings = examine(problem, motion, replay, self.tolerance, near=near)
         promise = findings.certificate.stationarity
         logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
@@ -213,10 +213,10 @@ class CertifiedDescent:
         Returns:
             Whether it does.
         """
-        if findings.found is None:
+        if findings.dual is None:
             return False
-        multipliers = findings.found.multipliers
-        gained = float(multipliers.promise[multipliers.of("clearance")].sum())
+        multipliers = findings.dual.multipliers
+        gained = float(multipliers.predicted_gain[multipliers.of("clearance")].sum())
         promised = max(findings.certificate.stationarity, self.tolerance)
         spent = gained > PADDING_SHARE * promised
         if spent:

@@ -30,7 +30,7 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.dual_program import solve_dual_program
 from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.stays import without_stays
+from tominpmp.certificate.stays import without_dwells
 from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
@@ -96,7 +96,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
     records = tuple(item.scaled(share) for part in parts for item in part.records())
     base = np.sum([share * part.base for part in parts], axis=0)
     records = summed(records) if len(parts) > 1 else records
-    return Sensitivities(T, records, share * found.promise, base)
+    return Sensitivities(T, records, share * found.predicted_gain, base)
 
 
 def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
@@ -110,7 +110,7 @@ def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
             )
     given = with_segments(problem, given, Tolerances())
     problem = problem.alternative_of(given)
-    return without_stays(problem, given)
+    return without_dwells(problem, given)
 
 
 def _segments(motion: Motion, given: LimitRows) -> Iterator[SegmentRows]:
@@ -122,7 +122,7 @@ def _segments(motion: Motion, given: LimitRows) -> Iterator[SegmentRows]:
     """
     for part in motion.segments:
         first, end = part.span
-        rows = given.kept((given.at.interval >= first) & (given.at.interval < end))
+        rows = given.selected((given.at.interval >= first) & (given.at.interval < end))
         yield SegmentRows(part, replace(rows, subject=rows.subject % SEGMENT))
 
 
@@ -214,12 +214,12 @@ class SegmentRows:
         rows = self.rows
         # Torques may exceed limits between nodes: their used share is not clipped.
         driving = control_kind(self._robot).name
-        used = np.where(rows.of(driving), rows.used, 1.0 - rows.room)
+        used = np.where(rows.of(driving), rows.used, 1.0 - rows.slack)
         driven = np.isin(np.arange(self._robot.n), self.motion.driven)
         of_arm = self._robot, self._problem.motion_limits
         _, strongest = control_bounds(*of_arm)
         efforts = np.where(driven, strongest, np.inf)
-        worth, held = rows.value, rows.held_above
+        worth, held = rows.value, rows.upper_active
         for item in joint_limits(*of_arm):
             kind, most = item.kind, efforts if item.kind.quantity == "u" else item.upper
             asked = [(kind.name, most, worth * used)]
@@ -243,7 +243,9 @@ class SegmentRows:
     ) -> Iterator[Sensitivity]:
         """Sensitivities to all numbers of a limit of a torque over its speed."""
         motion, name = self.motion, self._robot.joint_names[joint]
-        rows = self.rows.kept(self.rows.of(kind.name) & (self.rows.subject == joint))
+        rows = self.rows.selected(
+            self.rows.of(kind.name) & (self.rows.subject == joint)
+        )
         v, u = motion.states(rows.at).v, motion.torques(rows.at)
         each = rows.y / kind.scale(bound, float(motion.system.effort_half[joint]))
         shifts = kind.shifts(bound, u[:, joint], v[:, joint])
@@ -376,7 +378,7 @@ class SegmentRows:
         """
         checker, rows = self._problem.checker, self.rows
         held = rows.of("clearance") & (rows.subject < checker.obstacle_pairs)
-        rows = rows.kept(held & (rows.y > NOTHING * rows.unit))
+        rows = rows.selected(held & (rows.y > NOTHING * rows.unit))
         out: dict[str, Array] = {}
         if not rows.subject.size:
             return out
@@ -401,10 +403,10 @@ class SegmentRows:
     @cached_property
     def _asked_of(self) -> list[tuple[PathConstraint, LimitRows]]:
         """Constraints with their active rows."""
-        every = self.rows.kept(np.abs(self.rows.y) > NOTHING)
+        every = self.rows.selected(np.abs(self.rows.y) > NOTHING)
         found = []
         for index, item in enumerate(self._problem.constraints):
-            rows = every.kept(every.of(item.name) & (every.subject == index))
+            rows = every.selected(every.of(item.name) & (every.subject == index))
             if rows.subject.size:
                 found.append((item, rows))
         return found

@@ -54,7 +54,7 @@ class TorqueWeights:
         found = [tuple(np.zeros((5, 0, n)))]
         for item in limits_of_joints(motion):
             kinds = (item.kind.name, PASSIVE)[: 1 + isinstance(item, TorqueLimit)]
-            rows = given.kept(given.of(*kinds) & (given.y != 0.0))
+            rows = given.selected(given.of(*kinds) & (given.y != 0.0))
             if not isinstance(item, MotorLimit) or not rows.y.size:
                 continue
             slopes = item.order > 2
