@@ -201,7 +201,7 @@ def test_a_motion_of_no_time_is_taken_up_and_made_quiet() -> None:
     # And the other way round: there is nothing to take from a former motion.
     assert tm.plan(stands.problem, start=fresh).T == 0.0
     other = tm.Trajectory(("a",), [0.0], [[0.0]], [[0.0]], [[0.0]])
-    with pytest.raises(tm.ProblemError, match="expected one of joint1"):
+    with pytest.raises(tm.ProblemError, match="expected a motion of joint1"):
         tm.plan(onwards, start=other)
 
 

@@ -354,7 +354,7 @@ def test_motions_of_other_joints_are_refused() -> None:
     with pytest.raises(ProblemError, match="joint1"):
         verify(rail_problem(), replace(motion, joint_names=("elbow",)))
     nan = replace(motion, v=np.full_like(motion.v, np.nan))
-    with pytest.raises(ProblemError, match="no numbers"):
+    with pytest.raises(ProblemError, match="not finite numbers"):
         verify(rail_problem(), nan)
 
 

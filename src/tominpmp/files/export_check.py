@@ -31,7 +31,7 @@ from tominpmp.files.export import (
 )
 from tominpmp.files.ros import Refusal, controller_needs, controller_refusals
 from tominpmp.files.tables import known_quantities
-from tominpmp.motion.joining import Joined, controlled, join
+from tominpmp.motion.joining import Joined, join, with_controls
 from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
@@ -292,7 +292,7 @@ def _alternative_steps(dt: float | None) -> list[float | None]:
 def _verified(solution: Solution, planned: Trajectory, motion: Trajectory) -> Judgement:
     """Verify a reader's version of a plan; replay it only if in doubt."""
     problem, known = solution.problem, solution.verification
-    planned, motion = (controlled(each, problem.robot) for each in (planned, motion))
+    planned, motion = (with_controls(each, problem.robot) for each in (planned, motion))
     tolerances = solution.options.tolerances
     if known is not None and known.ok and _is_planned(problem, planned, motion):
         return (), known

@@ -1,9 +1,9 @@
 """Polynomials between the nodes of a motion.
 
-They are of degree 2 where accelerations of the intervals are given, of degree 5 where
-accelerations at the nodes are given, else of degree 3. SciPy's ``CubicHermiteSpline``
-took 1.2 times the time for positions, velocities and accelerations at 5000 instants,
-and does not cover degrees 2 and 5.
+Their degree is 2 if accelerations of the intervals are given, 5 if accelerations at the
+nodes are given, and 3 otherwise. SciPy's ``CubicHermiteSpline`` took 1.2 times as long
+for positions, velocities and accelerations at 5000 instants, and does not cover degrees
+2 and 5.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from tominpmp.arrays import Array, IntArray
 def states(
     t: Array, q: Array, v: Array, a: Array | None, times: Array
 ) -> tuple[Array, Array, Array]:
-    """Positions, velocities and accelerations.
+    """Positions, velocities and accelerations of a motion at times.
 
     Args:
         t: Times of the nodes [s], increasing, shape (N + 1,).
-        q: Positions there [rad or m], shape (N + 1, n).
-        v: Velocities there, shape (N + 1, n).
+        q: Positions at the nodes [rad or m], shape (N + 1, n).
+        v: Velocities at the nodes [rad/s or m/s], shape (N + 1, n).
         a: Accelerations of the intervals, shape (N, n), or at the nodes, shape
-            (N + 1, n); or None.
+            (N + 1, n) [rad/s^2 or m/s^2]; None for cubics.
         times: Times from the first to the last node [s], shape (m,).
 
     Returns:
-        Shape (m, n) each; accelerations at nodes are those just after the node.
+        Shape (m, n) each; at a node the acceleration just after it.
     """
     if t.size == 1:
         t, q, v, a = _instant(t, q, v, a)
     k = np.minimum(np.searchsorted(t, times, side="right") - 1, t.size - 2)
-    s, found = (times - t[k])[:, None], []
+    s, derivatives = (times - t[k])[:, None], []
     terms = _coefficients(t, q, v, a, k)
     for _ in range(3):
         value = terms[-1]
         for term in terms[-2::-1]:
             value = term + s * value
-        found.append(value)
+        derivatives.append(value)
         terms = [power * term for power, term in enumerate(terms) if power]
-    position, velocity, acceleration = found
+    position, velocity, acceleration = derivatives
     return position, velocity, acceleration
 
 
@@ -51,8 +51,8 @@ def polynomials(t: Array, q: Array, v: Array, a: Array | None) -> Any:
 
     Args:
         t: Times of the nodes [s], increasing, shape (N + 1,).
-        q: Positions there [rad or m], shape (N + 1, n).
-        v: Velocities there, shape (N + 1, n).
+        q: Positions at the nodes [rad or m], shape (N + 1, n).
+        v: Velocities at the nodes [rad/s or m/s], shape (N + 1, n).
         a: Accelerations, as for :func:`states`.
     """
     from scipy.interpolate import PPoly
@@ -64,12 +64,12 @@ def polynomials(t: Array, q: Array, v: Array, a: Array | None) -> Any:
 
 
 def velocities(t: Array, q: Array, v: Array, a: Array | None) -> Array:
-    """Velocities on the intervals, as polynomials of the share that has passed.
+    """Velocities on the intervals, as polynomials of the elapsed share of an interval.
 
     Args:
         t: Times of the nodes [s], increasing, shape (N + 1,).
-        q: Positions there [rad or m], shape (N + 1, n).
-        v: Velocities there, shape (N + 1, n).
+        q: Positions at the nodes [rad or m], shape (N + 1, n).
+        v: Velocities at the nodes [rad/s or m/s], shape (N + 1, n).
         a: Accelerations, as for :func:`states`.
 
     Returns:
@@ -85,22 +85,22 @@ def _instant(
     t: Array, q: Array, v: Array, a: Array | None
 ) -> tuple[Array, Array, Array, Array]:
     """Two nodes for a motion of one node, with the shortest interval between them."""
-    still = np.zeros_like(q) if a is None or not len(a) else a
+    a = np.zeros_like(q) if a is None or not len(a) else a
     ends = np.array([t[0], np.nextafter(t[0], np.inf)])
-    return ends, np.vstack([q, q]), np.vstack([v, v]), still
+    return ends, np.vstack([q, q]), np.vstack([v, v]), a
 
 
 def _coefficients(
     t: Array, q: Array, v: Array, a: Array | None, k: IntArray
 ) -> list[Array]:
-    """Polynomials of the time since the node before, of positions on some intervals.
+    """Positions on intervals, as polynomials of the time since the node before.
 
     Args:
         t: Times of the nodes [s], shape (N + 1,).
-        q: Positions there [rad or m], shape (N + 1, n).
-        v: Velocities there, shape (N + 1, n).
+        q: Positions at the nodes [rad or m], shape (N + 1, n).
+        v: Velocities at the nodes [rad/s or m/s], shape (N + 1, n).
         a: Accelerations, as for :func:`states`.
-        k: The intervals, shape (m,).
+        k: Indices of the intervals, shape (m,).
 
     Returns:
         Coefficients of 1, s, s^2, ..., shape (m, n) each.
@@ -113,7 +113,7 @@ def _coefficients(
         c2 = (3.0 * (q1 - q0) / h - 2.0 * v0 - v1) / h
         return [q0, v0, c2, (2.0 * (q0 - q1) / h + v0 + v1) / h**2]
     c1, c2, a1 = v0 * h, 0.5 * a[k] * h**2, a[k + 1] * h**2
-    # Differences at the right end, which the powers 3 to 5 have to make up.
+    # Differences at the right end, which the powers 3 to 5 have to remove.
     dq, dv, da = q1 - q0 - c1 - c2, v1 * h - c1 - 2.0 * c2, a1 - 2.0 * c2
     rest = (
         10.0 * dq - 4.0 * dv + 0.5 * da,

@@ -1,7 +1,7 @@
 """Interior extrema: instants between nodes at which values are least or largest.
 
-The values are tables of samples, one row an instant, or functions of time. A proof that
-no extremum of the distances is missed between samples is in
+The values are tables of samples, with a row for each instant, or functions of time. A
+proof that no extremum of the distances is missed between samples is in
 :mod:`tominpmp.verification.closest_approach`.
 """
 
@@ -13,24 +13,24 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 
-# Instants at which a function is sampled between two times, and the number of rounds,
-# each around the least sample of the round before.
+# Number of instants at which a function is sampled between two times, and number of
+# rounds, each of them around the least sample of the round before.
 PLACES, ROUNDS = 9, 4
 
 
 def least_between(
-    look: Callable[[Array], Array], low: float, high: float
+    function: Callable[[Array], Array], low: float, high: float
 ) -> tuple[float, float]:
-    """Instant between two times at which a function is least, and its value there.
+    """Instant between two times at which a function is least, and its minimum.
 
     Args:
-        look: Values at times [s], both of shape (m,).
+        function: Function from times [s] to values, both of shape (m,).
         low: The earlier time [s].
         high: The later time [s].
     """
     for _ in range(ROUNDS):
         times = np.linspace(low, high, PLACES)
-        values = look(times)
+        values = function(times)
         k = int(np.argmin(values))
         low, high = times[max(k - 1, 0)], times[min(k + 1, PLACES - 1)]
     return float(times[k]), float(values[k])
@@ -39,13 +39,17 @@ def least_between(
 def rising_then_falling(
     rate: Callable[[Array], Array], begin: Array, end: Array, halvings: int
 ) -> tuple[Array, Array]:
-    """Times between which values stop to rise, of many values at once, by bisection.
+    """Bracket the times at which many values stop rising, by bisection.
 
     Args:
-        rate: Rates of the values at a time each, both of shape (m,).
-        begin: Times before [s], shape (m,).
-        end: Times after, shape (m,).
-        halvings: Number of halvings of the time between.
+        rate: Function from one time for each value to the rates of the values, both of
+            shape (m,).
+        begin: Times at which the values rise [s], shape (m,).
+        end: Times at which the values no longer rise [s], shape (m,).
+        halvings: Number of bisections.
+
+    Returns:
+        Times before and after the maxima [s], shape (m,) each.
     """
     for _ in range(halvings):
         middle = 0.5 * (begin + end)
@@ -55,10 +59,11 @@ def rising_then_falling(
 
 
 def local_maxima(table: Array) -> BoolArray:
-    """Whether values are not smaller than before, and larger than after.
+    """Whether each value is a local maximum of its column; of equal values the last.
 
     Args:
-        table: Values, one row an instant, shape (m, p); minus infinity where unknown.
+        table: Values with a row for each instant, shape (m, p); minus infinity where a
+            value is unknown.
     """
     padded = np.pad(table, ((1, 1), (0, 0)), constant_values=-np.inf)
     known = table > -np.inf
@@ -66,46 +71,46 @@ def local_maxima(table: Array) -> BoolArray:
 
 
 def interior_maxima(values: Array, least: float, more: float) -> BoolArray:
-    """Whether values are the largest inside an interval, above those at its ends.
+    """Whether each value is the maximum inside its interval, and above both ends.
 
     Args:
-        values: Values at instants of intervals, the first and the last of which are
-            both ends, shape (N, s, p).
-        least: Values that are not above this do not count.
-        more: Least difference of a maximum to the values at the ends.
+        values: Values at instants of intervals, both ends of the intervals included,
+            shape (N, s, p).
+        least: Value that a maximum has to exceed.
+        more: Least difference between a maximum and the values at both ends.
 
     Returns:
-        Shape (N, s, p); one instant of an interval and value at most.
+        Shape (N, s, p); True at no more than one instant of each interval and column.
     """
     inside = values[:, 1:-1]
     peak, place = np.max(inside, axis=1), np.argmax(inside, axis=1)
     ends = np.maximum(values[:, 0], values[:, -1])
-    found = np.zeros(values.shape, dtype=bool)
+    maxima = np.zeros(values.shape, dtype=bool)
     interval, column = np.nonzero((peak > least) & (peak > ends + more))
-    found[interval, 1 + place[interval, column], column] = True
-    return found
+    maxima[interval, 1 + place[interval, column], column] = True
+    return maxima
 
 
 def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:
     """Instants around which a violation may exceed a tolerance between the samples.
 
     Args:
-        missing: Violations by instant and value, in the order of time, shape
-            (m, count).
+        missing: Violations, with a row for each instant in the order of time, shape (m,
+            count).
         tolerance: Tolerated violation.
-        close: Values below minus this are upper bounds, and ignored.
+        close: Slack beyond which values are only bounds, and are ignored.
 
     Returns:
         Indices of the instants.
     """
-    # Tables may be large, and most pairs are far apart all the time.
+    # Tables may be large, and most pairs are far apart at all times.
     missing = missing[:, np.max(missing, axis=0, initial=-np.inf) > -close]
     step = np.diff(missing, axis=0)
     np.abs(step, out=step)
     change = np.zeros_like(missing)
     change[1:] = step
     np.maximum(change[:-1], step, out=change[:-1])
-    # Half a step away the value has risen by half of the step, if it rises evenly.
+    # Half a step away a value that rises evenly has risen by half of its change.
     change *= 0.5
     change += missing
     exceeding = change > tolerance

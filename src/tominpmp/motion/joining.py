@@ -1,10 +1,10 @@
-"""Motions from samples as trajectories of a robot, of any origin.
+"""Trajectories of a robot from samples of any origin.
 
-The motion between samples depends on their reader. A controller follows a rule:
-straight lines between positions, cubics where there are velocities, polynomials of
-degree 5 where there are accelerations too; messages for a controller are joined by this
-rule. A table in CSV or NPZ is a record of a motion, and the motion that it was sampled
-from is recovered.
+The motion between samples depends on the reader of the samples. A controller follows a
+rule: straight lines between positions, cubics if there are velocities, polynomials of
+degree 5 if there are also accelerations; messages for a controller are joined by this
+rule. A table in CSV or NPZ is a record of a motion, and the motion from which it was
+sampled is recovered.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from tominpmp.robot.robot import Robot
 
 # Tolerance of the position of a locked joint in a recorded motion [rad or m].
 APART = 1e-3
-# Deviation of a change of velocity from the mean of the accelerations before and after,
-# relative to the largest one, up to which accelerations count as continuous.
+# Deviation of a mean acceleration between two samples from the mean of the samples,
+# relative to the largest acceleration, up to which accelerations are continuous.
 SMOOTH = 0.02
-# Relative excess of accelerations between samples over the largest ones of samples and
-# cubics, from which on polynomials of degree 5 overshoot.
+# Relative excess of accelerations between samples over the largest accelerations of
+# samples and cubics, from which on polynomials of degree 5 overshoot.
 OVERSHOOT = 0.1
-# Tolerance of equal accelerations and torques, as a share of the largest ones.
+# Tolerance for equality of accelerations and torques, as a share of the largest.
 SAME = 1e-6
-# Tolerance of equal times, as a share of T.
+# Tolerance for equality of times, as a share of T.
 SAME_INSTANT = 1e-12
-# Name of each interpolation in reports.
+# Description of each interpolation in reports.
 MANNERS = {
     "steps": "accelerations that jump, as recorded",
     "linear": "straight lines between positions, as a controller joins them",
     "cubic": "cubics through positions and velocities",
     "quintic": "polynomials of degree 5 through positions, velocities, accelerations",
     "held": "cubics through positions and velocities, torques held as recorded",
-    "instant": "nothing, as there is a single point",
+    "instant": "no interpolation, as there is a single point",
     "spline": "a smooth spline through positions, at rest at both ends",
 }
 
@@ -55,7 +55,7 @@ class Joined(NamedTuple):
     Attributes:
         trajectory: The motion.
         manner: The interpolation, a key of MANNERS.
-        note: A consequence for the motion, in a clause; empty without one.
+        note: Clause on a consequence for the motion; empty if there is no consequence.
     """
 
     trajectory: Trajectory
@@ -78,21 +78,22 @@ def join(
 ) -> Joined:
     """Make a trajectory of a robot from samples.
 
-    Columns are found by the names of their joints. Torques follow from the inverse
-    dynamics of the motion. With "auto", if the samples are those of a motion whose
-    acceleration is constant with at most one jump between two samples, this motion is
-    recovered. Else they are joined by polynomials, of degree 5 if they have
-    accelerations that do not jump, of degree 3 if not. Without velocities, positions
-    are joined by a smooth cubic spline that begins and ends at rest.
+    Columns are assigned by the names of their joints. Torques follow from the inverse
+    dynamics of the motion. With "auto", a motion with constant accelerations and at
+    most one jump between two samples is recovered exactly. Other samples are joined by
+    polynomials: of degree 5 if they have accelerations that do not jump, of degree 3
+    otherwise. Without velocities, positions are joined by a smooth cubic spline that
+    begins and ends at rest.
 
     Args:
         samples: The samples.
         robot: The robot that moves.
-        path: The file that they come from, if any, for messages.
-        start: Positions at time 0 if the first sample comes after it, as ROS allows,
-            shape (n,).
-        start_velocity: Velocities at time 0, shape (n,); None for rest.
-        interpolation: The interpolation; None for that of the samples.
+        path: File from which the samples were read, if any, for messages.
+        start: Positions at time 0 if the first sample comes later, as ROS allows, shape
+            (n,) [rad or m].
+        start_velocity: Velocities at time 0, shape (n,) [rad/s or m/s]; None for a
+            start at rest.
+        interpolation: The interpolation; None for the interpolation of the samples.
 
     Returns:
         The trajectory, from time 0, and its interpolation.
@@ -108,8 +109,8 @@ def join(
     parts = (samples.q, samples.v, samples.a, samples.u)
     rows = _Rows(robot, samples.t, *(part[:, columns] for part in parts))
     if samples.segment_ends is not None:
-        # With a load on each segment, torques differ from those of the bare robot; they
-        # are computed once the movement is known.
+        # With a payload on each segment, torques differ from the torques of the bare
+        # robot; they are computed later, from the movement.
         rows = rows._replace(u=np.full_like(rows.q, np.nan))
     if rows.t[0] > 0.0 and start is not None:
         rows = _from_start(rows, start, start_velocity)
@@ -122,11 +123,11 @@ def join(
     if rows.t.size == 1:
         joined = _instant(rows)
     elif chosen == "auto":
-        joined = _as_recorded(rows)
+        joined = _recovered(rows)
     else:
         manner = _by_rule(chosen, rows, path)
         if manner == "linear":
-            joined = _straight(rows, start_velocity)
+            joined = _by_lines(rows, start_velocity)
         else:
             steps = rows.a if manner == "quintic" else None
             joined = Joined(rows.motion(rows.v, steps), manner)
@@ -136,23 +137,23 @@ def join(
 
 
 def _instant(rows: _Rows) -> Joined:
-    """A motion that takes no time; derivatives missing in its single row are zero."""
+    """A motion of a single row; derivatives that the row lacks are zero."""
     v, a = (np.where(np.isnan(part), 0.0, part) for part in (rows.v, rows.a))
     return rows._replace(v=v).recorded("instant", a)
 
 
 def _ended(motion: Trajectory, ends: Array) -> Trajectory:
-    """A motion with the times at which its segments end, each at a node at least."""
-    places = np.searchsorted(motion.t, ends - SAME_INSTANT * motion.duration)
-    places = np.minimum(places, motion.t.size - 1)
-    places[-1] = motion.t.size - 1
-    if np.any((np.diff(places) == 0) & (np.diff(ends) > 0.0)):
+    """A motion with the end times of its segments, moved to the next nodes."""
+    nodes = np.searchsorted(motion.t, ends - SAME_INSTANT * motion.duration)
+    nodes = np.minimum(nodes, motion.t.size - 1)
+    nodes[-1] = motion.t.size - 1
+    if np.any((np.diff(nodes) == 0) & (np.diff(ends) > 0.0)):
         return motion  # segments shorter than the time between rows
-    return replace(motion, segment_ends=motion.t[places])
+    return replace(motion, segment_ends=motion.t[nodes])
 
 
 class _Rows(NamedTuple):
-    """Samples of the joints of a robot, in its order; unknown values are NaN."""
+    """Samples in the joint order of a robot; unknown values are NaN."""
 
     robot: Robot
     t: Array
@@ -162,6 +163,7 @@ class _Rows(NamedTuple):
     u: Array
 
     def known(self, key: str) -> bool:
+        """Whether all values of a quantity are known: "v", "a" or "u"."""
         return not np.isnan(getattr(self, key)).any()
 
     def curve(self, a: Array | None = None) -> Trajectory:
@@ -171,12 +173,12 @@ class _Rows(NamedTuple):
         )
 
     def motion(self, v: Array, a: Array | None) -> Trajectory:
-        """The motion with given velocities and accelerations, and its torques."""
+        """The motion with velocities and accelerations, and its inverse dynamics."""
         draft = self._replace(v=v).curve(a)
         return draft.with_torques(torques_of(self.robot))
 
     def recorded(self, manner: str, a: Array | None = None) -> Joined:
-        """The motion with given accelerations, and its own torques where known."""
+        """The motion with accelerations, and with the recorded torques if known."""
         if not self.known("u"):
             return Joined(self.motion(self.v, a), manner)
         inverse = torques_of(self.robot)
@@ -185,7 +187,7 @@ class _Rows(NamedTuple):
 
 
 def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
-    """Rows that begin at time 0: at rest unless a velocity is given."""
+    """Rows with an additional row at time 0, at rest unless a velocity is given."""
     rest = np.zeros(len(start))
     first = (start, rest if velocity is None else velocity, rest, rest * np.nan)
     parts = [np.vstack([row, part]) for row, part in zip(first, rows[2:], strict=True)]
@@ -193,12 +195,12 @@ def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
 
 
 def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str:
-    """Interpolation of the rows by a rule, after a check that they suffice for it."""
+    """Interpolation by the rule of a controller, after a check of the derivatives."""
     manner: str = chosen
     if chosen == "controller":
         manner = "cubic" if rows.known("v") else "linear"
         if rows.known("a"):
-            manner = "quintic"  # velocities that it lacks are reported below
+            manner = "quintic"  # missing velocities are reported below
     needed = {"linear": "", "cubic": "v", "quintic": "va"}[manner]
     names = {"v": "velocities", "a": "accelerations"}
     for key in needed:
@@ -212,8 +214,8 @@ def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str
     return manner
 
 
-def _straight(rows: _Rows, velocity: Array | None) -> Joined:
-    """Straight lines: the velocity jumps at all samples, and at both ends."""
+def _by_lines(rows: _Rows, velocity: Array | None) -> Joined:
+    """Motion along straight lines, whose velocity jumps at samples and at both ends."""
     robot, t = rows.robot, rows.t
     slopes = np.diff(rows.q, axis=0) / np.diff(t)[:, None]
     motion = rows.motion(np.vstack([slopes, slopes[-1:]]), np.zeros_like(slopes))
@@ -228,8 +230,8 @@ def _straight(rows: _Rows, velocity: Array | None) -> Joined:
     return Joined(motion, "linear", note if jumps[k, joint] > 0.0 else "")
 
 
-def _as_recorded(rows: _Rows) -> Joined:
-    """The motion that rows were sampled from, as far as they determine it."""
+def _recovered(rows: _Rows) -> Joined:
+    """The motion from which rows were sampled, as far as they determine it."""
     if not rows.known("v"):
         v = CubicSpline(rows.t, rows.q, bc_type="clamped")(rows.t, 1)
         return rows._replace(v=v).recorded("spline")
@@ -237,8 +239,8 @@ def _as_recorded(rows: _Rows) -> Joined:
         return rows.recorded("cubic")
     stepwise = _stepwise_motion(rows)
     if stepwise is not None:
-        found, steps = stepwise
-        return found.recorded("steps", steps)
+        nodes, steps = stepwise
+        return nodes.recorded("steps", steps)
     if _holds_torques(rows):
         return Joined(replace(rows.curve(), u=rows.u), "held")
     if not _cubics_that_jump(rows) and (_is_smooth(rows) or not _overshoots(rows)):
@@ -252,17 +254,19 @@ def checked_motion(
     start: Array,
     start_velocity: Array | None = None,
 ) -> Trajectory:
-    """A motion of a robot, checked; samples are joined to a motion.
+    """Check a caller's motion of a robot; samples are joined into a motion.
 
     Args:
         motion: The motion, or samples of it.
         robot: The robot that moves.
         start: Positions at time 0 of samples that begin later, shape (n,) [rad or m].
-        start_velocity: Velocities at time 0, shape (n,) [rad/s or m/s]; None for rest.
+        start_velocity: Velocities at time 0, shape (n,) [rad/s or m/s]; None for a
+            start at rest.
 
     Raises:
-        ProblemError: If the motion has other joints, or values that are not finite.
-        ScenarioError: If the samples have other joints.
+        ProblemError: If the motion has other joints than the robot, or values that are
+            not finite.
+        ScenarioError: If the samples have other joints than the robot.
     """
     if isinstance(motion, Samples):
         joined = join(motion, robot, start=start, start_velocity=start_velocity)
@@ -270,21 +274,21 @@ def checked_motion(
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     if motion.joint_names != robot.joint_names:
         raise ProblemError(
-            f"the motion is one of {', '.join(motion.joint_names)}, expected one "
-            f"of {', '.join(robot.joint_names)}",
+            f"this is a motion of {', '.join(motion.joint_names)}, expected a "
+            f"motion of {', '.join(robot.joint_names)}",
             "trajectory",
         )
-    motion = controlled(motion, robot)
+    motion = with_controls(motion, robot)
     if not all(np.all(np.isfinite(x)) for x in (motion.q, motion.v, motion.u)):
-        raise ProblemError("the motion has values that are no numbers")
+        raise ProblemError("the motion has values that are not finite numbers")
     return motion
 
 
-def controlled(motion: Trajectory, robot: Robot) -> Trajectory:
-    """A motion with what drives it.
+def with_controls(motion: Trajectory, robot: Robot) -> Trajectory:
+    """A motion with the controls that drive it.
 
-    Accelerations are the torques of a kinematic robot; those that a motion planned
-    without dynamics lacks follow from the robot's.
+    Accelerations take the place of torques for a kinematic robot; torques that a motion
+    planned without dynamics lacks follow from the dynamics of the robot.
     """
     if not robot.kinematic and not np.all(np.isnan(motion.u)):
         return motion
@@ -292,11 +296,12 @@ def controlled(motion: Trajectory, robot: Robot) -> Trajectory:
 
 
 def _named(path: str | Path | None) -> str:
+    """The source of samples, in messages."""
     return "the motion" if path is None else str(path)
 
 
 def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[int]:
-    """Columns of the robot's joints."""
+    """Columns of the robot's joints, after a check of the names and locked joints."""
     names = list(samples.joint_names)
     lacking = [name for name in robot.joint_names if name not in names]
     known = (*robot.joint_names, *robot.locked_joints)
@@ -309,11 +314,11 @@ def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[in
         )
     for name, position in robot.locked_joints.items():
         column = samples.q[:, names.index(name)] if name in names else position
-        away = float(np.max(np.abs(column - position)))
-        if away > APART:
+        distance = float(np.max(np.abs(column - position)))
+        if distance > APART:
             raise ScenarioError(
-                f"{_named(path)}: joint {name} is up to {away:g} away from "
-                f"{position:g}, where the robot has it locked",
+                f"{_named(path)}: joint {name} is up to {distance:g} away from "
+                f"{position:g}, at which it is locked in the robot",
                 path,
                 name,
             )
@@ -321,50 +326,51 @@ def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[in
 
 
 def _holds_torques(rows: _Rows) -> bool:
-    """Whether the samples are the nodes of a motion whose torques are held.
+    """Whether the samples are nodes of a motion with piecewise-constant torques.
 
-    Its accelerations are those of the cubics through the nodes, and its torques are not
-    the inverse dynamics of these cubics: the motion was integrated from its torques.
-    Where a joint stands, dry friction may have any value up to its limit.
+    The accelerations of such a motion are the accelerations of the cubics through the
+    nodes, and its torques are not the inverse dynamics of these cubics: the motion was
+    integrated from the torques. At a joint at rest, dry friction may have any value up
+    to its limit.
     """
     robot, t, q, v, a, u = rows
     if robot.kinematic or not rows.known("u"):
         return False
     if np.any(np.abs(rows.curve()(t).a - a) > SAME * np.abs(a).max()):
         return False
-    rest = u - RobotDynamics(robot, dry=False).inverse(q, v, a)
+    residual = u - RobotDynamics(robot, dry=False).inverse(q, v, a)
     friction = robot.friction
-    standing = np.clip(rest, -friction, friction)
-    dry = np.where(np.abs(v) > STANDSTILL, friction * np.sign(v), standing)
-    return bool(np.any(np.abs(rest - dry) > SAME * np.abs(u).max()))
+    static = np.clip(residual, -friction, friction)
+    dry = np.where(np.abs(v) > STANDSTILL, friction * np.sign(v), static)
+    return bool(np.any(np.abs(residual - dry) > SAME * np.abs(u).max()))
 
 
 def _overshoots(rows: _Rows) -> bool:
-    """Whether polynomials of degree 5 accelerate far beyond the samples."""
+    """Whether polynomials of degree 5 accelerate much more than samples and cubics."""
     t, a = rows.t, rows.a
     between = (t[:-1, None] + np.diff(t)[:, None] * np.linspace(0, 1, 9)[1:-1]).ravel()
     cubic = np.abs(rows.curve()(between).a).max(axis=0)
     largest = np.maximum(cubic, np.abs(a).max(axis=0))
-    found = np.abs(rows.curve(a)(between).a).max(axis=0)
-    return bool(np.any(found > (1.0 + OVERSHOOT) * largest))
+    quintic = np.abs(rows.curve(a)(between).a).max(axis=0)
+    return bool(np.any(quintic > (1.0 + OVERSHOOT) * largest))
 
 
 def _is_smooth(rows: _Rows) -> bool:
-    """Whether accelerations do not jump."""
+    """Whether accelerations are continuous, as far as the samples show."""
     h, a = np.diff(rows.t)[:, None], rows.a
     gaps = np.abs(np.diff(rows.v, axis=0) / h - 0.5 * (a[:-1] + a[1:]))
     return bool(np.all(gaps <= SMOOTH * np.abs(a).max()))
 
 
 # Deviations up to which positions and velocities are integrals of the accelerations,
-# relative to the largest ones: more than rounding, as jumps may come in pairs.
+# relative to the largest values: more than rounding, as jumps may come in pairs.
 EXACT_Q, EXACT_V = 1e-8, 1e-6
-# Times of ROS messages are rounded to this [s].
+# Resolution of the times of ROS messages [s].
 NANOSECOND = 1e-9
-# Successive jumps this close to the middle of their intervals, in shares of these,
-# indicate a sampled ramp.
+# Distance of successive jumps from the middles of their intervals, as a share of the
+# interval, up to which they indicate a sampled ramp.
 MIDDLE = 0.01
-# Largest deviation of accelerations from those of cubics, and least jump of
+# Largest deviation of accelerations from the accelerations of cubics, and least jump of
 # accelerations at a node, as shares of the largest acceleration.
 CUBIC, JUMP = 1e-6, 0.02
 
@@ -372,13 +378,14 @@ CUBIC, JUMP = 1e-6, 0.02
 def _stepwise_motion(rows: _Rows) -> tuple[_Rows, Array] | None:
     """Find the motion with the accelerations of the samples, constant between jumps.
 
-    Where all joints jump at one instant between two samples, from the acceleration of
-    the first sample to that of the second, that instant follows from the velocities.
+    If the accelerations of all joints jump at one instant between two samples, from the
+    values of the first sample to the values of the second, the instant follows from the
+    velocities.
 
     Returns:
-        The rows and these instants, with unknown torques there, and the acceleration of
-        every interval; None if the samples are not of a motion with constant
-        accelerations.
+        The rows with additional rows at the jumps, whose torques are unknown, and the
+        acceleration of every interval; None if the samples do not belong to a motion
+        with piecewise-constant accelerations.
     """
     _, t, q, v, a, u = rows
     h, before, jump = np.diff(t), a[:-1], np.diff(a, axis=0)
@@ -387,60 +394,60 @@ def _stepwise_motion(rows: _Rows) -> tuple[_Rows, Array] | None:
     gap = np.diff(v, axis=0) - h[:, None] * before
     jumps = np.any(np.abs(gap) > slack_v, axis=1)
     # Time from the jump to the next sample.
-    rest = np.zeros(h.size)
+    remaining = np.zeros(h.size)
     size = np.sum(jump[jumps] ** 2, axis=1)
     if np.any(size == 0.0):
         return None
-    rest[jumps] = np.clip(
+    remaining[jumps] = np.clip(
         np.sum(gap[jumps] * jump[jumps], axis=1) / size, 0.0, h[jumps]
     )
     gap_q = np.diff(q, axis=0) - h[:, None] * (v[:-1] + 0.5 * h[:, None] * before)
-    if _ramps(h, jumps, rest):
+    if _ramps(h, jumps, remaining):
         return None
-    missed = np.abs(gap - rest[:, None] * jump) > slack_v
-    missed_q = np.abs(gap_q - 0.5 * rest[:, None] ** 2 * jump) > slack_q
+    missed = np.abs(gap - remaining[:, None] * jump) > slack_v
+    missed_q = np.abs(gap_q - 0.5 * remaining[:, None] ** 2 * jump) > slack_q
     if np.any(missed) or np.any(missed_q):
         return None
     at = np.flatnonzero(jumps)
-    s = (h[at] - rest[at])[:, None]
+    s = (h[at] - remaining[at])[:, None]
     times = np.insert(t, at + 1, t[at] + s[:, 0])
     if np.any(np.diff(times) <= 0.0):
         return None
-    found = rows._replace(
+    nodes = rows._replace(
         t=times,
         q=np.insert(q, at + 1, q[at] + s * (v[at] + 0.5 * s * a[at]), axis=0),
         v=np.insert(v, at + 1, v[at] + s * a[at], axis=0),
         u=np.insert(u, at + 1, np.nan, axis=0),
     )
-    return found, np.insert(a, at + 1, a[at + 1], axis=0)[:-1]
+    return nodes, np.insert(a, at + 1, a[at + 1], axis=0)[:-1]
 
 
-def _ramps(h: Array, jumps: BoolArray, rest: Array) -> bool:
+def _ramps(h: Array, jumps: BoolArray, remaining: Array) -> bool:
     """Whether apparent jumps of accelerations come from sampled ramps.
 
     Velocities are the same whether an acceleration rises evenly from one sample to the
-    next or jumps halfway; positions nearly so, but their differences add up.
+    next or jumps halfway; positions are nearly the same, but their differences add up.
 
     Args:
         h: Lengths of the intervals between samples [s], shape (m,).
         jumps: Whether accelerations jump in each interval, shape (m,).
-        rest: Time from the jump to the end of the interval [s], shape (m,).
+        remaining: Time from the jump to the end of the interval [s], shape (m,).
     """
-    halfway = jumps & (np.abs(rest - 0.5 * h) <= MIDDLE * h)
+    halfway = jumps & (np.abs(remaining - 0.5 * h) <= MIDDLE * h)
     after = np.append(halfway[:-1] & halfway[1:], False)
-    row = after | np.insert(after[:-1], 0, False)
-    return bool(2 * np.sum(row) > np.sum(jumps))
+    successive = after | np.insert(after[:-1], 0, False)
+    return bool(2 * np.sum(successive) > np.sum(jumps))
 
 
 def _cubics_that_jump(rows: _Rows) -> bool:
-    """Whether samples are nodes of cubics whose accelerations jump at some.
+    """Whether samples are nodes of cubics whose accelerations jump at some nodes.
 
-    A row has the acceleration just after its jump; polynomials of degree 5 would have
-    to end with it.
+    A row holds the acceleration just after a jump, with which a polynomial of degree 5
+    before the jump would have to end.
     """
     a, largest = rows.a, np.abs(rows.a).max()
     begins = rows.curve()(rows.t[:-1]).a
-    # The mean acceleration of a cubic is that of both of its ends.
+    # The mean acceleration of a cubic is the mean of the accelerations at its ends.
     ends = 2.0 * np.diff(rows.v, axis=0) / np.diff(rows.t)[:, None] - begins
     if np.any(np.abs(begins - a[:-1]) > CUBIC * largest):
         return False

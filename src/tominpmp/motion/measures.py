@@ -1,4 +1,4 @@
-"""Measures of a motion: roughness of its torques, path length, energy and peak."""
+"""Measures of a motion: torque roughness, path length, energy, peak acceleration."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from tominpmp.robot.robot import datasheet_hint
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Instants whose torques are compared.
+# Number of instants whose torques are compared for the roughness.
 ROUGHNESS_INSTANTS = 100
-# Instants of each interval between nodes at which torques are squared.
+# Quadrature points of each interval for the squared torques.
 GAUSS_POINTS = 4
-# Instants of each interval for work, which has kinks where a motor begins to brake.
+# Quadrature points of each interval for the mechanical work: more, as it has kinks
+# where a motor begins to brake.
 WORK_POINTS = 12
 
 
@@ -36,10 +37,10 @@ def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
     return float(np.sum((np.diff(u[:, driven], axis=0) / span[driven]) ** 2))
 
 
-def way_of(trajectory: Trajectory, limits: JointLimits) -> float:
-    """Path length of all joints, in time at their speed limits [s].
+def travel(trajectory: Trajectory, limits: JointLimits) -> float:
+    """Total travel of the joints, as the time at their speed limits [s].
 
-    Joints without a speed limit count at 1 rad/s or m/s.
+    Joints without a speed limit count with 1 rad/s or m/s.
     """
     speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
     return float(np.sum(np.abs(np.diff(trajectory.q, axis=0)) / speed))
@@ -51,7 +52,7 @@ def energy_of(trajectory: Trajectory) -> float:
 
 
 def work_of(trajectory: Trajectory) -> float:
-    """Positive mechanical work of the motors in a motion [J], without braking."""
+    """Positive mechanical work of the motors in a motion [J], braking not counted."""
     return _integral(
         trajectory,
         WORK_POINTS,
@@ -60,14 +61,14 @@ def work_of(trajectory: Trajectory) -> float:
 
 
 def _integral(
-    trajectory: Trajectory, points: int, of: Callable[[State], Array]
+    trajectory: Trajectory, points: int, function: Callable[[State], Array]
 ) -> float:
-    """Integral over time of a function of the states of a motion."""
+    """Integral over time of a function of the states, by Gauss quadrature."""
     h = np.diff(trajectory.t)
     places, weights = np.polynomial.legendre.leggauss(points)
     share = 0.5 * (1.0 + places)
     times = trajectory.t[:-1, None] + h[:, None] * share
-    values = of(trajectory(times.ravel())).reshape(h.size, points)
+    values = function(trajectory(times.ravel())).reshape(h.size, points)
     return float(np.sum(values @ (0.5 * weights) * h))
 
 
@@ -76,11 +77,11 @@ class PeakAcceleration:
     """Largest acceleration of a motion.
 
     Attributes:
-        joint: The joint.
-        value: Its size [rad/s^2, or m/s^2 of a joint that slides].
-        time: When it is reached [s].
+        joint: Name of the joint.
+        value: Absolute acceleration [rad/s^2, or m/s^2 for a prismatic joint].
+        time: Time at which it is reached [s].
         unit: "rad/s^2" or "m/s^2".
-        limited: Whether the joint has a limit of accelerations in the problem.
+        limited: Whether the joint has an acceleration limit in the problem.
     """
 
     joint: str
@@ -91,10 +92,13 @@ class PeakAcceleration:
 
 
 def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAcceleration:
-    """Find the largest acceleration of a motion; of joints without a limit, if any."""
+    """Find the largest acceleration of a motion.
+
+    If some joints have no acceleration limit, only these joints are considered.
+    """
     nodes = trajectory.t
     steps = np.diff(nodes)
-    # Accelerations may jump at the nodes: sample just beside the nodes and in between.
+    # Accelerations may jump at the nodes: both sides of a node are sampled.
     shares = np.array([1e-9, 0.25, 0.5, 0.75, 1.0 - 1e-9])
     inside = (nodes[:-1, None] + steps[:, None] * shares).ravel()
     times = inside if steps.size else nodes
@@ -102,8 +106,8 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
     sizes = np.abs(states(*motion, times)[2])
     limits, names = problem.motion_limits or MotionLimits(), problem.robot.joint_names
     bounded = np.isfinite(limits.by_joint("acceleration", names))
-    looked_at = sizes if np.all(bounded) else np.where(bounded, -1.0, sizes)
-    row, joint = np.unravel_index(int(np.argmax(looked_at)), sizes.shape)
+    considered = sizes if np.all(bounded) else np.where(bounded, -1.0, sizes)
+    row, joint = np.unravel_index(int(np.argmax(considered)), sizes.shape)
     slides = bool(prismatic_joints(problem.robot)[joint])
     return PeakAcceleration(
         joint=names[joint],
@@ -115,10 +119,10 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
 
 
 def acceleration_remark(problem: Problem, trajectory: Trajectory) -> str:
-    """Remark on a motion that was planned without limits of accelerations.
+    """Remark on a motion that was planned without acceleration limits.
 
     Returns:
-        A sentence; empty if all joints have a limit of accelerations.
+        A sentence; empty if all joints have an acceleration limit.
     """
     peak = peak_acceleration(problem, trajectory)
     if peak.limited:

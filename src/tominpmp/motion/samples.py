@@ -1,4 +1,4 @@
-"""Motions as samples, one row a time: their times and their interpolation."""
+"""Motions as samples, with a row for each time: their times and interpolation."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from tominpmp.arrays import Array, IntArray, Record, real_array
 from tominpmp.checks import choice, names, wrong
 from tominpmp.exceptions import ProblemError, brief, naming
 
-# Interpolation of samples, see Samples.
+# Interpolation of samples, see the attribute of Samples.
 Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
 INTERPOLATIONS = ("auto", "controller", "linear", "cubic", "quintic")
-# Nanoseconds in a second: clocks of controllers count them.
+# Nanoseconds in a second: the clocks of controllers count nanoseconds.
 BILLION = 10**9
 
 
 class TimedRows(Record):
-    """Base of records that have names of joints, and a row of numbers a time."""
+    """Base of records with joint names, and a row of numbers for each time."""
 
     joint_names: tuple[str, ...]
     t: Array
@@ -28,30 +28,46 @@ class TimedRows(Record):
     def _take(
         self, name: str, called: str, shape: tuple[int, ...] | None = None, of: str = ""
     ) -> Array:
-        """Check a field as an array of numbers, of a shape described in words."""
+        """Check a field as an array of numbers, and keep it.
+
+        Args:
+            name: Name of the field.
+            called: Template for the name of the field in messages.
+            shape: Expected shape; None for any shape.
+            of: Description of the expected shape in messages.
+
+        Returns:
+            The array.
+        """
         value, field_name = getattr(self, name), called.format(name)
         try:
-            found = real_array(value)
+            array = real_array(value)
         except ValueError as error:
             message = f"{field_name} is {brief(value)}, expected numbers"
             raise ProblemError(message, name) from error
-        if shape is not None and found.shape != shape:
-            message = f"{field_name} has shape {found.shape}, expected {shape}: {of}"
+        if shape is not None and array.shape != shape:
+            message = f"{field_name} has shape {array.shape}, expected {shape}: {of}"
             raise ProblemError(message, name)
-        self._keep(**{name: found})
-        return found
+        self._keep(**{name: array})
+        return array
 
     def _take_rows(self, called: str, row: str, columns: str) -> None:
-        """Check names of joints, times, and fields with a column for each joint."""
+        """Check joint names, times, and fields with a column for each joint.
+
+        Args:
+            called: Template for the names of fields in messages.
+            row: Name of a row in messages.
+            columns: Names of the fields, a letter each.
+        """
         self._keep(joint_names=names(self.joint_names))
         times = self._take("t", called).ravel().size
         self._take("t", called, (times,), f"one time for each {row}")
-        layout = f"one row a {row}, one column a joint"
+        layout = f"one row for each {row}, one column for each joint"
         for name in columns:
             self._take(name, called, (times, len(self.joint_names)), layout)
 
     def _segments_at(self, times: Array) -> IntArray:
-        """Index of the segment at times, the later segment at an end."""
+        """Index of the segment at each time; at an end the later segment."""
         if self.segment_ends is None:
             return np.zeros(times.size, dtype=np.int64)
         return np.searchsorted(self.segment_ends[:-1], times, side="right")
@@ -59,7 +75,7 @@ class TimedRows(Record):
 
 @dataclass(frozen=True, eq=False)
 class Samples(TimedRows):
-    """A trajectory sampled at many times, one row a time.
+    """A trajectory sampled at many times, with a row for each time.
 
     Attributes:
         joint_names: Names of the joints, in column order.
@@ -68,15 +84,16 @@ class Samples(TimedRows):
         v: Velocities [rad/s or m/s], shape (m, n).
         a: Accelerations [rad/s^2 or m/s^2], shape (m, n).
         u: Torques [N m or N], shape (m, n).
-        interpolation: Interpolation between their times: "controller" joins them as
-            ROS's joint trajectory controller does, by straight lines where there are
-            positions only, by cubics with velocities, by polynomials of degree 5 with
-            accelerations; these three may be named too; "auto" recovers the motion that
-            they were sampled from, see :mod:`~tominpmp.motion.joining`.
-        segment_ends: Times at which the segments of the motion end [s], in order, two
-            of them equal where a segment takes no time, shape (k,); None for one
-            segment, or where the ends are not known. Ends from a file may be late by
-            the time between two rows.
+        interpolation: Interpolation between the times: "controller" joins samples like
+            ROS's joint trajectory controller, by straight lines if there are only
+            positions, by cubics with velocities, by polynomials of degree 5 with
+            accelerations; "linear", "cubic" and "quintic" select one of the three;
+            "auto" recovers the motion from which the samples were taken, see
+            :mod:`~tominpmp.motion.joining`.
+        segment_ends: Times at which the segments of the motion end [s], in order, with
+            two equal times where a segment takes no time, shape (k,); None for one
+            segment, or if the ends are not known. Ends from a file may be late by the
+            time between two rows.
     """
 
     joint_names: tuple[str, ...]
@@ -96,21 +113,22 @@ class Samples(TimedRows):
             self._check_segments()
 
     def _check_segments(self) -> None:
+        """Check that the ends of segments are times in order, within the motion."""
         ends = self._take("segment_ends", "samples: {}")
-        listed = ends.ndim == 1 and ends.size > 0 and self.t.size > 0
-        rising = listed and bool(np.all(np.diff(ends, prepend=0.0) >= 0.0))
-        if not (rising and ends[-1] <= self.t[-1]):
+        row = ends.ndim == 1 and ends.size > 0 and self.t.size > 0
+        ordered = row and bool(np.all(np.diff(ends, prepend=0.0) >= 0.0))
+        if not (ordered and ends[-1] <= self.t[-1]):
             expected = "times in order, up to that of the last row"
             with naming("samples"):
                 raise wrong(self.segment_ends, "segment_ends", expected)
 
     @property
     def segment_numbers(self) -> IntArray:
-        """Number of the segment of each row, from 1; the later segment at an end."""
+        """Number of the segment of each row, from 1; at an end the later segment."""
         return 1 + self._segments_at(self.t)
 
     def __repr__(self) -> str:
-        """Joints, rows and times, on one line."""
+        """Show joints, rows and times on one line."""
         joints = brief(", ".join(self.joint_names))[1:-1]
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if self.t.size else "none"
         return (
@@ -123,7 +141,7 @@ def check_interpolation(name: object) -> None:
     """Check the name of an interpolation of samples.
 
     Raises:
-        ProblemError: If no interpolation has that name.
+        ProblemError: If no interpolation has the name.
     """
     choice(name, INTERPOLATIONS, "interpolation")
 
@@ -131,16 +149,16 @@ def check_interpolation(name: object) -> None:
 def clock(duration: float, period: float) -> Array:
     """Times of a clock over a motion [s]: 0, period, 2 period, ..., duration.
 
-    Each is the multiple itself, not a sum of periods, and of whole nanoseconds where
-    the period is: the number that one would type. The last interval is shorter where
-    the duration is no multiple.
+    Each time is a multiple of the period, not a sum of periods, and a whole number of
+    nanoseconds if the period is: the number that a user would type. The last interval
+    is shorter if the duration is not a multiple of the period.
     """
     count = int(np.ceil(duration / period * (1.0 - 1e-9)))
     return np.append(multiples(np.arange(count), period), duration)
 
 
 def multiples(ticks: Array | IntArray, period: float) -> Array:
-    """Times of ticks, shape (m,) [s]: of whole nanoseconds where the period is."""
+    """Times of clock ticks [s], shape (m,); whole nanoseconds if the period is."""
     # For a longer period a double cannot hold the nanoseconds, or overflows.
     whole = round(period * BILLION) if period < BILLION else 0
     if whole > 0 and whole / BILLION == period:

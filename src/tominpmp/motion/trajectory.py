@@ -1,10 +1,9 @@
-"""A motion over time: nodes, and the curve between them.
+"""A motion over time: nodes, and the curve between the nodes.
 
-Two curves occur. Motions planned with the inverse dynamics have a constant
-acceleration on each interval: position and velocity are exact polynomials and the
-torque follows from the inverse dynamics at every instant. Motions planned with
-piecewise-constant torque are given at their nodes and joined by cubic Hermite
-polynomials.
+Motions planned with the inverse dynamics are polynomials: of degree 2, with a constant
+acceleration on each interval, or of degree 3 or 5; their torque follows from the
+inverse dynamics at every instant. Motions planned with piecewise-constant torques are
+known at their nodes, and are joined by cubic Hermite polynomials.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ if TYPE_CHECKING:
 InverseDynamics = Callable[[Array, Array, Array], Array]
 DYNAMICS = "a function (q, v, a) -> u"
 
-# A time this close to a node [s] counts as the node, as times round.
+# Distance from a node up to which a time counts as the node, due to rounding [s].
 SAME_TIME = 1e-10
-# More samples than this indicate a mistake in dt; the limit protects the memory.
+# Number of samples above which dt is rejected as a mistake; it protects the memory.
 MAX_SAMPLES = 10_000_000
-# A time this far outside of a motion counts as its end [s], or as a share of T: sums
-# and files round.
+# Distance of a time from a motion up to which it counts as an end of the motion [s], or
+# as a share of T: sums and files round.
 ROUNDING = 1e-9
 
 
@@ -57,7 +56,7 @@ class State(NamedTuple):
     u: Array
 
     def __repr__(self) -> str:
-        """The numbers, or their count, on one line."""
+        """Show the numbers, or their count, on one line."""
         parts = (
             f"{k}={in_brief(np.asarray(x))}" for k, x in zip("qvau", self, strict=True)
         )
@@ -68,8 +67,8 @@ class State(NamedTuple):
 class Trajectory(TimedRows):
     """A motion of all joints from time 0 to its duration.
 
-    Two trajectories are equal if their nodes are. A motion that takes no time, since it
-    is at its goal already, has a single node.
+    Two trajectories are equal if their nodes are equal. A motion that takes no time, as
+    it starts at its goal, has a single node.
 
     Attributes:
         joint_names: Names of the joints, in column order.
@@ -82,15 +81,15 @@ class Trajectory(TimedRows):
         a: Acceleration of each interval, shape (N, n), for motions with constant
             acceleration on each interval; at the nodes, shape (N + 1, n), for motions
             of degree 5 between them; None for motions of degree 3.
-        inverse_dynamics: Function (q, v, a) -> u on rows, for the torque between nodes
-            of a motion with constant acceleration; without it the torque is constant.
-        holding: Inverse dynamics of a motion whose torques are given, for the torques
-            that hold the arm before and after it.
-        segment_ends: Times at which the segments of the motion end [s], in order up to
-            T, shape (k,), with the dwell there; each is a node, and two are equal where
-            a segment takes no time. None for one segment.
-        segment_dynamics: Functions as ``inverse_dynamics``, one for each segment, where
-            the arm carries another load on each; empty else.
+        inverse_dynamics: Function (q, v, a) -> u on rows, for the torque between nodes;
+            None for a torque that is constant on each interval.
+        holding: Inverse dynamics of a motion that is given by its torques, for the
+            torques that hold the arm before and after the motion.
+        segment_ends: Times at which the segments of the motion end [s], after their
+            dwells, in order up to T, shape (k,); each time is a node, and two times are
+            equal where a segment takes no time. None for one segment.
+        segment_dynamics: Functions like ``inverse_dynamics``, one for each segment, if
+            the arm carries different payloads; empty otherwise.
     """
 
     joint_names: tuple[str, ...]
@@ -114,9 +113,9 @@ class Trajectory(TimedRows):
             function = getattr(self, name)
             if function is not None and not callable(function):
                 raise wrong(function, name, DYNAMICS)
-        own = self.segment_dynamics
-        if not (isinstance(own, list | tuple) and all(map(callable, own))):
-            raise wrong(own, "segment_dynamics", f"for each segment {DYNAMICS}")
+        dynamics = self.segment_dynamics
+        if not (isinstance(dynamics, list | tuple) and all(map(callable, dynamics))):
+            raise wrong(dynamics, "segment_dynamics", f"for each segment {DYNAMICS}")
         called = "trajectory field {!r}"
         self._take_rows(called, "node", "qvu")
         increasing = np.all(np.isfinite(self.t)) and np.all(np.diff(self.t) > 0.0)
@@ -126,15 +125,16 @@ class Trajectory(TimedRows):
             )
         if self.a is not None:
             if self._take("a", called).shape != (self.t.size, self.n):
-                layout = "one row an interval or node, one column a joint"
+                layout = "one row for each interval or node, one column for each joint"
                 self._take("a", called, (self.t.size - 1, self.n), layout)
         if self.segment_ends is not None:
             self._check_segments()
 
     def _check_segments(self) -> None:
+        """Check that the ends of segments are nodes in order, up to the last."""
         ends = self._take("segment_ends", "trajectory field {!r}")
-        good = ends.ndim == 1 and ends.size > 0 and np.all(np.isin(ends, self.t))
-        if not (good and np.all(np.diff(ends) >= 0.0) and ends[-1] == self.t[-1]):
+        nodes = ends.ndim == 1 and ends.size > 0 and np.all(np.isin(ends, self.t))
+        if not (nodes and np.all(np.diff(ends) >= 0.0) and ends[-1] == self.t[-1]):
             raise ProblemError(
                 f"trajectory field 'segment_ends' is {brief(self.segment_ends)}, "
                 f"expected times of nodes in order, up to T = {self.t[-1]:g} s",
@@ -142,7 +142,7 @@ class Trajectory(TimedRows):
             )
 
     def segment_at(self, times: Array) -> IntArray:
-        """Index of the segment at times, the later segment at an end, shape (m,)."""
+        """Index of the segment at each time, shape (m,); at an end the later one."""
         return self._segments_at(array(times, "times", (None,), "times [s]"))
 
     @property
@@ -163,7 +163,7 @@ class Trajectory(TimedRows):
         return len(self.joint_names)
 
     def __repr__(self) -> str:
-        """Joints, nodes and duration, on one line."""
+        """Show joints, nodes and duration on one line."""
         joints = brief(", ".join(self.joint_names))[1:-1]
         return (
             f"<Trajectory of {self.n} joints ({joints}): {self.t.size} nodes, "
@@ -188,18 +188,19 @@ class Trajectory(TimedRows):
             nu: Order of a derivative of the position, as in SciPy's ``PPoly``: 0 for
                 the position alone, 1 for the velocity, 3 for the jerk; None for the
                 whole state.
-            hold: Whether times may be before the start or after the end: the arm stands
-                there, at the position of that end, with the torque that holds it still;
+            hold: Whether times may be before the start or after the end: there the arm
+                rests at the position of the nearer end, with the torque that holds it;
                 this torque is NaN for a motion without dynamics.
 
         Returns:
             Position, velocity, acceleration and torque, or the derivative: shape (n,)
             for a single time, (m, n) for an array of times. Where the torque or the
-            acceleration jumps, the values are those just after the jump, as at nodes.
+            acceleration jumps, the values just after the jump.
 
         Raises:
             ProblemError: If a time is not a number, the times are not in one row, or a
-                time is outside of the motion by more than rounding without ``hold``.
+                time is outside of the motion by more than rounding and ``hold`` is
+                False.
         """
         times = array_or_nan(time)
         if times.ndim > 1 or np.any(np.isnan(times)):
@@ -214,63 +215,65 @@ class Trajectory(TimedRows):
             )
         inside = np.clip(row, 0.0, self.t[-1])
         if nu is not None:
-            found = np.array(self.derivative(nu)(inside))
-            found[outside] *= nu == 0  # at rest where it is held
-            return found[0] if times.ndim == 0 else found
+            value = np.array(self.derivative(nu)(inside))
+            value[outside] *= nu == 0  # the arm rests outside of the motion
+            return value[0] if times.ndim == 0 else value
         state = self._evaluate(inside)
         if np.any(outside):
             state = self._held(state, outside, row)
         if times.ndim == 0:
-            return State(*(part[0] for part in state))
+            return State(*(rows[0] for rows in state))
         return state
 
     def derivative(self, nu: int = 1) -> PPoly:
-        """Derivative of the position by time, as a ``scipy.interpolate.PPoly``.
+        """Time derivative of the position, as a ``scipy.interpolate.PPoly``.
 
         Args:
             nu: Order of the derivative: 0 for the position, 1 for the velocity, ...
 
         Returns:
-            A function of times, which is NaN outside of the motion; its own
-            ``derivative``, ``antiderivative``, ``solve`` and ``roots`` are SciPy's.
+            A function of times, which is NaN outside of the motion, with the methods
+            ``derivative``, ``antiderivative``, ``solve`` and ``roots`` of SciPy.
 
         Raises:
-            ProblemError: If the order is no whole number from 0.
+            ProblemError: If the order is not a whole number from 0.
         """
-        # Beyond the degree all derivatives are zero, and SciPy loops up to the order.
+        # Derivatives beyond the degree are zero, and SciPy loops up to the order.
         order = min(whole(nu, "nu"), 9)
         curve = polynomials(*self._nodes)
         return curve.derivative(order) if order else curve
 
     def _repr_html_(self) -> str:
-        """Curves and a table, for notebooks."""
+        """Show curves and a table, in notebooks."""
         times = np.linspace(0.0, self.duration, 200)
         q, v, _, u = self(times)
         title = f"Trajectory, T = {self.duration:.6g} s"
         return motion_card(title, self.joint_names, times, q, v, u)
 
     def _outside(self, times: Array) -> BoolArray:
-        """Which times are before the start or after the end, by more than rounding."""
+        """Whether times are outside of the motion by more than rounding, shape (m,)."""
         slack = ROUNDING * max(1.0, self.duration)
         return np.asarray((times < -slack) | (times > self.duration + slack))
 
     def _held(self, state: State, outside: BoolArray, times: Array) -> State:
-        """The states, at rest at times outside of the motion."""
+        """The states, with the arm held at rest at times outside of the motion."""
         q, v, a, u = map(np.array, state)
         v[outside] = a[outside] = 0.0
         rest = q[outside], v[outside], a[outside]
         dynamics = self.inverse_dynamics or self.holding
         u[outside] = np.nan if dynamics is None else dynamics(*rest)
-        for k, load in enumerate(self.segment_dynamics):
-            mine = np.flatnonzero(outside & (self.segment_at(times) == k))
-            u[mine] = load(q[mine], v[mine], a[mine])
+        for k, loaded in enumerate(self.segment_dynamics):
+            rows = np.flatnonzero(outside & (self.segment_at(times) == k))
+            u[rows] = loaded(q[rows], v[rows], a[rows])
         return State(q, v, a, u)
 
     @property
     def _nodes(self) -> tuple[Array, Array, Array, Array | None]:
+        """The nodes, as arguments of the functions for the curve between them."""
         return self.t, self.q, self.v, self.a
 
     def _evaluate(self, times: Array) -> State:
+        """The states at times within the motion, shape (m,)."""
         q, v, a = states(*self._nodes, times)
         node = np.searchsorted(self.t, times, side="right") - 1
         if self.inverse_dynamics is None:
@@ -279,20 +282,22 @@ class Trajectory(TimedRows):
         return State(q, v, a, np.where(node[:, None] < self.t.size - 1, u, self.u[-1]))
 
     def _torques(self, times: Array, q: Array, v: Array, a: Array) -> Array:
-        """Inverse dynamics, with the dry friction of the directions of the joints."""
+        """Torques by inverse dynamics, with dry friction against the directions."""
         if not self.segment_dynamics:
             return self._torques_of(self.inverse_dynamics, times, q, v, a)
         out, segment = np.empty_like(q), self.segment_at(times)
         for k in np.unique(segment).tolist():
-            mine, dynamics = segment == k, self.segment_dynamics[k]
-            rows = (x[mine] for x in (times, q, v, a))
-            out[mine] = self._torques_of(dynamics, *rows)
+            mask, dynamics = segment == k, self.segment_dynamics[k]
+            rows = (x[mask] for x in (times, q, v, a))
+            out[mask] = self._torques_of(dynamics, *rows)
         return out
 
     def _torques_of(self, dynamics: InverseDynamics | None, *rows: Array) -> Array:
+        """Torques by one function of inverse dynamics, from times, q, v and a."""
         assert dynamics is not None  # noqa: S101
         times, q, v, a = rows
-        # Methods of a robot's dynamics take the directions; other functions find them.
+        # The dynamics of a robot take the directions; other functions determine them
+        # from the velocity.
         owner = getattr(dynamics, "__self__", None)
         if isinstance(owner, RobotDynamics) and owner.friction is not None:
             return owner.inverse_along(q, v, a, self.turns.at(times))
@@ -300,7 +305,7 @@ class Trajectory(TimedRows):
 
     @cached_property
     def turns(self) -> Turns:
-        """Directions of the joints, and their reversals."""
+        """Directions of motion of the joints, and their reversals."""
         if self.t.size == 1:
             return Turns.of_instant(self.t, self.v)
         return Turns.of(self.t, velocities(*self._nodes))
@@ -310,22 +315,22 @@ class Trajectory(TimedRows):
         inverse_dynamics: InverseDynamics,
         segment_dynamics: tuple[InverseDynamics, ...] = (),
     ) -> Trajectory:
-        """The same movement with torques by the inverse dynamics.
+        """The same movement with torques by inverse dynamics.
 
         Args:
             inverse_dynamics: Inverse dynamics, see the attribute.
-            segment_dynamics: Inverse dynamics on each segment.
+            segment_dynamics: Inverse dynamics on each segment, see the attribute.
         """
         if not callable(inverse_dynamics):
             raise wrong(inverse_dynamics, "inverse_dynamics", DYNAMICS)
-        found = replace(
+        motion = replace(
             self,
             inverse_dynamics=inverse_dynamics,
             holding=None,
             segment_dynamics=segment_dynamics,
         )
         a = states(*self._nodes, self.t)[2]
-        return replace(found, u=found._torques(self.t, self.q, self.v, a))
+        return replace(motion, u=motion._torques(self.t, self.q, self.v, a))
 
     def sample(self, dt: float) -> Samples:
         """Sample the motion at a fixed rate; the end is always the last sample.
@@ -352,9 +357,9 @@ class Trajectory(TimedRows):
         return Samples(self.joint_names, times, *states, segment_ends=self.segment_ends)
 
     def _at_nodes(self, times: Array) -> Array:
-        """Times, put on nodes from which they differ by rounding.
+        """Times, moved to nodes from which they differ only by rounding.
 
-        A time just before a node would get the acceleration before a jump there.
+        A time just before a node would yield the acceleration before a jump.
         """
         right = np.minimum(np.searchsorted(self.t, times), self.t.size - 1)
         left = np.maximum(right - 1, 0)
@@ -368,11 +373,11 @@ def torque_breaks(trajectory: Trajectory, friction: Array) -> Array:
 
     Args:
         trajectory: The motion.
-        friction: Dry friction of its joints, shape (n,) [N m or N].
+        friction: Dry friction of the joints, shape (n,) [N m or N].
 
     Returns:
-        Its nodes, and reversals of joints with friction between them if torques follow
-        from the motion; in the order of time.
+        The nodes, and, if torques follow from inverse dynamics, the reversals of joints
+        with dry friction between them; in the order of time.
     """
     if trajectory.inverse_dynamics is None:
         return trajectory.t
@@ -380,11 +385,11 @@ def torque_breaks(trajectory: Trajectory, friction: Array) -> Array:
 
 
 def reversals(trajectory: Trajectory, friction: Array) -> Array:
-    """Times of reversals of joints with dry friction, away from the nodes [s].
+    """Times of reversals of joints with dry friction between the nodes [s].
 
     Args:
         trajectory: The motion.
-        friction: Dry friction of its joints, shape (n,) [N m or N].
+        friction: Dry friction of the joints, shape (n,) [N m or N].
     """
     if not np.any(friction > 0.0):
         return np.zeros(0)

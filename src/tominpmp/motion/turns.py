@@ -1,13 +1,13 @@
-"""Directions of joints, and their reversals, which decide the sign of dry friction.
+"""Directions of joints and their reversals, which determine the sign of dry friction.
 
 Velocities are polynomials between nodes. Where a joint reverses at a node, rounding (of
-floats, and of the programs that motions come from) leaves a velocity there that is not
-quite zero, and the polynomial passes through zero a hair before the node or after it,
-or not at all; the acceleration jumps at the node itself. Signs taken instant by instant
-would give that hair the acceleration of one side and the friction of the other, a
-torque that was never planned. Stretches between two zeros in which a joint stays slower
-than the limit of standstill are therefore not movements: they belong to the movement
-beside them.
+floats, and of the programs that plan motions) leaves a velocity at the node that is not
+exactly zero, and the polynomial passes through zero slightly before or after the node,
+or not at all; the acceleration jumps at the node itself. The sign of the velocity at
+each instant would combine, between the zero and the node, the acceleration of one side
+with the friction of the other: a torque that was never planned. Therefore sections
+between two zeros in which a joint stays slower than the limit of standstill are not
+movements of their own: they belong to the adjacent movement.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from scipy.linalg import pascal
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import RESTING, STANDSTILL, STEADY, directions
 
-# Instants closer than this share of the duration count as one: floats can hardly
-# resolve them.
+# Distance of two instants up to which they count as one, as a share of the duration:
+# floats can hardly resolve it.
 SAME = 1e-12
-# Joints that are slower than STANDSTILL for longer than this are at rest, and their
-# accelerations are rounding [s].
+# Time below STANDSTILL from which a joint is at rest, and its acceleration is rounding
+# [s].
 PAUSE = 2e-3
-# Halvings of an interval until a zero is known to the last bit.
+# Number of bisections of an interval until a zero is known to the last bit.
 HALVINGS = 54
 
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Directions of the joints of a motion at all times.
+    """Directions of motion of the joints at all times.
 
     Attributes:
         t: Times of the nodes [s], shape (N + 1,).
         first: Direction of each joint at the beginning of each interval: 1, -1, or 0
-            for joints that rest all along it, shape (N, n).
+            for joints that rest during the whole interval, shape (N, n).
         times: Times of reversals between the nodes [s], ascending, shape (m,).
         joint: Joint of each reversal, shape (m,).
     """
@@ -55,17 +55,17 @@ class Turns:
 
         Args:
             t: Times of the nodes [s], shape (N + 1,).
-            velocity: Velocities as polynomials of the share x of each interval that has
-                passed: coefficients of 1, x, x^2, ..., shape (N, n, K) [rad/s or m/s].
+            velocity: Velocities as polynomials of the elapsed share x of each interval:
+                coefficients of 1, x, x^2, ..., shape (N, n, K) [rad/s or m/s].
         """
         h = np.diff(t)
-        first = _one_way(velocity)
+        first = _bounded_direction(velocity)
         slow = np.abs(_bernstein(velocity)).max(axis=-1) <= STANDSTILL
         rests = _rests(velocity, h, slow)
         first[rests] = 0.0
         k, joint = np.nonzero(np.isnan(first))
-        begins, sign, moves = _stretches(velocity[k, joint], SAME * t[-1] / h[k])
-        # Stretches that are not movements get the direction of the last movement, or
+        begins, sign, moves = _sections(velocity[k, joint], SAME * t[-1] / h[k])
+        # Sections that are not movements get the direction of the last movement, or of
         # the next one.
         way = np.where(moves, sign, 0.0)
         for i in range(1, way.shape[1]):
@@ -74,30 +74,30 @@ class Turns:
             way[:, i] = np.where(way[:, i] == 0.0, way[:, i + 1], way[:, i])
         last = first.copy()
         first[k, joint], last[k, joint] = way[:, 0], way[:, -1]
-        trace = _traces(first, last, slow & ~rests)
-        turning = (way[:, 1:] != way[:, :-1]) & ~trace[k, joint, None]
-        row, after = np.nonzero(turning)
+        slow_only = _adopt_directions(first, last, slow & ~rests)
+        reverses = (way[:, 1:] != way[:, :-1]) & ~slow_only[k, joint, None]
+        row, after = np.nonzero(reverses)
         times = t[k[row]] + h[k[row]] * begins[row, after + 1]
         order = np.argsort(times, kind="stable")
-        times = _together(times[order], SAME * t[-1])
+        times = _merged(times[order], SAME * t[-1])
         return cls(t, first, times, joint[row][order])
 
     @classmethod
     def of_instant(cls, t: Array, v: Array) -> Turns:
-        """Directions of a motion of one node, with its time and velocities, (1, n)."""
+        """Directions of a motion of one node, from its time and velocities, (1, n)."""
         way = directions(v, 0.0 * v)
         return cls(t, way, np.zeros(0), np.zeros(0, dtype=np.int64))
 
-    def of_joints(self, some: BoolArray) -> Array:
-        """Times of reversals of some joints between the nodes [s], each time once.
+    def of_joints(self, included: BoolArray) -> Array:
+        """Distinct times of reversals of some joints between the nodes [s].
 
         Args:
-            some: Whether each joint is included, shape (n,).
+            included: Whether each joint is included, shape (n,).
         """
-        return np.unique(self.times[some[self.joint]])
+        return np.unique(self.times[included[self.joint]])
 
     def at(self, times: Array) -> Array:
-        """Directions of joints: just after a node or a reversal, and before the end.
+        """Directions at times, just after a node or reversal, and just before the end.
 
         Args:
             times: Times within the motion [s], shape (m,).
@@ -109,125 +109,132 @@ class Turns:
         k = np.clip(k, 0, len(self.first) - 1)
         way: Array = self.first[k]
         for joint in np.unique(self.joint).tolist():
-            turns = self.times[self.joint == joint]
-            since = np.searchsorted(turns, self.t[k], "right")
-            count = np.searchsorted(turns, times, "right") - since
+            reversals = self.times[self.joint == joint]
+            before = np.searchsorted(reversals, self.t[k], "right")
+            count = np.searchsorted(reversals, times, "right") - before
             way[:, joint] *= 1.0 - 2.0 * (count % 2)
         return way
 
 
 def _bernstein(c: Array) -> Array:
-    """Coefficients of Bernstein's polynomials, between which the values lie."""
+    """Bernstein coefficients of polynomials on [0, 1], which bound their values."""
     # b_i = sum over j <= i of C(i, j) / C(K - 1, j) c_j.
     binomials = pascal(c.shape[-1], kind="lower", exact=False)
     return np.asarray(c @ (binomials / binomials[-1]).T)
 
 
-def _one_way(velocity: Array) -> Array:
-    """Directions on intervals that a bound decides; NaN where joints may reverse."""
+def _bounded_direction(velocity: Array) -> Array:
+    """Directions on intervals by a bound; NaN where a joint may reverse, (N, n)."""
     bounds = _bernstein(velocity)
     low, high = bounds.min(axis=-1), bounds.max(axis=-1)
     return np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, np.nan))
 
 
 def _rests(velocity: Array, h: Array, slow: BoolArray) -> BoolArray:
-    """Which joints rest all along intervals, shape (N, n).
+    """Which joints rest during whole intervals, shape (N, n).
 
-    Slow joints rest if they do not accelerate, or stay slow for a while: the velocities
-    near zero at the nodes may have any sign. Before and after a rest a joint may stop,
-    or set out, as softly as its jerk is limited.
+    Slow joints rest if they do not accelerate, or stay slow for a while: then the small
+    velocities at the nodes may have any sign. Before and after a rest a joint may stop
+    or start as slowly as its jerk limit requires.
     """
     slope = velocity[..., 1:] * np.arange(1.0, velocity.shape[-1])
     a = np.abs(_bernstein(slope)).max(axis=-1) / h[:, None]
     rests: BoolArray = slow & (a <= STEADY)
     for joint, begin, end in _runs(slow):
-        some = _pause(velocity[:, joint], begin, end)
-        rests[some, joint] |= h[some].sum() >= PAUSE
+        pause = _pause(velocity[:, joint], begin, end)
+        rests[pause, joint] |= h[pause].sum() >= PAUSE
     return rests
 
 
-def _traces(first: Array, last: Array, slow: BoolArray) -> BoolArray:
-    """Give slow intervals that are no movements the direction of the movement beside.
+def _adopt_directions(first: Array, last: Array, slow: BoolArray) -> BoolArray:
+    """Let slow intervals, which are not movements, adopt an adjacent direction.
 
-    Between movements of opposite directions a slow interval holds the reversal, and is
-    left unchanged.
+    Between movements of opposite directions a slow interval contains the reversal, and
+    remains unchanged.
 
     Args:
-        first: Direction of each joint at the beginning of each interval, which is
-            changed, shape (N, n).
-        last: Direction at its end, shape (N, n).
-        slow: Which joints are slow all along intervals without resting, shape (N, n).
+        first: Direction of each joint at the beginning of each interval, modified in
+            place, shape (N, n).
+        last: Direction at the end of each interval, shape (N, n).
+        slow: Which joints are slow during whole intervals without resting, shape
+            (N, n).
 
     Returns:
-        Which intervals were given a direction, shape (N, n).
+        Which intervals adopted a direction, shape (N, n).
     """
-    given = np.zeros_like(slow)
+    adopted = np.zeros_like(slow)
     for joint, begin, end in _runs(slow):
         before = last[begin - 1, joint] if begin > 0 else 0.0
         after = first[end, joint] if end < len(slow) else 0.0
         if before * after >= 0.0 and before + after != 0.0:
             first[begin:end, joint] = before or after
-            given[begin:end, joint] = True
-    return given
+            adopted[begin:end, joint] = True
+    return adopted
 
 
-def _runs(some: BoolArray) -> Iterator[tuple[int, int, int]]:
-    """Joint, first interval and the one after the last, of runs of some intervals."""
-    for joint in np.flatnonzero(some.any(axis=0)).tolist():
-        edges = np.flatnonzero(np.diff(some[:, joint].astype(int), prepend=0, append=0))
+def _runs(mask: BoolArray) -> Iterator[tuple[int, int, int]]:
+    """Runs of marked intervals of each joint: joint, first and end index.
+
+    Args:
+        mask: Whether each interval is marked, shape (N, n).
+    """
+    for joint in np.flatnonzero(mask.any(axis=0)).tolist():
+        edges = np.flatnonzero(np.diff(mask[:, joint].astype(int), prepend=0, append=0))
         for begin, end in edges.reshape(-1, 2).tolist():
             yield joint, begin, end
 
 
 def _pause(velocity: Array, begin: int, end: int) -> slice:
-    """Slow intervals without the intervals in which a movement dies away or sets in.
+    """Slow intervals without those in which a movement decays to rest or starts.
 
     Args:
-        velocity: Polynomials of one joint, shape (N, K).
-        begin: The first slow interval.
-        end: The interval after the last slow interval.
+        velocity: Velocity polynomials of one joint, shape (N, K).
+        begin: Index of the first slow interval.
+        end: Index after the last slow interval.
     """
     first, last = velocity[:, 0], velocity.sum(axis=1)
     x = np.linspace(0.0, 0.5, 6)
 
-    def towards(k: int, near: Array, far: Array, sign: float) -> bool:
+    def decays(k: int, near: Array, far: Array, sign: float) -> bool:
         return bool(sign * near[k] > sign * far[k] >= 0.0)
 
     if begin > 0:
         sign = _sign_of_largest(_values(velocity[begin - 1 : begin], 1.0 - x[None]))
-        while begin < end and towards(begin, first, last, sign):
+        while begin < end and decays(begin, first, last, sign):
             begin += 1
     if end < len(velocity):
         sign = _sign_of_largest(_values(velocity[end : end + 1], x[None]))
-        while begin < end and towards(end - 1, last, first, sign):
+        while begin < end and decays(end - 1, last, first, sign):
             end -= 1
     return slice(begin, end)
 
 
 def _sign_of_largest(values: Array) -> float:
+    """Sign of the value with the largest absolute value."""
     return float(np.sign(values.flat[np.argmax(np.abs(values))]))
 
 
-def _stretches(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
-    """Stretches of polynomials on [0, 1] between their zeros.
+def _sections(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
+    """Sections of polynomials on [0, 1] between their zeros.
 
     Args:
         c: Coefficients of 1, x, x^2, ..., shape (m, K).
-        least: Shortest stretch that counts, shape (m,).
+        least: Length that a movement has to exceed, shape (m,).
 
     Returns:
-        Beginning and sign of each stretch, and whether it is a movement: longer than
-        ``least``, and faster than rest. A polynomial without a movement by this rule
-        takes stretches faster than rounding, and without these the fastest stretch.
-        Shape (m, K) each; surplus stretches have length 0.
+        Beginning and sign of each section, and whether it is a movement: longer than
+        ``least``, and faster than standstill. If a polynomial has no movement by this
+        rule, sections faster than rounding count as movements, and if there are no such
+        sections, the fastest section. Shape (m, K) each; surplus sections have length
+        0.
     """
     zeros = _sign_changes(c)
-    turning = _sign_changes(c[:, 1:] * np.arange(1.0, c.shape[1]))
+    extrema = _sign_changes(c[:, 1:] * np.arange(1.0, c.shape[1]))
     begins = np.column_stack([np.zeros(len(c)), zeros])
     ends = np.column_stack([zeros, np.ones(len(c))])
-    look = np.column_stack([np.zeros(len(c)), turning, np.ones(len(c))])
-    values = _values(c, look)
-    inside = (look[:, None] >= begins[..., None]) & (look[:, None] <= ends[..., None])
+    at = np.column_stack([np.zeros(len(c)), extrema, np.ones(len(c))])
+    values = _values(c, at)
+    inside = (at[:, None] >= begins[..., None]) & (at[:, None] <= ends[..., None])
     sizes = np.where(inside, np.abs(values)[:, None], -1.0)
     fastest, size = np.argmax(sizes, axis=2), np.max(sizes, axis=2)
     sign = np.where(np.take_along_axis(values, fastest, axis=1) < 0.0, -1.0, 1.0)
@@ -235,16 +242,16 @@ def _stretches(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
     moves = (size > STANDSTILL) & long
     slower = (size > RESTING) & long
     moves = np.where(moves.any(axis=1)[:, None], moves, slower)
-    none = ~moves.any(axis=1)
-    moves[none, np.argmax(size[none], axis=1)] = True
+    still = ~moves.any(axis=1)
+    moves[still, np.argmax(size[still], axis=1)] = True
     return begins, sign, moves
 
 
 def _sign_changes(c: Array) -> Array:
-    """Sign changes of polynomials in [0, 1], in order, filled up with ones.
+    """Sign changes of polynomials in [0, 1], in order, padded with ones.
 
-    Between two zeros of its derivative a polynomial is monotonic, and has one zero at
-    most, which is found by bisection.
+    Between two zeros of its derivative a polynomial is monotonic, and has at most one
+    zero, which is located by bisection.
 
     Args:
         c: Coefficients of 1, x, x^2, ..., shape (m, K).
@@ -271,7 +278,7 @@ def _values(c: Array, x: Array) -> Array:
     return np.asarray(polyval(x, c.T[:, :, None], tensor=False))
 
 
-def _together(times: Array, apart: float) -> Array:
-    """Increasing times; a time within ``apart`` of the one before is moved to it."""
+def _merged(times: Array, apart: float) -> Array:
+    """Merge increasing times that are closer than a distance into the earliest."""
     first = np.diff(times, prepend=-np.inf) > apart
     return np.asarray(times[first][np.cumsum(first) - 1])

@@ -9,7 +9,7 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import OptionsError, ProblemError
-from tominpmp.motion.measures import roughness, way_of
+from tominpmp.motion.measures import roughness, travel
 from tominpmp.planner.energy import reoptimised, run_stage
 from tominpmp.problem.segments import spans_of
 from tominpmp.solution import Solution
@@ -98,8 +98,8 @@ def _quietest(solution: Solution, slack: float) -> Solution | str:
     if candidate.refuted and candidate.verification is not None:
         return candidate.verification.message
     motion, before = candidate.trajectory, roughness(former, limits)
-    after, length = roughness(motion, limits), max(way_of(former, limits), SHORTEST_WAY)
-    saved = 1.0 - way_of(motion, limits) / length
+    after, length = roughness(motion, limits), max(travel(former, limits), SHORTEST_WAY)
+    saved = 1.0 - travel(motion, limits) / length
     if not candidate.confirmed or (after >= before and saved < WORTH_IT):
         return NO_QUIETER
     slower = motion.duration / former.duration - 1.0
