@@ -63,7 +63,7 @@ BAD = {
     ),
     "no quaternion": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 0 0",
-        "expected one that is not zero",
+        "expected a quaternion other than zero",
     ),
     "pose of NaN": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 nan 1",

@@ -162,7 +162,7 @@ WRONG = [
     ),
     (
         lambda: tm.Waypoints([0, 1], [(0, 0, 0), (np.nan, 0, 0)]),
-        r"positions holds what is no finite number, at index \[1, 0\]",
+        r"positions has a value that is not finite, at index \[1, 0\]",
     ),
     (lambda: tm.Waypoints([0, np.inf], np.zeros((2, 3))), "times holds what is no fin"),
     (lambda: tm.Waypoints([], np.zeros((0, 3))), "expected one time or more"),

@@ -1,4 +1,4 @@
-"""Obstacles on grids: terrain, and occupied space from sensors."""
+"""Obstacles on grids: terrain as height fields, and occupied space from sensors."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.scene.motion import finite_numbers
 from tominpmp.scene.obstacles import Length, Obstacle, obstacle
 
-# More cells would take minutes.
+# Limits of size, above which checks would take minutes.
 MAX_CELLS = 2_500
 MAX_POINTS = 5_000_000
 
 
 def _points(value: Any, name: str) -> Array:
+    """Check a caller's points, shape (k, 3)."""
     points = array_or_nan(value)
     if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
         raise ProblemError(
-            f"{name} has shape {points.shape}, expected (k, 3) with one point at least"
+            f"{name} has shape {points.shape}, expected (k, 3) with at least one point"
         )
     if not np.all(np.isfinite(points)) or len(points) > MAX_POINTS:
-        raise ProblemError(f"{name} are to be finite, and {MAX_POINTS} at most")
+        raise ProblemError(f"{name} have to be finite, and {MAX_POINTS} at most")
     return points
 
 
@@ -35,17 +36,17 @@ Points: TypeAlias = Annotated[Converted[ArrayLike, Array], _points]
 
 @obstacle
 class HeightField(Obstacle):
-    """Ground of given height over a grid, down to a base; centred in x and y.
+    """Ground with heights on a grid and a flat base; centred in x and y.
 
-    Every cell of the grid is the convex hull of its four corners and of the base below,
-    which contains the surface between the corners.
+    Every cell of the grid is the convex hull of its four corners and of the base below
+    them, which contains the surface between the corners.
 
     Attributes:
-        heights: Heights over the position at the grid points [m], shape (ny, nx), rows
+        heights: Heights of the grid points above the position [m], shape (ny, nx), rows
             along y and columns along x, both ascending.
         size: Extent along x and y [m], shape (2,).
-        base: Height of the underside [m]; None for a hundredth of the larger extent
-            below the lowest point.
+        base: Height of the base [m]; None for a base below the lowest point, by a
+            hundredth of the larger extent.
     """
 
     heights: Numbers
@@ -57,8 +58,8 @@ class HeightField(Obstacle):
         heights, size = self.heights, self.size
         if heights.ndim != 2 or min(heights.shape) < 2:
             raise ProblemError(
-                f"heights has shape {heights.shape}, expected (ny, nx) with two rows "
-                "and columns at least"
+                f"heights has shape {heights.shape}, expected (ny, nx) with at least "
+                "two rows and two columns"
             )
         if (heights.shape[0] - 1) * (heights.shape[1] - 1) > MAX_CELLS:
             raise ProblemError(f"heights has more than {MAX_CELLS} cells")
@@ -73,7 +74,7 @@ class HeightField(Obstacle):
 
     @property
     def grid(self) -> tuple[Array, Array]:
-        """Coordinates of the grid along x, shape (nx,), and y, shape (ny,) [m]."""
+        """Coordinates of the grid points along x, (nx,), and along y, (ny,) [m]."""
         ny, nx = self.heights.shape
         half = 0.5 * self.size
         return np.linspace(-half[0], half[0], nx), np.linspace(-half[1], half[1], ny)
@@ -84,8 +85,8 @@ class HeightField(Obstacle):
         x, y = self.grid
         X, Y = np.meshgrid(x, y)
         top = np.stack([X, Y, self.heights], axis=2)
-        parts = [top[:-1, :-1], top[:-1, 1:], top[1:, 1:], top[1:, :-1]]
-        corners = np.stack(parts, axis=2).reshape(-1, 4, 3)
+        each = [top[:-1, :-1], top[:-1, 1:], top[1:, 1:], top[1:, :-1]]
+        corners = np.stack(each, axis=2).reshape(-1, 4, 3)
         below = corners.copy()
         below[:, :, 2] = self.base
         return np.concatenate([corners, below], axis=1)
@@ -93,20 +94,21 @@ class HeightField(Obstacle):
 
 @obstacle
 class OcTree(Obstacle):
-    """Occupied space: cubes of a given size around points.
+    """Occupied space: cubic cells that contain points.
 
-    Neighbouring cubes are joined to a smaller number of boxes.
+    The cells have the size of the resolution and are aligned with the axes of the
+    obstacle. Neighbouring cells are merged into a smaller number of boxes.
 
     Attributes:
         points: Points in the axes of the obstacle [m], shape (k, 3).
-        resolution: Edge of the cubes [m].
+        resolution: Edge length of the cells [m].
     """
 
     points: Points
     resolution: Length
 
     def _check_shape(self) -> None:
-        """Check the number of cubes."""
+        """Check the number of cells."""
         cells = np.prod(np.ptp(self.points, axis=0) / self.resolution + 2.0)
         if cells > 50.0 * MAX_POINTS:
             raise ProblemError(
@@ -119,29 +121,34 @@ class OcTree(Obstacle):
         """Occupied boxes: centres and edge lengths, shapes (b, 3) [m]."""
         cells = np.floor(self.points / self.resolution).astype(np.int64)
         origin = cells.min(axis=0)
-        taken = np.zeros(cells.max(axis=0) - origin + 1, dtype=bool)
-        taken[tuple((cells - origin).T)] = True
-        low, high = _joined(taken)
+        occupied = np.zeros(cells.max(axis=0) - origin + 1, dtype=bool)
+        occupied[tuple((cells - origin).T)] = True
+        low, high = _boxes(occupied)
         low, high = (low + origin) * self.resolution, (high + origin) * self.resolution
         return 0.5 * (low + high), high - low
 
 
-def _joined(taken: BoolArray) -> tuple[Array, Array]:
-    """Boxes that cover the occupied cells: first cells, and ends."""
-    left = taken.copy()
+def _boxes(occupied: BoolArray) -> tuple[Array, Array]:
+    """Disjoint boxes that cover the occupied cells, grown axis by axis.
+
+    Returns:
+        Indices of the first cell of each box, and indices after its last cell, shape
+        (b, 3) each.
+    """
+    uncovered = occupied.copy()
     low, high = [], []
-    for cell in np.argwhere(taken):
-        if not left[tuple(cell)]:
+    for cell in np.argwhere(occupied):
+        if not uncovered[tuple(cell)]:
             continue
         end = cell + 1
         for axis in range(3):
-            while end[axis] < left.shape[axis]:
-                grown = [slice(a, b) for a, b in zip(cell, end, strict=True)]
-                grown[axis] = slice(end[axis], end[axis] + 1)
-                if not np.all(left[tuple(grown)]):
+            while end[axis] < uncovered.shape[axis]:
+                layer = [slice(a, b) for a, b in zip(cell, end, strict=True)]
+                layer[axis] = slice(end[axis], end[axis] + 1)
+                if not np.all(uncovered[tuple(layer)]):
                     break
                 end[axis] += 1
-        left[tuple(slice(a, b) for a, b in zip(cell, end, strict=True))] = False
+        uncovered[tuple(slice(a, b) for a, b in zip(cell, end, strict=True))] = False
         low.append(cell)
         high.append(end)
     return np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)

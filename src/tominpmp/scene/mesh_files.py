@@ -1,12 +1,12 @@
-"""Reading triangle meshes from files: STL and OBJ, others by trimesh.
+"""Reading of triangle meshes from files: STL and OBJ, other formats by trimesh.
 
-Files come from downloads, so they are read in bounded time and memory: limits on their
-size and on the number of their vertices and triangles, and no archives.
+Files come from downloads, so they are read in bounded time and memory: the size of a
+file and the numbers of vertices and triangles are limited, and archives are refused.
 
-STL and OBJ files are read here, because half an obstacle is worse than none. trimesh
-leaves out a solid that is cut off without a word, does not say which line is wrong,
-splits vertices at the seams of textures, and takes six times the size of a file in
-memory instead of three; it is four times as fast.
+STL and OBJ files are read here, because an incomplete obstacle is worse than an error.
+trimesh silently drops a truncated solid, does not say which line is wrong, splits
+vertices at the seams of textures, and takes six times the size of a file in memory
+instead of three; it is four times as fast.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.description.mesh_sizes import check_expanded
 from tominpmp.exceptions import ProblemError
 
-# A mesh with more would take minutes and gigabytes, also in a collision checker.
+# Largest mesh: a larger one would take minutes and gigabytes, also in a collision
+# checker.
 MAX_BYTES = 100_000_000
 MAX_TRIANGLES = 1_000_000
-# Formats that other packages read take a multiple of their size.
+# Largest file of a format that other packages read: they need a multiple of its size.
 MAX_OTHER_BYTES = 20_000_000
 OTHERS = (".dae", ".glb", ".gltf", ".off", ".ply")
-# Beginnings of archives: a small archive may hold any amount of data.
+# Magic bytes of archives: a small archive may hold any amount of data.
 ARCHIVES = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!")
 # Largest length of a line of a mesh file [bytes].
 LONGEST_LINE = 100_000
 NEWLINE = b"\n"
-# A line that is not empty; there may be millions of empty lines.
+# Matches lines that are not empty, as there may be millions of empty lines.
 _LINE = re.compile(rb"[^\s][^\r\n]*")
 STL_HEADER = 84
 STL_TRIANGLE = 50
@@ -48,11 +49,11 @@ def read_mesh(path: Path) -> tuple[Array, IntArray]:
     """Read a mesh.
 
     Returns:
-        Vertices, shape (k, 3), in the units of the file, and corners of the triangles,
-        shape (l, 3).
+        Vertices, shape (k, 3), in the units of the file, and vertex indices of the
+        triangles, shape (l, 3).
 
     Raises:
-        ProblemError: If it cannot be read; the message has the reason.
+        ProblemError: If the file cannot be read; the message has the reason.
     """
     try:
         suffix = path.suffix.lower()
@@ -73,6 +74,7 @@ def read_mesh(path: Path) -> tuple[Array, IntArray]:
 
 
 def _read_stl(data: bytes) -> tuple[Array, IntArray]:
+    """Read an STL file, binary or text."""
     if len(data) >= STL_HEADER:
         count = struct.unpack("<I", data[80:STL_HEADER])[0]
         if len(data) == STL_HEADER + STL_TRIANGLE * count:
@@ -82,8 +84,8 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
             return _merged(table["v"].astype(np.float64).reshape(-1, 3))
     if not data.lstrip().startswith(b"solid"):
         raise ProblemError(
-            "it is no STL file: it neither begins with 'solid' nor has as many bytes "
-            "as a binary one with its number of triangles"
+            "it is not an STL file: it neither begins with 'solid' nor has the size "
+            "of a binary STL file with its number of triangles"
         )
     numbers = array("d")
     for place, words in _lines(data):
@@ -96,7 +98,7 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
 
 
 def _lines(data: bytes) -> Iterator[tuple[_Place, list[bytes]]]:
-    """Places and words of the lines that are not empty."""
+    """Position and words of each line that is not empty."""
     for found in _LINE.finditer(data):
         place = _Place(data, found.start())
         if found.end() - found.start() > LONGEST_LINE:
@@ -106,7 +108,7 @@ def _lines(data: bytes) -> Iterator[tuple[_Place, list[bytes]]]:
 
 @dataclass(frozen=True)
 class _Place:
-    """Place of a line; its number is counted when it is needed."""
+    """Position of a line in a file; its number is only counted for a message."""
 
     data: bytes
     begin: int
@@ -117,31 +119,35 @@ class _Place:
 
 
 def _check_count(triangles: int) -> None:
+    """Check the number of triangles."""
     if triangles > MAX_TRIANGLES:
         raise ProblemError(f"it has more than {MAX_TRIANGLES} triangles")
 
 
 def _merged(points: Array) -> tuple[Array, IntArray]:
+    """Vertices and triangles from the corners of all triangles, shape (3 l, 3)."""
     vertices, corners = np.unique(points, axis=0, return_inverse=True)
     return vertices, corners.reshape(-1, 3).astype(np.int64)
 
 
 def _floats(words: list[bytes], place: _Place) -> list[float]:
+    """Three numbers of a line."""
     try:
-        found = [float(word) for word in words]
+        numbers = [float(word) for word in words]
     except ValueError:
-        found = []
-    if len(found) != 3:
+        numbers = []
+    if len(numbers) != 3:
         raise ProblemError(f"{place}: expected three numbers")
-    return found
+    return numbers
 
 
 def _read_obj(data: bytes) -> tuple[Array, IntArray]:
+    """Read an OBJ file; faces with more than three corners become triangle fans."""
     vertices, corners = array("d"), array("q")
     for place, words in _lines(data):
         if words[0] == b"v":
             vertices.extend(_floats(words[1:4], place))
-            # Each triangle has three vertices of its own at most.
+            # A triangle has at most three vertices, so that more are too many.
             _check_count(len(vertices) // 9)
         elif words[0] == b"f":
             face = _face(words[1:], len(vertices) // 3, place)
@@ -155,20 +161,21 @@ def _read_obj(data: bytes) -> tuple[Array, IntArray]:
 
 
 def _face(words: list[bytes], vertices: int, place: _Place) -> list[int]:
-    """Indices of the corners of a face among the vertices before it."""
+    """Vertex indices of the corners of a face, which refers to earlier vertices."""
     try:
         corners = [int(word.split(b"/")[0]) for word in words]
     except ValueError as error:
-        raise ProblemError(f"{place}: a corner is no number") from error
+        raise ProblemError(f"{place}: a corner is not a whole number") from error
     face = [c - 1 if c > 0 else vertices + c for c in corners]
     if len(face) < 3:
-        raise ProblemError(f"{place}: a face has three corners or more")
+        raise ProblemError(f"{place}: expected a face of three corners or more")
     if not all(0 <= corner < vertices for corner in face):
-        raise ProblemError(f"{place}: there is no such vertex")
+        raise ProblemError(f"{place}: a corner refers to a vertex that is not defined")
     return face
 
 
 def _read_other(path: Path, data: bytes) -> tuple[Array, IntArray]:
+    """Read a file of another format by trimesh."""
     suffix = path.suffix.lower()
     if suffix not in OTHERS:
         known = ", ".join((".stl", ".obj", *OTHERS))
@@ -181,7 +188,7 @@ def _read_other(path: Path, data: bytes) -> tuple[Array, IntArray]:
     try:
         check_expanded(path, data)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of files that break their standard
+            warnings.simplefilter("ignore")  # about files that violate their standard
             options: Any = {"process": False, "skip_materials": True}
             mesh = trimesh.load_scene(path, **options).to_mesh()
             _check_count(max(len(mesh.faces), len(mesh.vertices) // 3))

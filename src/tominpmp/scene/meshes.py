@@ -1,4 +1,4 @@
-"""Obstacles made of triangles."""
+"""Obstacles as triangle meshes."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ from tominpmp.exceptions import ProblemError, SceneError, brief, naming
 from tominpmp.scene.mesh_files import read_mesh
 from tominpmp.scene.obstacles import Obstacle, obstacle
 
-# Coordinates beyond this are a mistake [m].
+# Largest coordinate; larger ones are rejected as a mistake [m].
 FARTHEST = 1e6
 
 
 def _scale(value: Any, name: str) -> Array:
+    """Check a caller's scale: one factor, or one for each axis."""
     scale = array_or_nan(value)
     if scale.shape == ():
         scale = np.full(3, float(scale))
     if scale.shape != (3,) or not np.all(np.isfinite(scale) & (scale != 0.0)):
-        raise wrong(value, name, "one number or three, none zero")
+        raise wrong(value, name, "one or three numbers other than zero")
     return frozen_array(scale)
 
 
@@ -46,23 +47,24 @@ MeshPathOrNone: TypeAlias = Annotated[
 
 @obstacle
 class Mesh(Obstacle):
-    """Triangles, from a file or from arrays.
+    """A triangle mesh, from a file or from arrays.
 
-    For distances it is represented by convex pieces that cover it, see ``convex``.
+    In distance queries the mesh is represented by convex pieces that cover it, see
+    ``convex``.
 
     Attributes:
         path: File to read (STL, OBJ, DAE, GLB, glTF, OFF or PLY); None
-            where vertices and triangles are given.
-        vertices: Vertices without the scale [m], shape (k, 3).
-        triangles: Indices of the corners of each triangle, shape (l, 3).
+            if vertices and triangles are given.
+        vertices: Vertices before scaling [m], shape (k, 3).
+        triangles: Vertex indices of the corners of each triangle, shape (l, 3).
         scale: Factors of the coordinates along x, y and z, shape (3,).
         convex: "auto" for convex pieces, "hull" for the convex hull, "none" for the
-            triangles themselves: they add no volume, but queries are slow, the depth of
-            an overlap is not known, and bodies inside have no contact.
+            triangles themselves: triangles add no volume, but queries are slow, the
+            depth of an overlap is not known, and bodies inside have no contact.
 
     Raises:
-        SceneError: If the file cannot be read or is no mesh: the message says which
-            file, and what is wrong with it.
+        SceneError: If the file cannot be read or is not a mesh: the message names the
+            file and the fault.
     """
 
     path: MeshPathOrNone = default(None)
@@ -72,9 +74,9 @@ class Mesh(Obstacle):
     convex: Literal["auto", "hull", "none"] = "auto"
 
     def _check_shape(self) -> None:
-        """Read the file, check what was read."""
-        ways, expected = ("auto", "hull", "none"), "'auto', 'hull' or 'none'"
-        choice(self.convex, ways, "convex", expected)
+        """Read the file, if there is one, and check the triangles."""
+        known, expected = ("auto", "hull", "none"), "'auto', 'hull' or 'none'"
+        choice(self.convex, known, "convex", expected)
         given = self.vertices is not None, self.triangles is not None
         if given[0] != given[1] or (self.path is None and not given[0]):
             raise ProblemError("it needs a path, or vertices and triangles")
@@ -83,12 +85,13 @@ class Mesh(Obstacle):
         self._check_triangles()
 
     def _read(self) -> None:
+        """Read vertices and triangles from the file."""
         assert self.path is not None  # noqa: S101
         path = self.path.absolute()
         if not path.is_file():
             why = "has no such file" if path.parent.is_dir() else "does not exist"
             raise ProblemError(
-                f"the mesh {brief(str(self.path))} is not there: the folder "
+                f"the mesh {brief(str(self.path))} does not exist: the folder "
                 f"{path.parent} {why}"
             )
         with naming(f"the mesh {path} cannot be read"):
@@ -96,18 +99,19 @@ class Mesh(Obstacle):
         self._keep(vertices=vertices, triangles=triangles)
 
     def _check_triangles(self) -> None:
-        what = "the mesh" if self.path is None else f"the mesh {self.path}"
+        """Check vertices and triangles."""
+        mesh = "the mesh" if self.path is None else f"the mesh {self.path}"
         try:
             vertices = real_array(self.vertices)
             corners = np.array(self.triangles)
         except ValueError as error:
             raise ProblemError(
-                f"vertices or triangles of {what} are not made of numbers: {error}"
+                f"vertices or triangles of {mesh} are not numbers: {error}"
             ) from error
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             fault = f"vertices of shape {vertices.shape}, not (k, 3)"
         elif not np.all(np.abs(vertices) < FARTHEST):
-            fault = f"vertices that are not finite, or {FARTHEST:g} m off"
+            fault = f"vertices that are not finite, or {FARTHEST:g} m away"
         elif corners.dtype.kind not in "iu" or corners.shape[1:] != (3,):
             fault = "triangles that are not of shape (l, 3), of integers"
         elif not len(corners):
@@ -120,9 +124,9 @@ class Mesh(Obstacle):
             triangles.setflags(write=False)
             self._keep(vertices=vertices, triangles=triangles)
             return
-        raise ProblemError(f"{what} has {fault}")
+        raise ProblemError(f"{mesh} has {fault}")
 
     @property
     def points(self) -> Array:
-        """Vertices in the axes of the obstacle, scaled [m], shape (k, 3)."""
+        """Scaled vertices in the axes of the obstacle [m], shape (k, 3)."""
         return np.asarray(self.vertices * self.scale)

@@ -1,7 +1,7 @@
 """Motions of obstacles: placements as functions of real time.
 
 Time counts from the start of the robot's motion. A motion gives placements, velocities
-for the derivatives of distances by time, and bounds on speeds, which bound the
+for the time derivatives of distances, and bounds on speeds, which bound the
 displacements of points of an obstacle between two instants.
 """
 
@@ -44,24 +44,24 @@ from tominpmp.checks import (
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.rotations import is_rotation, rotation_matrix
 
-# Placements at the start that differ by less are equal [m, rad].
+# Difference up to which placements at the start are equal [m, rad].
 SAME = 1e-6
-# Largest turn between two waypoints: half a turn would have no direction [rad].
+# Largest rotation between two waypoints: half a turn has no unique direction [rad].
 MOST_TURN = 0.999 * np.pi
-# More waypoints are samples of a smooth motion, not corners.
+# Number of waypoints above which they are samples of a smooth motion, not corners.
 MOST_KINKS = 40
-# Step of the differences that give the velocity of a function [s].
+# Step of the finite differences for the velocity of a function [s].
 STEP = 1e-4
-# Samples of the speed of a function without bounds in a stretch of time, and the factor
-# by which its speed may exceed that of the samples.
+# Number of samples in a time interval that estimate the speed of a function without
+# bounds, and the safety factor on the sampled speed.
 LOOKS = 5
-CAUTION = 1.5
-# Tolerance of differences when they are compared with a bound on the speed.
+SAFETY = 1.5
+# Tolerance of finite differences that are compared with a bound on the speed.
 FASTER = 1e-5
 
 
 class Placement(NamedTuple):
-    """Placements obstacle_to_world, one or many.
+    """One placement obstacle_to_world, or many.
 
     Attributes:
         R: Rotations, shape (..., 3, 3).
@@ -73,10 +73,10 @@ class Placement(NamedTuple):
 
 
 class Twist(NamedTuple):
-    """Velocities of obstacles, in the axes of the world.
+    """Velocities of an obstacle, in the axes of the world.
 
     Attributes:
-        linear: Velocities of their origins [m/s], shape (m, 3).
+        linear: Velocities of the origin [m/s], shape (m, 3).
         angular: Angular velocities [rad/s], shape (m, 3).
     """
 
@@ -85,7 +85,7 @@ class Twist(NamedTuple):
 
 
 class Motion(Record, ABC):
-    """Placement of an obstacle at each time from 0 on [s]."""
+    """Motion of an obstacle: its placement at each time from 0 on [s]."""
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -98,7 +98,7 @@ class Motion(Record, ABC):
         """Placement at time 0.
 
         Args:
-            given: Given placement of the obstacle.
+            given: Placement of the obstacle from the caller.
 
         Raises:
             SceneError: If the motion begins at another placement.
@@ -112,36 +112,41 @@ class Motion(Record, ABC):
 
     @abstractmethod
     def poses(self, times: Array, start: Placement) -> Placement:
-        """Placements at times [s], shape (m,), of an obstacle with a start."""
+        """Placements at times [s], shape (m,), from the placement at the start."""
 
     @abstractmethod
     def twists(self, times: Array, start: Placement) -> Twist:
-        """Velocities at times [s], shape (m,); after the jump where they jump."""
+        """Velocities at times [s], shape (m,); at a jump the velocity after it."""
 
     @abstractmethod
     def speed_bounds(
         self, begin: Array, end: Array, start: Placement
     ) -> tuple[Array, Array]:
-        """Largest speeds between two times.
+        """Upper bounds on the speeds within time intervals.
 
         Args:
-            begin: Beginnings of stretches of time [s], shape (m,).
-            end: Their ends, shape (m,).
+            begin: Beginnings of the intervals [s], shape (m,).
+            end: Ends of the intervals [s], shape (m,).
             start: Placement at time 0.
 
         Returns:
-            Of the origin [m/s] and of the rotation [rad/s], shape (m,) each.
+            Bounds on the speed of the origin [m/s] and on the angular speed [rad/s],
+            shape (m,) each.
         """
 
 
 def agreed_start(given: Placement, begins: Placement) -> Placement:
-    """Compare a given placement with the first one of a motion.
+    """Check that a caller's placement agrees with the first placement of a motion.
+
+    Args:
+        given: Placement from the caller, which may be the identity.
+        begins: First placement of the motion.
 
     Returns:
-        The latter; the former may be the identity.
+        The first placement of the motion.
 
     Raises:
-        SceneError: If they differ.
+        SceneError: If the placements differ.
     """
     if np.any(given.p) and float(np.linalg.norm(given.p - begins.p)) > SAME:
         wrong = "position", given.p, "at", begins.p
@@ -163,8 +168,8 @@ def checked_times(value: Array, name: str = "times") -> Array:
     return array(value, name, (None,), "times [s]")
 
 
-def _checked_stretches(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Check a caller's stretches of time: an end for each beginning [s]."""
+def _checked_intervals(begin: Array, end: Array) -> tuple[Array, Array]:
+    """Check a caller's time intervals: an end for each beginning [s]."""
     begin = checked_times(begin, "begin")
     return begin, array(end, "end", begin.shape, "times [s], one for each beginning")
 
@@ -174,27 +179,33 @@ def _checked_placement(value: Placement, name: str = "start") -> Placement:
     return instance(value, Placement, name)
 
 
-# -- motions by numbers ----------------------------------------------------------------
+# -- motions that are given by numbers -------------------------------------------------
 
 
 def finite_numbers(value: Any, name: str) -> Array:
-    """Check finite numbers of any shape."""
+    """Check a caller's array of finite numbers, of any shape."""
     try:
-        found = real_array(value)
+        numbers = real_array(value)
     except ValueError as error:
         raise ProblemError(f"{name} is not made of numbers: {error}") from error
-    if not np.all(np.isfinite(found)):
-        where = np.argwhere(~np.isfinite(found))[0].tolist()
-        raise ProblemError(f"{name} holds what is no finite number, at index {where}")
-    return found
+    if not np.all(np.isfinite(numbers)):
+        where = np.argwhere(~np.isfinite(numbers))[0].tolist()
+        raise ProblemError(f"{name} has a value that is not finite, at index {where}")
+    return numbers
 
 
 def triple(value: Any, name: str, content: str) -> Array:
-    """Check three finite numbers; what they are is said in words."""
-    found = array_or_nan(plain_vector(value))
-    if found.shape != (3,) or not np.all(np.isfinite(found)):
+    """Check a caller's three finite numbers.
+
+    Args:
+        value: The numbers.
+        name: Name of the numbers in messages.
+        content: Kind of the numbers in messages: "coordinates [m]".
+    """
+    numbers = array_or_nan(plain_vector(value))
+    if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
         raise wrong(value, name, f"three finite {content}")
-    return found
+    return numbers
 
 
 Velocity: TypeAlias = Annotated[
@@ -213,16 +224,16 @@ End: TypeAlias = Annotated[
 
 @record
 class ConstantVelocity(Motion):
-    """Move and turn at constant velocities, from one time to another.
+    """Move and rotate at constant velocities, from one time to another.
 
     Attributes:
         velocity: Velocity in the world [m/s], shape (3,).
         angular: Angular velocity in the world [rad/s], shape (3,).
-        pivot: Point of the axis of rotation at the start, in the world [m], shape (3,):
-            a point of a hinge; None for the position of the obstacle. It moves with the
-            velocity.
-        begin: Begin of the motion [s]; the obstacle rests before.
-        end: End of the motion [s]; the obstacle rests afterwards.
+        pivot: Point of the axis of rotation at the start, in the world [m], shape (3,),
+            for example a point of a hinge; None for the position of the obstacle. The
+            pivot moves with the velocity.
+        begin: Begin of the motion [s], before which the obstacle rests.
+        end: End of the motion [s], after which the obstacle rests.
 
     Raises:
         SceneError: If a value is wrong.
@@ -243,27 +254,31 @@ class ConstantVelocity(Motion):
 
     @property
     def kinks(self) -> Array:
-        """Times of its begin and its end, if positive and finite [s]."""
+        """Times of the begin and the end of the motion, if positive and finite [s]."""
         return np.array([t for t in (self.begin, self.end) if 0.0 < t < np.inf])
 
     def _turned(self, times: Array, start: Placement) -> tuple[Array, Array, Array]:
-        """Times of motion (m,), rotations since the start (m, 3, 3), and levers (m, 3).
+        """Elapsed times of the motion, rotations since the start, and levers.
 
         A lever leads from the pivot to the origin of the obstacle.
+
+        Returns:
+            Shapes (m,) [s], (m, 3, 3) and (m, 3) [m].
         """
         times = checked_times(times)
-        under_way = np.clip(times, self.begin, self.end) - self.begin
-        turned = Rotation.from_rotvec(under_way[:, None] * self.angular).as_matrix()
-        return under_way, turned, turned @ self._lever(start)
+        elapsed = np.clip(times, self.begin, self.end) - self.begin
+        turned = Rotation.from_rotvec(elapsed[:, None] * self.angular).as_matrix()
+        return elapsed, turned, turned @ self._lever(start)
 
     def _lever(self, start: Placement) -> Array:
+        """Vector from the pivot to the origin of the obstacle at the start [m]."""
         p = _checked_placement(start).p
         return np.zeros(3) if self.pivot is None else p - self.pivot
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
-        under_way, turned, lever = self._turned(times, start)
-        p = start.p - self._lever(start) + lever + under_way[:, None] * self.velocity
+        elapsed, turned, lever = self._turned(times, start)
+        p = start.p - self._lever(start) + lever + elapsed[:, None] * self.velocity
         return Placement(turned @ start.R, p)
 
     def twists(self, times: Array, start: Placement) -> Twist:
@@ -281,7 +296,7 @@ class ConstantVelocity(Motion):
         """Largest speeds between two times."""
         turn = float(np.linalg.norm(self.angular))
         lever = float(np.linalg.norm(self._lever(start)))
-        begin, end = _checked_stretches(begin, end)
+        begin, end = _checked_intervals(begin, end)
         moving = (end > self.begin) & (begin < self.end)
         speed = float(np.linalg.norm(self.velocity)) + turn * lever
         return np.where(moving, speed, 0.0), np.where(moving, turn, 0.0)
@@ -294,12 +309,12 @@ def _checked_times(value: Any, name: str) -> Array:
         raise ProblemError(f"{name} has shape {times.shape}, expected one time or more")
     if times[0] != 0.0:
         raise ProblemError(
-            f"{name} begins at {times[0]:g} s, expected 0: where the obstacle is "
-            "before is not known"
+            f"{name} begins at {times[0]:g} s, expected 0: the placement of the "
+            "obstacle before is not known"
         )
-    back = np.flatnonzero(np.diff(times) <= 0.0)
-    if back.size:
-        k = int(back[0])
+    unordered = np.flatnonzero(np.diff(times) <= 0.0)
+    if unordered.size:
+        k = int(unordered[0])
         raise ProblemError(
             f"{name} is not increasing: {times[k]:g} s is followed by "
             f"{times[k + 1]:g} s (waypoints {k} and {k + 1}, counted from 0)"
@@ -309,23 +324,23 @@ def _checked_times(value: Any, name: str) -> Array:
 
 def _matrices(given: Array) -> Array:
     """Rotations of waypoints as matrices, shape (k, 3, 3)."""
-    found = []
+    each = []
     for k, value in enumerate(given):
         try:
-            found.append(rotation_matrix(value))
+            each.append(rotation_matrix(value))
         except SceneError as error:
             raise SceneError(
                 f"motion: rotations: waypoint {k} (counted from 0) is "
                 f"{value.tolist()}, expected a rotation matrix or a quaternion "
                 "(x, y, z, w) whose length is not zero"
             ) from error
-    matrices = frozen_array(found)
+    matrices = frozen_array(each)
     turns = np.linalg.norm(_turns(matrices), axis=1)
     if np.any(turns > MOST_TURN):
         k = int(np.argmax(turns))
         raise SceneError(
             f"motion: rotations: half a turn from waypoint {k} to {k + 1} (counted "
-            "from 0) could go either way; put another one between them"
+            "from 0) has no unique direction; put another waypoint between them"
         )
     return matrices
 
@@ -342,18 +357,18 @@ RotationsOrNone: TypeAlias = Annotated[
 
 @record
 class Waypoints(Motion):
-    """Pass placements at given times, at constant velocities between them.
+    """Pass waypoints at given times, with constant velocities between them.
 
     The obstacle rests after the last waypoint.
 
     Attributes:
-        times: Times [s], increasing from 0, shape (k,).
-        positions: Positions in the world at these times [m], shape (k, 3), linear
-            between them; None for the position of the obstacle.
-        rotations: Rotations obstacle_to_world, as matrices, shape (k, 3, 3), or as
-            quaternions x, y, z, w, shape (k, 4), and kept as matrices; between them the
-            obstacle turns about a fixed axis by the smaller angle. None for the
-            rotation of the obstacle.
+        times: Times of the waypoints [s], increasing from 0, shape (k,).
+        positions: Positions of the waypoints in the world [m], shape (k, 3), with
+            linear interpolation between them; None for the position of the obstacle.
+        rotations: Rotations obstacle_to_world of the waypoints, as matrices, shape
+            (k, 3, 3), or as quaternions x, y, z, w, shape (k, 4), which are stored as
+            matrices; between two waypoints the obstacle turns about a fixed axis by the
+            smaller angle. None for the rotation of the obstacle.
 
     Raises:
         SceneError: If times are not in order or do not begin at 0, or a shape or a
@@ -392,7 +407,7 @@ class Waypoints(Motion):
 
     @property
     def kinks(self) -> Array:
-        """Times of the waypoints, unless there are many [s]."""
+        """Times of the waypoints after the first, if they are few [s]."""
         times = self.times[1:]
         return times if times.size <= MOST_KINKS else np.zeros(0)
 
@@ -402,16 +417,16 @@ class Waypoints(Motion):
 
         Angular velocities are in the axes of the obstacle.
         """
-        lengths = np.append(np.diff(self.times), np.inf)[:, None]
+        durations = np.append(np.diff(self.times), np.inf)[:, None]
         moved = turned = np.zeros((self.times.size, 3))
         if self.positions is not None:
             moved = np.diff(self.positions, axis=0, append=self.positions[-1:])
         if self.rotations is not None:
             turned = np.append(_turns(self.rotations), np.zeros((1, 3)), axis=0)
-        return Twist(moved / lengths, turned / lengths)
+        return Twist(moved / durations, turned / durations)
 
     def _passed(self, times: Array) -> IntArray:
-        """The last waypoint before each time."""
+        """Index of the last waypoint before each time, shape (m,)."""
         k = np.searchsorted(self.times, times, side="right") - 1
         return np.maximum(k, 0)
 
@@ -430,7 +445,7 @@ class Waypoints(Motion):
         k = self._passed(checked_times(times))
         linear, angular = self._rates.linear[k], self._rates.angular[k]
         if self.rotations is not None:
-            # The axis of a turn is equal before and after it.
+            # A rotation leaves its own axis unchanged: either rotation transforms it.
             angular = np.einsum("mij,mj->mi", self.rotations[k], angular)
         return Twist(linear, angular)
 
@@ -438,7 +453,7 @@ class Waypoints(Motion):
         self, begin: Array, end: Array, start: Placement
     ) -> tuple[Array, Array]:
         """Largest speeds between two times."""
-        begin, end = _checked_stretches(begin, end)
+        begin, end = _checked_intervals(begin, end)
         first = self._passed(begin)
         last = np.maximum(np.searchsorted(self.times, end, side="left"), first + 1)
         linear, angular = (np.linalg.norm(rate, axis=1) for rate in self._rates)
@@ -446,7 +461,7 @@ class Waypoints(Motion):
 
 
 def _turns(rotations: Array) -> Array:
-    """Rotation vectors from each rotation to the next, in its axes, (k - 1, 3)."""
+    """Rotation vectors from each rotation to the next, in the axes of the first."""
     if len(rotations) < 2:
         return np.zeros((0, 3))
     between = np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:]
@@ -454,19 +469,19 @@ def _turns(rotations: Array) -> Array:
 
 
 def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
-    """Largest of values[first:last] for many ranges that are not empty."""
+    """Maxima of values[first:last] for many ranges, none of which is empty."""
     if not first.size:
         return np.zeros(0)
-    padded = np.append(values, 0.0)  # the end is an index, too
+    padded = np.append(values, 0.0)  # reduceat needs the end to be a valid index
     ranges = np.stack([first, last], axis=1).ravel()
     return np.asarray(np.maximum.reduceat(padded, ranges)[::2])
 
 
-# -- motions by functions --------------------------------------------------------------
+# -- motions that are given by functions -----------------------------------------------
 
 
 def _homogeneous(position: object, rotation: object) -> Array:
-    """A placement of shape (4, 4) of a position and a rotation."""
+    """Homogeneous matrix, shape (4, 4), of a position and a rotation."""
     matrix = np.eye(4)
     turn = real_array(rotation)
     matrix[:3, :3] = turn if turn.ndim == 2 else rotation_matrix(turn)
@@ -484,21 +499,22 @@ BoundOrNone: TypeAlias = Annotated[
 class PoseFunction(Motion):
     """Placements by a function of time.
 
-    The function is called with times from 0 to a little beyond the end of a motion, in
-    any order, and must give equal placements for equal times. Its velocity is taken
-    from differences, so that it should be smooth at the scale of a millisecond. To plan
-    in several processes, it has to be picklable.
+    The function is called with times from 0 to slightly beyond the end of a motion, in
+    any order, and must give equal placements for equal times. Velocities are finite
+    differences, so that the function should be smooth at the scale of a millisecond.
+    For planning in several processes, the function has to be picklable.
 
     Attributes:
         function: Placement obstacle_to_world at a time [s]: a matrix of shape (4, 4),
             a ``pinocchio.SE3``, or a pair of a position and a rotation.
-        speed: Bound on the speed of the origin [m/s], for proofs of clearance; None if
-            unknown: it is then estimated from samples.
-        angular_speed: Bound on the angular speed [rad/s] likewise.
+        speed: Upper bound on the speed of the origin [m/s], for proofs of clearance;
+            None for an estimate from samples.
+        angular_speed: Upper bound on the angular speed [rad/s], for proofs of
+            clearance; None for an estimate from samples.
 
     Raises:
         SceneError: If the function fails or gives no placement, or a sample is faster
-            than the bound.
+            than its bound.
     """
 
     function: Function
@@ -511,6 +527,7 @@ class PoseFunction(Motion):
         return agreed_start(given, self._pose(0.0))
 
     def _pose(self, time: float) -> Placement:
+        """Placement at a time [s], checked."""
         try:
             value = self.function(time)
             pose = split_pose(value)
@@ -535,27 +552,28 @@ class PoseFunction(Motion):
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
-        found = [self._pose(time) for time in checked_times(times).tolist()]
+        poses = [self._pose(time) for time in checked_times(times).tolist()]
         return Placement(
-            np.array([item.R for item in found]).reshape(-1, 3, 3),
-            np.array([item.p for item in found]).reshape(-1, 3),
+            np.array([item.R for item in poses]).reshape(-1, 3, 3),
+            np.array([item.p for item in poses]).reshape(-1, 3),
         )
 
     def twists(self, times: Array, start: Placement) -> Twist:
-        """Velocities at times, from differences of second order."""
-        # There is no time before the start.
+        """Velocities at times, by finite differences of second order."""
         times = checked_times(times)
+        # The differences are central, except at the start, before which there is no
+        # time.
         base = np.maximum(times - STEP, 0.0)
         R, p = self.poses(base, start)
-        parts = []
+        changes = []
         for steps in (1.0, 2.0):
-            there = self.poses(base + steps * STEP, start)
-            turn = Rotation.from_matrix(there.R @ np.swapaxes(R, 1, 2)).as_rotvec()
-            parts.append(np.concatenate([there.p - p, turn], axis=1) / STEP)
-        one, two = parts
+            later = self.poses(base + steps * STEP, start)
+            turn = Rotation.from_matrix(later.R @ np.swapaxes(R, 1, 2)).as_rotvec()
+            changes.append(np.concatenate([later.p - p, turn], axis=1) / STEP)
+        first, second = changes
         centre = ((times - base) / STEP)[:, None]
-        # The slope of the parabola through no, one and two steps.
-        rate = one * (2.0 - 2.0 * centre) + two * (centre - 0.5)
+        # Slope of the parabola through the values after zero, one and two steps.
+        rate = first * (2.0 - 2.0 * centre) + second * (centre - 0.5)
         twist = Twist(rate[:, :3], rate[:, 3:])
         self._check_speed(times, "speed", self.speed, twist.linear)
         self._check_speed(times, "angular_speed", self.angular_speed, twist.angular)
@@ -565,42 +583,43 @@ class PoseFunction(Motion):
     def _check_speed(
         times: Array, name: str, bound: float | None, velocity: Array
     ) -> None:
+        """Check that sampled speeds do not exceed a bound from the caller."""
         if bound is None or not times.size:
             return
-        seen = np.linalg.norm(velocity, axis=1)
-        k = int(np.argmax(seen))
-        if seen[k] > bound * (1.0 + FASTER) + FASTER:
+        speeds = np.linalg.norm(velocity, axis=1)
+        k = int(np.argmax(speeds))
+        if speeds[k] > bound * (1.0 + FASTER) + FASTER:
             raise SceneError(
                 f"motion: {name} is {bound:g}, and at {times[k]:g} s the function has "
-                f"{seen[k]:.6g}: expected a bound that holds"
+                f"the speed {speeds[k]:.6g}: expected an upper bound"
             )
 
     def speed_bounds(
         self, begin: Array, end: Array, start: Placement
     ) -> tuple[Array, Array]:
-        """Largest speeds between two times; estimates without given bounds."""
-        begin, end = _checked_stretches(begin, end)
+        """Bounds on the speeds within time intervals; estimates without bounds."""
+        begin, end = _checked_intervals(begin, end)
         linear, angular = self.speed, self.angular_speed
         if linear is not None and angular is not None:
             return np.full(begin.shape, linear), np.full(begin.shape, angular)
         shares = np.linspace(0.0, 1.0, LOOKS)
         times = begin[:, None] + (end - begin)[:, None] * shares
         twist = self.twists(times.ravel(), start)
-        seen = [
-            CAUTION * np.linalg.norm(part, axis=1).reshape(times.shape).max(axis=1)
-            for part in twist
+        estimates = [
+            SAFETY * np.linalg.norm(rate, axis=1).reshape(times.shape).max(axis=1)
+            for rate in twist
         ]
         return (
-            seen[0] if linear is None else np.full(begin.shape, linear),
-            seen[1] if angular is None else np.full(begin.shape, angular),
+            estimates[0] if linear is None else np.full(begin.shape, linear),
+            estimates[1] if angular is None else np.full(begin.shape, angular),
         )
 
 
 def as_motion(value: object) -> Motion:
-    """A motion from a motion, or from a function of time that gives placements.
+    """Convert a caller's motion, or function from time to a placement, to a motion.
 
     Raises:
-        SceneError: If the value is neither.
+        SceneError: If the value is neither a motion nor a function.
     """
     if isinstance(value, Motion):
         return value

@@ -1,7 +1,7 @@
-"""Obstacles of simple shape.
+"""Obstacles with primitive shapes.
 
 Poses are given in the world frame [m]; rotations as a 3x3 matrix or a quaternion in the
-order x, y, z, w. Cylinders and capsules stand along their z axis.
+order x, y, z, w. The axis of cylinders and capsules is their z axis.
 """
 
 from __future__ import annotations
@@ -45,27 +45,28 @@ from tominpmp.scene.rotations import rotation_matrix
 
 _T = TypeVar("_T")
 
-# Names appear in messages [characters].
+# Longest name, as names appear in messages [characters].
 LONGEST_NAME = 255
-# The motion of an obstacle that has none.
+# Motion of an obstacle at rest.
 REST = ConstantVelocity()
 
 
 if TYPE_CHECKING:
     from typing_extensions import dataclass_transform
 
-    # Not told to be frozen: mypy would take fields of the base class, as subclasses
-    # have them, for what is given instead of what is kept.
+    # Without "frozen", for which mypy would give inherited fields the types that the
+    # constructor accepts instead of the types that are stored.
     @dataclass_transform(
         kw_only_default=True, eq_default=False, field_specifiers=(field,)
     )
     def obstacle(kind: type[_T], /) -> type[_T]:
-        """A :func:`record` that is made from keywords."""
+        """A :func:`record` that is constructed with keywords."""
 else:
     obstacle = dataclass(frozen=True, kw_only=True, eq=False)
 
 
 def _edges(value: Any, name: str) -> Array:
+    """Check a caller's edge lengths, shape (3,) [m]."""
     size = triple(value, name, "edge lengths [m]")
     for axis, edge in zip("xyz", size.tolist(), strict=True):
         _length(edge, f"{name} along {axis}")
@@ -92,15 +93,17 @@ class Obstacle(Record):
     """A body in the world, at rest or moving.
 
     Attributes:
-        name: Name, unique in its scene.
-        position: Position of its centre in the world [m], shape (3,); of an obstacle
-            that moves, at the start of the robot's motion. A whole pose (a
-            ``pinocchio.SE3``, a 4x4 matrix) gives the rotation too.
-        rotation: Rotation obstacle_to_world, shape (3, 3), at the start likewise; may
-            be given as a quaternion (x, y, z, w) or a ``Rotation`` of SciPy.
-        motion: Its motion; None for an obstacle at rest. A function from time [s] to a
-            placement is converted to a :class:`PoseFunction`. Where the motion gives
-            positions or rotations, those above may be left out.
+        name: Name, unique in the scene.
+        position: Position of the obstacle's centre in the world [m], shape (3,); for a
+            moving obstacle at the start of the robot's motion. A pose (a
+            ``pinocchio.SE3``, a 4x4 matrix) also gives the rotation.
+        rotation: Rotation obstacle_to_world, shape (3, 3), for a moving obstacle at the
+            start of the robot's motion; may be given as a quaternion (x, y, z, w) or a
+            ``Rotation`` of SciPy.
+        motion: Motion of the obstacle; None for an obstacle at rest. A function from
+            time [s] to a placement is converted to a :class:`PoseFunction`. If the
+            motion gives positions or rotations, ``position`` or ``rotation`` may be
+            omitted.
     """
 
     name: str = field(kw_only=False)
@@ -125,10 +128,10 @@ class Obstacle(Record):
             self._check_shape()
 
     def _check_shape(self) -> None:
-        """Check fields together; errors get the obstacle's name."""
+        """Check the shape of a subclass; errors get the name of the obstacle."""
 
     def _take_pose(self) -> None:
-        """Convert a point with x, y and z to a position, or a pose to both fields."""
+        """Convert a point with x, y and z to a position, and a pose to both fields."""
         self._keep(position=plain_vector(self.position))
         pose = split_pose(self.position)
         if pose is None:
@@ -138,8 +141,8 @@ class Obstacle(Record):
         )
         if turned:
             raise ProblemError(
-                "position is a whole pose, and rotation is given too, expected one or "
-                "the other"
+                "position is a pose with a rotation, and rotation is given, too: "
+                "expected a pose, or a position and a rotation"
             )
         self._keep(position=pose[0], rotation=pose[1])
 
@@ -153,6 +156,7 @@ class Obstacle(Record):
 
     @property
     def _start(self) -> Placement:
+        """Placement at the start of the robot's motion."""
         return Placement(self.rotation, self.position)
 
     def poses(self, times: Array) -> Placement:
@@ -162,7 +166,7 @@ class Obstacle(Record):
             Rotations, shape (m, 3, 3), and positions [m], shape (m, 3).
 
         Raises:
-            SceneError: If a function that moves it gives no placement.
+            SceneError: If the function that moves the obstacle gives no placement.
         """
         with self._named():
             return (self.motion or REST).poses(times, self._start)
@@ -173,16 +177,17 @@ class Obstacle(Record):
             return (self.motion or REST).twists(times, self._start)
 
     def speed_bounds(self, begin: Array, end: Array) -> tuple[Array, Array]:
-        """Largest speeds between times [s], shape (m,) each.
+        """Upper bounds on the speeds between times [s], shape (m,) each.
 
         Returns:
-            Of the origin [m/s] and of the rotation [rad/s], shape (m,) each.
+            Bounds on the speed of the origin [m/s] and on the angular speed [rad/s],
+            shape (m,) each.
         """
         with self._named():
             return (self.motion or REST).speed_bounds(begin, end, self._start)
 
     def frozen(self, time: float) -> Obstacle:
-        """The obstacle at rest at its placement of a time [s]."""
+        """The obstacle at rest at its placement at a time [s]."""
         R, p = self.poses(np.array([number(time, "time", "a time [s]")]))
         return replace(self, motion=None, rotation=R[0], position=p[0])
 
@@ -224,11 +229,11 @@ class Cylinder(Obstacle):
 
 @obstacle
 class Capsule(Obstacle):
-    """A cylinder along its z axis with a half ball at either end.
+    """A cylinder along its z axis with a hemisphere at each end.
 
     Attributes:
         radius: Radius [m].
-        length: Length of the straight part, without the half balls [m].
+        length: Length of the straight part, without the hemispheres [m].
     """
 
     radius: Length

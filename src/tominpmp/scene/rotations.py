@@ -1,7 +1,7 @@
-"""Rotations as users give them: checked, and turned into matrices by SciPy.
+"""Rotations in the forms that users give: checked, and converted to matrices by SciPy.
 
-Whether a matrix is a rotation is asked here, because SciPy's ``Rotation.from_matrix``
-takes a stretched one without a word for the nearest rotation.
+Whether a matrix is a rotation is checked here, because SciPy's ``Rotation.from_matrix``
+silently replaces a stretched matrix by the nearest rotation.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from tominpmp.exceptions import SceneError, brief
 
 
 def is_rotation(matrix: Array) -> bool:
-    """Whether a matrix of shape (3, 3) turns without stretching or mirroring."""
-    if not np.all(np.abs(matrix) < 2.0):  # nor NaN
+    """Whether a matrix of shape (3, 3) is orthonormal with determinant 1."""
+    if not np.all(np.abs(matrix) < 2.0):  # also rejects NaN
         return False
     orthonormal = np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6)
     return bool(orthonormal and np.linalg.det(matrix) > 0.0)
 
 
 def rotation_matrix(rotation: RotationLike | None) -> Array:
-    """Turn a rotation as users give it into a matrix.
+    """Convert a rotation from a caller to a matrix.
 
     Args:
-        rotation: None (no rotation), a 3x3 matrix, a quaternion (x, y, z, w), which is
-            normalised, or a ``Rotation`` of SciPy.
+        rotation: None for the identity, a 3x3 matrix, a quaternion (x, y, z, w), which
+            is normalised, or a ``Rotation`` of SciPy.
 
     Returns:
         Rotation matrix, shape (3, 3).
 
     Raises:
-        SceneError: If it is neither a rotation matrix nor a quaternion.
+        SceneError: If the rotation is neither a rotation matrix nor a quaternion.
     """
     if rotation is None:
         return frozen_array(np.eye(3))
@@ -52,10 +52,10 @@ def rotation_matrix(rotation: RotationLike | None) -> Array:
         return value
     elif (largest := float(np.max(np.abs(value)))) < 1e-9:
         wrong = (
-            f"rotation is the quaternion (x, y, z, w) {value.tolist()}, expected one "
-            "that is not zero"
+            f"rotation is the quaternion (x, y, z, w) {value.tolist()}, expected a "
+            "quaternion other than zero"
         )
     else:
-        # Divided first, so that no square overflows.
+        # Division by the largest component, so that no square overflows.
         return frozen_array(Rotation.from_quat(value / largest).as_matrix())
     raise SceneError(wrong)

@@ -1,4 +1,4 @@
-"""Scenes: obstacles by their names."""
+"""Scenes: the obstacles of a workspace, by their names."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tominpmp.exceptions import SceneError, brief, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Obstacle
 
-# No arm works around anything so large or so far away [m], unless it is a ground, which
-# is thinner than the other number; a scene in millimetres has such things.
+# Size or distance of an obstacle from which it is probably given in millimetres, and
+# thickness up to which a large obstacle may be a floor [m].
 LARGE, THICK = 100.0, 2.0
 
 
@@ -24,7 +24,7 @@ class Scene(Record):
     """The obstacles of a workspace.
 
     Attributes:
-        obstacles: The obstacles, each with a name of its own; kept as a tuple.
+        obstacles: The obstacles, with distinct names; stored as a tuple.
     """
 
     obstacles: Sequence[Obstacle] = ()
@@ -36,7 +36,7 @@ class Scene(Record):
                 f"a scene is made from a list of obstacles, not from a "
                 f"{type(self.obstacles).__name__}"
             )
-        found: dict[str, Obstacle] = {}
+        by_name: dict[str, Obstacle] = {}
         for item in self.obstacles:
             if not isinstance(item, Obstacle):
                 raise SceneError(
@@ -44,10 +44,10 @@ class Scene(Record):
                     "HeightField, OcTree), not "
                     f"{type(item).__name__}"
                 )
-            if item.name in found:
+            if item.name in by_name:
                 raise SceneError(f"two obstacles are named {item.name!r}", item.name)
-            found[item.name] = item
-        self._keep(obstacles=tuple(found.values()))
+            by_name[item.name] = item
+        self._keep(obstacles=tuple(by_name.values()))
         _warn_of_units(self.obstacles)
 
     def __iter__(self) -> Iterator[Obstacle]:
@@ -55,13 +55,13 @@ class Scene(Record):
         return iter(self.obstacles)
 
     def __repr__(self) -> str:
-        """Names of the obstacles, on one line."""
+        """Show the names of the obstacles on one line."""
         names = brief(", ".join(item.name for item in self.obstacles))[1:-1]
         count = "1 obstacle" if len(self) == 1 else f"{len(self)} obstacles"
         return f"<Scene with {count}: {names or 'none'}>"
 
     def __len__(self) -> int:
-        """Return how many obstacles there are."""
+        """Return the number of obstacles."""
         return len(self.obstacles)
 
     def __getitem__(self, name: str) -> Obstacle:
@@ -85,16 +85,17 @@ class Scene(Record):
 
     @property
     def sorted(self) -> Scene:
-        """The obstacles in the order of their places, whatever the order of the list.
+        """The scene with its obstacles in the order of their placements.
 
-        Rows of programs are in the order of the pairs, and the choice of a solver among
-        equally good steps depends on it.
+        The order of the caller's list must not matter: rows of programs are in the
+        order of the collision pairs, and the choice of a solver among equally good
+        steps depends on the order of the rows.
         """
-        ordered = sorted(self.obstacles, key=_whereabouts)
+        ordered = sorted(self.obstacles, key=_placement_key)
         return self._altered(obstacles=tuple(ordered))
 
     def at(self, time: float) -> Scene:
-        """The scene with all obstacles at rest at their placements of a time [s]."""
+        """The scene with all obstacles at rest at their placements at a time [s]."""
         still = [x if x.motion is None else x.frozen(time) for x in self.obstacles]
         return self._altered(obstacles=tuple(still))
 
@@ -105,11 +106,12 @@ class Scene(Record):
 
 
 def as_scene(given: Any, name: str) -> Scene:
-    """A scene from a scene, an obstacle, a list of obstacles, or None.
+    """Convert a caller's scene, obstacle, list of obstacles, or None to a scene.
 
     Raises:
         ProblemError: If the value has another type.
-        SceneError: If a list has an item of another type, or a name twice.
+        SceneError: If a list has an item of another type, or two obstacles have the
+            same name.
     """
     if isinstance(given, Scene):
         return given
@@ -130,22 +132,22 @@ SceneOrNone: TypeAlias = Annotated[
 
 
 def _warn_of_units(obstacles: Iterable[Obstacle]) -> None:
-    """Warn of the first obstacle that is as large or as far away as in millimetres."""
+    """Warn of the first obstacle that is probably given in millimetres."""
     for item in obstacles:
         edges = _extents(item)
-        size, away = float(max(edges)), float(np.linalg.norm(item.position))
-        is_far = away - size > LARGE
+        size, distance = float(max(edges)), float(np.linalg.norm(item.position))
+        is_far = distance - size > LARGE
         if is_far or (size > LARGE and min(edges) > THICK):
-            what = f"{away:.4g} m away" if is_far else f"{size:.4g} m across"
+            measure = f"{distance:.4g} m away" if is_far else f"{size:.4g} m across"
             warn_caller(
-                f"obstacle {item.name!r} is {what}, as if it were in millimetres: "
+                f"obstacle {item.name!r} is {measure}, as if it were in millimetres: "
                 "lengths and positions are in metres"
             )
             return
 
 
 def _extents(item: Obstacle) -> Array:
-    """Extents along the axes of an obstacle [m]; zero for terrain, which is large."""
+    """Extents along the axes of an obstacle [m]; zero for terrain, as it is large."""
     if isinstance(item, Box):
         return item.size
     if isinstance(item, Mesh):
@@ -154,8 +156,8 @@ def _extents(item: Obstacle) -> Array:
     return np.array([width, width, getattr(item, "length", width)])
 
 
-def _whereabouts(obstacle: Obstacle) -> tuple[object, ...]:
-    """Key of an obstacle: its placement and its kind."""
+def _placement_key(obstacle: Obstacle) -> tuple[object, ...]:
+    """Sorting key of an obstacle: its placement and its kind."""
     position, rotation = obstacle.position.tolist(), obstacle.rotation.ravel().tolist()
     kind = type(obstacle).__name__
     return (obstacle.motion is not None, *position, kind, *rotation)
