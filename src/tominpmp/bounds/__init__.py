@@ -1,4 +1,4 @@
-"""Bounds that no motion can beat: how short its duration can be at the least."""
+"""Lower bounds on the duration of all motions that solve a problem."""
 
 import lazy_loader
 

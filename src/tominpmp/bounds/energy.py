@@ -1,10 +1,10 @@
-r"""Bounds from the work of the torques on a whole arm.
+r"""Lower bounds from the work of the torques on a whole arm.
 
-With :math:`w = \sqrt{v^T M v}`, the root of twice the kinetic energy, the work of the
-torques gives :math:`\dot w \le |u - g|_{M^{-1}}`, in which no Coriolis force appears,
-as it does no work. Where each joint has a rotor of inertia :math:`A_i`, the inertia
-matrix M is no less than A: w is no less than the speed :math:`|v|_A`, and its rate no
-more than :math:`|u - g|_{A^{-1}}`.
+With :math:`w = \sqrt{v^T M v}`, the square root of twice the kinetic energy, the work
+of the torques implies :math:`\dot w \le |u - g|_{M^{-1}}`; Coriolis forces do not
+appear, as they do no work. If each joint has a rotor of inertia :math:`A_i`, the mass
+matrix satisfies :math:`M \ge A`: w is at least the speed :math:`|v|_A`, and its rate at
+most :math:`|u - g|_{A^{-1}}`.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ if TYPE_CHECKING:
 
 
 def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
-    """Bound on motions to a configuration, if rotors have inertia at every joint.
+    """Bound on motions to a configuration; empty if a rotor has no inertia.
 
     Args:
         problem: The problem.
-        q: The configuration, shape (n,) [rad or m].
-        ends: Velocities at the start and there, shape (2, n).
+        q: Final configuration, shape (n,) [rad or m].
+        ends: Velocities at the start and at the end, shape (2, n) [rad/s or m/s].
     """
     robot = problem.robot
     rotors = robot.armature
     if robot.expansion_matrix is not None or not np.all(rotors > 0.0):
         return []
-    # Dry friction takes energy out of the motion, and helps to brake.
+    # Dry friction dissipates energy, which helps to brake.
     forces = np.max(np.abs(effort_bounds(problem)), axis=0)
     forces = forces + gravity_bounds(robot) + robot.friction
     rate = float(np.sqrt(np.sum(forces**2 / rotors)))
     if not np.isfinite(rate):
         return []
     drag = float(np.max(robot.damping / rotors))
-    places = np.stack([problem.q_start, q])
-    twice = np.sum(ends * RobotDynamics(robot).inertial(places, ends), axis=1)
+    both = np.stack([problem.q_start, q])
+    twice = np.sum(ends * RobotDynamics(robot).inertial(both, ends), axis=1)
     first, last = np.sqrt(np.maximum(twice, 0.0)).tolist()
     top = float(np.sqrt(np.sum(rotors * robot.limits.velocity**2)))
     motion = OneWay(Ramp(rate), SpeedLaw.line(rate, drag), top, (first, last))
-    way = float(np.sqrt(np.sum(rotors * (q - problem.q_start) ** 2)))
-    T = motion.least_time(way)
+    distance = float(np.sqrt(np.sum(rotors * (q - problem.q_start) ** 2)))
+    T = motion.least_time(distance)
     return [LowerBound(T, "no torques carry the arm there sooner")]
 
 
@@ -66,7 +66,7 @@ def effort_bounds(problem: Problem) -> tuple[Array, Array]:
 
 
 def effort_curves(problem: Problem) -> list[tuple[int, EffortCurve]]:
-    """Curves of torques over the speed, each with the index of its joint."""
+    """Torque-speed curves of motors, each with the index of its joint."""
     limits = joint_limits(problem.robot, problem.motion_limits)
     every = (pair for item in limits for pair in item.by_speed.items())
     return [(i, curve) for i, curve in every if isinstance(curve, EffortCurve)]

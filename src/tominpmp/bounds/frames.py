@@ -1,4 +1,4 @@
-"""Bounds from the motion of a frame to its goal, as its joints carry it."""
+"""Lower bounds from the distance of a frame to its goal, and its fastest motion."""
 
 from __future__ import annotations
 
@@ -17,85 +17,87 @@ from tominpmp.problem.problem import Problem
 from tominpmp.stopping import check
 
 # Largest number of boxes of configurations in a proof that a frame cannot be at its
-# goal at a time, and steps of the searches for the times of its arrival and its turn.
+# goal at a time, and numbers of bisections for the least times of its translation and
+# its rotation.
 MAX_BOXES = 128
 BISECTIONS = 5
 TURNING_BISECTIONS = 40
-# Tolerance of the final place: goals out of reach by less have a finite bound [m or
-# rad].
+# Tolerance of the final pose: goals that are out of reach by less have a finite bound
+# [m or rad].
 ACCEPTED = 1e-3
-# Shortest and longest time of the searches [s].
+# First and largest time of the searches [s].
 SHORTEST, LONGEST = 1e-2, 100.0
 
-# Largest displacement of each joint in a time, shape (n,).
+# Function from a time to the largest displacement of each joint in it, shape (n,).
 Reach = Callable[[float], Array]
 
 
 def frame_bounds(
     problem: Problem, goal: Goal, frame: str, reach: Reach, longest: float
 ) -> list[LowerBound]:
-    """Bounds for a goal on a frame.
+    """Bounds for a goal on a frame, from its rotation and from its translation.
 
     Args:
         problem: The problem.
         goal: The goal.
         frame: Name of the frame.
         reach: Largest displacement of each joint in a time.
-        longest: Longest time of the search [s].
+        longest: Largest time of the search [s].
     """
-    found, longest = [], min(longest, LONGEST)
+    bounds, longest = [], min(longest, LONGEST)
     place = RobotKinematics(problem.robot).placement(problem.q_start, frame)
     angle = goal.angle_to_go(np.asarray(place.rotation))
     if angle > ACCEPTED:
-        # Less may be rounding, and an arm of sliding joints turns no frame.
+        # A smaller angle may be rounding, and prismatic joints cannot turn a frame.
         T = _turning_time(problem, frame, angle, reach, longest)
-        found.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
+        bounds.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
     if goal.distances(np.zeros((1, 3))) is not None:
         T = _carrying_time(problem, goal, frame, reach, longest)
-        reason = f"no sooner do the joints carry frame {frame} there"
-        found.append(LowerBound(T, reason))
-    return found
+        reason = f"the joints cannot bring frame {frame} there sooner"
+        bounds.append(LowerBound(T, reason))
+    return bounds
 
 
 def tool_speed_bounds(problem: Problem, goal: Goal) -> list[LowerBound]:
-    """Bounds from limits of the speed of frames, along straight lines.
+    """Bounds from speed limits of frames, along straight lines.
 
     Args:
         problem: The problem.
-        goal: One of its goals.
+        goal: The goal, or one of its alternatives.
     """
-    kinematics, found = RobotKinematics(problem.robot), []
+    kinematics, bounds = RobotKinematics(problem.robot), []
     for frame, top in filter(None, (item.top_speed for item in problem.constraints)):
         begin = np.asarray(kinematics.placement(problem.q_start, frame).translation)
         if goal.configuration is not None:
             end = kinematics.placement(goal.configuration, frame).translation
             far = float(np.linalg.norm(end - begin))
         else:
-            asked = [item for item in goal.members if item.frame_name == frame]
-            apart = [item.distances(begin[None]) for item in asked]
+            on_frame = [item for item in goal.members if item.frame_name == frame]
+            apart = [item.distances(begin[None]) for item in on_frame]
             far = max((float(row[0]) for row in apart if row is not None), default=0.0)
         if far > 0.0:
             reason = f"frame {frame} has {far:.4g} m to go, at {top:.4g} m/s at most"
-            found.append(LowerBound(far / top, reason))
-    return found
+            bounds.append(LowerBound(far / top, reason))
+    return bounds
 
 
 def _turning_time(
     problem: Problem, frame: str, angle: float, reach: Reach, longest: float
 ) -> float:
-    """Time in which the joints cannot turn a frame by an angle."""
+    """Largest time in which the joints cannot turn a frame by an angle [s]."""
     robot, model = problem.robot, problem.robot.model
-    turns = np.zeros(model.nv)
+    revolute = np.zeros(model.nv)
     for joint in model.supports[model.frames[robot.frame_id(frame)].parentJoint]:
         item = model.joints[joint]
         if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
-            turns[item.idx_v] = 1.0
-    share = np.abs(robot.expand_tangent(np.eye(robot.n))) @ turns
+            revolute[item.idx_v] = 1.0
+    share = np.abs(robot.expand_tangent(np.eye(robot.n))) @ revolute
     turning = share > 0.0
-    ways = share[turning]
+    shares = share[turning]
 
     def excluded(T: float) -> bool:
-        return float(ways @ reach(T)[turning]) < angle
+        """Whether the joints turn the frame by less than the angle in a time."""
+        return float(shares @ reach(T)[turning]) < angle
 
     return last_bracket(excluded, SHORTEST, longest, TURNING_BISECTIONS)[0]
 
@@ -103,7 +105,15 @@ def _turning_time(
 def _carrying_time(
     problem: Problem, goal: Goal, frame: str, farthest: Reach, longest: float
 ) -> float:
-    """Largest time found within which no motion brings a frame to its goal."""
+    """Largest time for which a proof shows that no motion brings a frame to its goal.
+
+    Args:
+        problem: The problem.
+        goal: The goal.
+        frame: Name of the frame.
+        farthest: Largest displacement of each joint in a time.
+        longest: Largest time of the search [s].
+    """
     robot, q, limits = problem.robot, problem.q_start, problem.robot.limits
     item = robot.model.frames[robot.frame_id(frame)]
     place = np.array([item.parentJoint]), np.array([item.placement.translation])
@@ -114,15 +124,16 @@ def _carrying_time(
         return 0.0
 
     def excluded(T: float) -> bool:
-        """Whether a proof excludes that the frame is at its goal before a time."""
-        swing = farthest(T)
-        # Joints without a limit may be anywhere; turning ones need one turn.
-        free = ~np.isfinite(swing)
+        """Whether a proof shows that the frame is not at its goal before a time."""
+        reach = farthest(T)
+        # A joint without a limit may be anywhere; for a revolute joint half a turn to
+        # either side covers all placements.
+        free = ~np.isfinite(reach)
         if np.any(slides & free):
             return False
-        swing = np.where(free, math.pi, swing)
-        low = np.maximum(q - swing, np.minimum(limits.position_lower, q))
-        high = np.minimum(q + swing, np.maximum(limits.position_upper, q))
+        reach = np.where(free, math.pi, reach)
+        low = np.maximum(q - reach, np.minimum(limits.position_lower, q))
+        high = np.minimum(q + reach, np.maximum(limits.position_upper, q))
         middle, half = 0.5 * (low + high)[None], 0.5 * (high - low)[None]
         for _ in range(MAX_BOXES):
             check()
@@ -142,7 +153,7 @@ def _carrying_time(
 
 
 def _halves(q: Array, half: Array, shares: Array) -> tuple[Array, Array]:
-    """Cut boxes across the joints of the largest shares: middles, and half edges."""
+    """Bisect boxes across the joint of the largest share: middles and half edges."""
     widest = np.eye(q.shape[1])[np.argmax(shares, axis=1)]
     half = half * (1.0 - 0.5 * widest)
     step = half * widest

@@ -1,10 +1,10 @@
-"""Bounds from the motion of each joint by itself.
+"""Lower bounds from the motion of each joint alone.
 
-An arm with one joint is bounded by its torques, too. Its inertia does not change, so
-that its acceleration is what torque, friction and gravity leave at its speed. Where
-gravity acts alike wherever the joint is, as on a rail, speeding up to a peak and
-slowing down is the fastest motion there is. That of a pendulum is taken to pull either
-way as strongly as it does anywhere.
+An arm with one joint is also bounded by its torques. Its inertia is constant, so that
+torque, friction and gravity bound the acceleration at each speed. Where gravity does
+not depend on the position, as on a rail, speeding up to a peak and slowing down is the
+fastest motion. The gravity of a pendulum is assumed to act in either direction with its
+largest torque.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 
-# Quantities whose largest values bound a joint by itself: speeds, accelerations, jerks
-# and torque rates, as kinds of limits name them.
+# Quantities whose largest values bound the motion of a single joint: speeds,
+# accelerations, jerks and torque rates, in the letters of kinds of limits.
 BOUNDED = ("v", "a", "j", "du")
 
 
@@ -35,9 +35,9 @@ class Joint:
     """A joint and the limits of its motion.
 
     Attributes:
-        name: Its name.
-        drive: Its limits of speed and acceleration.
-        limits: These limits in words.
+        name: Name of the joint.
+        drive: Limits of its speed and acceleration.
+        limits: The limits in words.
         unit: Unit of its position.
     """
 
@@ -54,60 +54,61 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
         problem: The problem.
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
-    tightest, found = _tightest_limits(problem), []
+    tightest, joints = _tightest_limits(problem), []
     names, slides = problem.robot.joint_names, prismatic_joints(problem.robot)
     for i, name in enumerate(names):
         unit = "m" if slides[i] else "rad"
         top, acceleration, jerk, _ = (float(most[i]) for most in tightest.values())
         ramp = Ramp(acceleration, jerk if smooth_ends else math.inf)
         limits = _in_words((top, ramp.acceleration, ramp.jerk), unit)
-        found.append(Joint(name, Drive((ramp, ramp), (ramp, ramp), top), limits, unit))
+        joints.append(Joint(name, Drive((ramp, ramp), (ramp, ramp), top), limits, unit))
     by_torque = _torque_drive(problem, tightest, smooth_ends)
     if by_torque is None:
-        return found
-    # Of an arm with one joint it has all limits in it.
-    return [
-        replace(found[0], drive=by_torque, limits="and no torque moves it there sooner")
-    ]
+        return joints
+    # The drive of an arm with one joint includes all limits.
+    limits = "and no torque moves it there sooner"
+    return [replace(joints[0], drive=by_torque, limits=limits)]
 
 
 def _tightest_limits(problem: Problem) -> dict[str, Array]:
-    """The tightest limits of all joints by what they bound, see :data:`BOUNDED`.
+    """The tightest limits of all joints by bounded quantity, see :data:`BOUNDED`.
 
-    Infinite where a joint has no limit, shape (n,) each.
+    Shape (n,) each; infinite for joints without a limit.
     """
-    found = {of: np.full(problem.robot.n, math.inf) for of in BOUNDED}
+    tightest = {key: np.full(problem.robot.n, math.inf) for key in BOUNDED}
     for item in joint_limits(problem.robot, problem.motion_limits):
-        of = item.kind.quantity
-        if of == "u" and problem.robot.kinematic:
-            of = "a"
-        if of in found:
-            found[of] = np.minimum(found[of], item.upper)
-    return found
+        key = item.kind.quantity
+        if key == "u" and problem.robot.kinematic:
+            key = "a"
+        if key in tightest:
+            tightest[key] = np.minimum(tightest[key], item.upper)
+    return tightest
 
 
 def _in_words(limits: Sequence[float], unit: str) -> str:
+    """Limits of speed, acceleration and jerk in words."""
     units = (f"{unit}/s", f"{unit}/s^2", f"{unit}/s^3")
-    parts = [
-        f"{value:.4g} {of}"
-        for value, of in zip(limits, units, strict=True)
+    finite = [
+        f"{value:.4g} {per}"
+        for value, per in zip(limits, units, strict=True)
         if math.isfinite(value)
     ]
-    return f"at {', '.join(parts)} at most" if parts else "without a limit"
+    return f"at {', '.join(finite)} at most" if finite else "without a limit"
 
 
 def joint_bounds(
     joints: Sequence[Joint], lower: Array, upper: Array, ends: Array
 ) -> list[LowerBound]:
-    """Bounds for ranges that joints have to end within.
+    """Bounds for ranges within which joints have to end.
 
     Args:
         joints: The joints.
         lower: Least displacement of each joint, with its sign, shape (n,).
-        upper: Largest displacement of each joint, shape (n,).
-        ends: Velocities at the start and at the end, shape (2, n); infinite for any.
+        upper: Largest displacement of each joint, with its sign, shape (n,).
+        ends: Velocities at the start and at the end, shape (2, n); infinite where a
+            velocity is free.
     """
-    found = []
+    bounds = []
     each = zip(joints, *(x.tolist() for x in (lower, upper, *ends)), strict=True)
     for joint, least, most, v0, v1 in each:
         way = max(least, 0.0) + min(most, 0.0)
@@ -117,11 +118,11 @@ def joint_bounds(
             T = joint.drive.least_time(way, (v0, v1))
         else:
             continue
-        # An infinite time would say that no motion exists, which is not proved.
+        # An infinite time would claim that no motion exists, which is not proved.
         T = T if math.isfinite(T) else 0.0
         reason = f"joint {joint.name} has {abs(way):.4g} {joint.unit} to go"
-        found.append(LowerBound(T, f"{reason}, {joint.limits}", joint.name))
-    return found
+        bounds.append(LowerBound(T, f"{reason}, {joint.limits}", joint.name))
+    return bounds
 
 
 def reach_of(joints: Sequence[Joint], ends: Array) -> Callable[[float], Array]:
@@ -129,10 +130,11 @@ def reach_of(joints: Sequence[Joint], ends: Array) -> Callable[[float], Array]:
 
     Args:
         joints: The joints.
-        ends: Velocities at the start and at the end, shape (2, n); infinite for any.
+        ends: Velocities at the start and at the end, shape (2, n); infinite where a
+            velocity is free.
     """
     each = [*zip(joints, *np.abs(ends).tolist(), strict=True)]
-    return lambda T: np.array([one.drive.farthest(T, (v, w)) for one, v, w in each])
+    return lambda T: np.array([item.drive.farthest(T, (v, w)) for item, v, w in each])
 
 
 # -- arms with one joint ---------------------------------------------------------------
@@ -141,11 +143,11 @@ def reach_of(joints: Sequence[Joint], ends: Array) -> Callable[[float], Array]:
 def _torque_drive(
     problem: Problem, tightest: dict[str, Array], smooth_ends: bool
 ) -> Drive | None:
-    """Limits of acceleration by the torques of an arm with one joint; else None.
+    """Acceleration limits of an arm with one joint by its torques; None for other arms.
 
     Args:
         problem: The problem.
-        tightest: The tightest limits of its joints.
+        tightest: The tightest limits of the joints.
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
     robot = problem.robot
@@ -158,7 +160,7 @@ def _torque_drive(
     mass, mean, wave = _inertia_and_weight(robot)
 
     def law(sign: float, torque: float) -> SpeedLaw:
-        """Largest acceleration one way, over the speed that way."""
+        """Largest acceleration in one direction, over the speed in that direction."""
         limit = SpeedLaw.line(torque)
         for _, curve in effort_curves(problem):
             limit = limit.lower_of(_over_speed(curve.speed, curve.effort))
@@ -172,12 +174,12 @@ def _torque_drive(
         return total
 
     def smooth(item: SpeedLaw) -> Change:
-        """The changes of speed within limits of jerk and torque rate, too."""
+        """Changes of speed that also obey the limits of jerk and torque rate."""
         most = item.highest(top)
-        # Friction and gravity change the torque beside its rate.
+        # The torque of friction and gravity changes in addition to the motor torque.
         changes = ((float(robot.damping[0]), most), (wave, top))
-        beside = sum(factor * by for factor, by in changes if factor > 0.0)
-        fastest = min(jerk, (rate + beside) / mass)
+        load_rate = sum(factor * by for factor, by in changes if factor > 0.0)
+        fastest = min(jerk, (rate + load_rate) / mass)
         return Both(item, Ramp(most, fastest)) if smooth_ends else item
 
     ahead, back = law(1.0, float(effort[1])), law(-1.0, -float(effort[0]))
@@ -189,7 +191,7 @@ def _torque_drive(
 
 
 def _inertia_and_weight(robot: Robot) -> tuple[float, float, float]:
-    """Inertia, mean torque of gravity, and its largest deviation from the mean."""
+    """Inertia, mean gravity torque, and largest deviation of gravity from its mean."""
     dynamics = RobotDynamics(robot)
     q = np.array([[0.0], [0.5 * math.pi], [math.pi]])
     rest = np.zeros_like(q)
@@ -202,12 +204,12 @@ def _inertia_and_weight(robot: Robot) -> tuple[float, float, float]:
 
 
 def _over_speed(speed: Array, effort: Array) -> SpeedLaw:
-    """Torque over the absolute speed, constant beyond the last speed."""
+    """Torque as a function of the absolute speed, constant beyond the last speed."""
     slope = np.append(np.diff(effort) / np.diff(speed), 0.0)
-    one = SpeedLaw(speed[1:], effort - slope * speed, slope)
-    other = one.reflected
+    forward = SpeedLaw(speed[1:], effort - slope * speed, slope)
+    backward = forward.reflected
     return SpeedLaw(
-        np.concatenate([other.knots, [0.0], one.knots]),
-        np.concatenate([other.level, one.level]),
-        np.concatenate([other.slope, one.slope]),
+        np.concatenate([backward.knots, [0.0], forward.knots]),
+        np.concatenate([backward.level, forward.level]),
+        np.concatenate([backward.slope, forward.slope]),
     )

@@ -1,16 +1,17 @@
 r"""Least time of a joint, or of any coordinate, whose acceleration is bounded.
 
-Let a motion begin with a speed of at most :math:`v_0`, end with at most :math:`v_1`,
-and never be faster than p. It takes at least :math:`t_1(v)` until it is faster than v,
-the time of speeding up from :math:`v_0`, and at least :math:`t_2(v)` from then to its
-end, the time of slowing down. So it is faster than v for no longer than T less both,
-and whatever it does, detours and pauses included, it covers no more than
+Let a motion begin with a speed of at most :math:`v_0`, end with a speed of at most
+:math:`v_1`, and never be faster than p. It takes at least :math:`t_1(v)`, the time of
+speeding up from :math:`v_0`, until it is faster than v, and at least :math:`t_2(v)`,
+the time of slowing down, from the last time at which it is faster than v to its end. So
+it is faster than v for at most :math:`T - t_1(v) - t_2(v)`, and its displacement,
+detours and pauses included, is at most
 
 .. math:: \int_0^p (T - t_1(v) - t_2(v)) \, dv.
 
-A motion that speeds up as fast as it can, cruises at p, and slows down as fast as it
-can covers just that. The least time is that of the highest peak p which the way leaves
-room for, or of a cruise at the speed limit.
+A motion that speeds up as fast as possible, cruises at p, and slows down as fast as
+possible attains this displacement. The least time belongs to the highest peak p that
+the displacement admits, or to a cruise at the speed limit.
 """
 
 from __future__ import annotations
@@ -26,24 +27,24 @@ from tominpmp.arrays import Array
 
 # Relative rounding of times, in favour of a shorter time.
 ROUNDING = 1e-9
-# Tolerances of the goal [rad or m], and as a share of the braking distance, in
-# accordance with those of the verification.
+# Tolerance of the goal [rad or m], and tolerance as a share of the braking distance, in
+# accordance with the tolerances of the verification.
 OFF, SHARE = 1e-3, 5e-3
-# Halvings of the interval of peaks, and the speed of a peak that counts as infinite.
+# Number of bisections for a peak, and the peak speed that counts as infinite.
 HALVINGS, FASTEST = 60, 1e12
-# Accelerations that change by a smaller share are integrated by Simpson's rule, as the
-# logarithm loses digits.
+# Relative change of an acceleration below which it is integrated by Simpson's rule, as
+# the logarithm loses digits.
 STRAIGHT = 1e-3
 
 
 class Change(Protocol):
     """The fastest change of the speed between two values.
 
-    The same object is for speeding up from the lower one, and slowing down to it.
+    The same object describes speeding up from the lower value, and slowing down to it.
     """
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """Least time of the change, and its integral over the higher speed.
+        """Least time of the change, and the integral of the time over the speed.
 
         Args:
             low: The lower speed.
@@ -51,17 +52,17 @@ class Change(Protocol):
 
         Returns:
             The time t(high), infinite for an impossible change, and the integral of
-            t(v) from the lower speed to the higher one.
+            t(v) from the lower to the higher speed.
         """
 
     @property
     def abrupt(self) -> Change:
-        """The change where accelerations may jump."""
+        """The change if accelerations may jump."""
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """Changes with a constant limit of the acceleration, and of the jerk.
+    """Changes of speed with constant limits of the acceleration and of the jerk.
 
     Attributes:
         acceleration: Largest acceleration, possibly infinite.
@@ -94,11 +95,11 @@ class Ramp:
 
 @dataclass(frozen=True, eq=False)
 class SpeedLaw:
-    """Changes with a limit of the acceleration that is piecewise linear in the speed.
+    """Changes of speed with an acceleration limit that is piecewise linear in it.
 
     Attributes:
-        knots: Speeds between which it is linear, increasing, shape (k,).
-        level: Acceleration that each line has at speed zero, shape (k + 1,).
+        knots: Speeds between which the limit is linear, increasing, shape (k,).
+        level: Acceleration of each line at speed zero, shape (k + 1,).
         slope: Slope of each line, shape (k + 1,).
     """
 
@@ -108,7 +109,7 @@ class SpeedLaw:
 
     @classmethod
     def line(cls, level: float, slope: float = 0.0) -> SpeedLaw:
-        """One line for all speeds."""
+        """A law with a single line for all speeds."""
         return cls(np.zeros(0), np.array([level]), np.array([slope]))
 
     @property
@@ -123,19 +124,19 @@ class SpeedLaw:
         return SpeedLaw(knots, a + c, b + d)
 
     def lower_of(self, other: SpeedLaw) -> SpeedLaw:
-        """The lower one of two laws at each speed."""
+        """The minimum of two laws at each speed."""
         gap = self.plus(SpeedLaw(other.knots, -other.level, -other.slope))
         edges = np.concatenate([[-np.inf], gap.knots, [np.inf]])
         with np.errstate(divide="ignore", invalid="ignore"):
-            meet = -gap.level / gap.slope
-        between = (meet > edges[:-1]) & (meet < edges[1:])
-        knots = np.union1d(gap.knots, meet[between])
+            crossing = -gap.level / gap.slope
+        inside = (crossing > edges[:-1]) & (crossing < edges[1:])
+        knots = np.union1d(gap.knots, crossing[inside])
         (a, b), (c, d) = self._lines(knots), other._lines(knots)
         lower = a - c + (b - d) * _within(knots) <= 0.0
         return SpeedLaw(knots, np.where(lower, a, c), np.where(lower, b, d))
 
     def _lines(self, knots: Array) -> tuple[Array, Array]:
-        """Its lines between more knots than its own."""
+        """Level and slope of the lines between finer knots."""
         piece = np.searchsorted(self.knots, _within(knots))
         return self.level[piece], self.slope[piece]
 
@@ -150,14 +151,14 @@ class SpeedLaw:
     def _pieces(
         self, low: float, high: float
     ) -> list[tuple[float, float, tuple[float, float]]]:
-        """Lines between two speeds: their ends, and the accelerations there."""
+        """Pieces between two speeds: end speeds, and the accelerations at both ends."""
         inner = self.knots[(self.knots > low) & (self.knots < high)].tolist()
         first = int(np.searchsorted(self.knots, low, "right"))
-        found = []
+        pieces = []
         for k, (v, w) in enumerate(zip([low, *inner], [*inner, high], strict=True)):
             a, b = float(self.level[first + k]), float(self.slope[first + k])
-            found.append((v, w, (a + b * v, a + b * w)))
-        return found
+            pieces.append((v, w, (a + b * v, a + b * w)))
+        return pieces
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
         """See :class:`Change`."""
@@ -181,14 +182,18 @@ class SpeedLaw:
 def last_bracket(
     holds: Callable[[float], bool], first: float, most: float, halvings: int
 ) -> tuple[float, float]:
-    """Numbers between which is the last up to which a condition holds.
+    """Bracket the largest number for which a condition holds.
 
     Args:
-        holds: Whether it holds; it does for zero, and below any number for which it
-            does.
-        first: The first number to be tried, which is doubled as long as it holds.
-        most: The largest one; both numbers are this where it holds even there.
-        halvings: Number of halvings of what is between.
+        holds: Whether the condition holds; it holds for zero, and for all numbers below
+            a number for which it holds.
+        first: First number to be tried; it is doubled as long as the condition holds.
+        most: Largest number to be tried; both ends of the bracket are equal to it if
+            the condition holds for it.
+        halvings: Number of bisections of the bracket.
+
+    Returns:
+        The lower and the upper end of the bracket.
     """
     low, high = 0.0, min(first, most)
     while holds(high):
@@ -202,7 +207,7 @@ def last_bracket(
 
 
 def _within(knots: Array) -> Array:
-    """A speed on each piece between knots, and beyond both ends."""
+    """A speed inside each piece between knots, and beyond both end knots."""
     if not knots.size:
         return np.zeros(1)
     return np.concatenate(
@@ -211,7 +216,7 @@ def _within(knots: Array) -> Array:
 
 
 def _along_a_line(change: float, first: float, last: float) -> tuple[float, float]:
-    """Time of a change during which the acceleration is linear, and its integral."""
+    """Time and integral of a change whose acceleration is linear in the speed."""
     if abs(last - first) < STRAIGHT * first:
         middle = 0.5 * (first + last)
         time = change / 6.0 * (1.0 / first + 4.0 / middle + 1.0 / last)
@@ -223,20 +228,20 @@ def _along_a_line(change: float, first: float, last: float) -> tuple[float, floa
 
 @dataclass(frozen=True, eq=False)
 class Both:
-    """Changes within two limits, the second of which is known from speed zero on.
+    """Changes of speed within two limits.
 
     Attributes:
         law: The limit for all speeds.
-        ramp: The second limit.
+        ramp: The limit for speeds from zero on.
     """
 
     law: Change
     ramp: Change
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """See :class:`Change`: neither is less than for one of the limits alone."""
-        one, other = self.law(low, high), self.ramp(max(low, 0.0), high)
-        return max(one[0], other[0]), max(one[1], other[1])
+        """See :class:`Change`: the larger time and integral of both limits."""
+        law, ramp = self.law(low, high), self.ramp(max(low, 0.0), high)
+        return max(law[0], ramp[0]), max(law[1], ramp[1])
 
     @property
     def abrupt(self) -> Change:
@@ -249,8 +254,8 @@ class OneWay:
     """Motions in one direction.
 
     Attributes:
-        up: Their increase of speed.
-        down: Their decrease of speed.
+        up: Law of increasing speed.
+        down: Law of decreasing speed.
         top: Speed limit, possibly infinite.
         ends: Largest speeds at the start and at the end, negative in the opposite
             direction, possibly infinite.
@@ -261,26 +266,26 @@ class OneWay:
     top: float
     ends: tuple[float, float]
 
-    def least_time(self, way: float) -> float:
-        """Least time for a displacement [s]; infinite for an impossible one."""
-        peak, missed = self._peak(lambda time, peak, lost: peak * time - lost >= way)
+    def least_time(self, distance: float) -> float:
+        """Least time for a displacement [s]; infinite if it is impossible."""
+        peak, loss = self._peak(lambda time, peak, loss: peak * time - loss >= distance)
         if peak > 0.0:
-            return (way + missed) / peak * (1.0 - ROUNDING)
-        return math.inf if way + missed > 0.0 else 0.0
+            return (distance + loss) / peak * (1.0 - ROUNDING)
+        return math.inf if distance + loss > 0.0 else 0.0
 
     def farthest(self, T: float) -> float:
         """Largest displacement in a time [s]."""
-        peak, missed = self._peak(lambda time, peak, lost: time >= T)
-        return peak * T - missed
+        peak, loss = self._peak(lambda time, peak, loss: time >= T)
+        return peak * T - loss
 
     def _peak(
-        self, enough: Callable[[float, float, float], bool]
+        self, too_high: Callable[[float, float, float], bool]
     ) -> tuple[float, float]:
-        """The highest possible peak speed, and the loss against a cruise at it.
+        """The highest possible peak speed, and the loss against a cruise at the peak.
 
         Args:
-            enough: Whether a peak, and all higher ones, are too high: a function of the
-                time of both changes of the speed, the peak, and the displacement that
+            too_high: Whether a peak, and all higher peaks, are too high: a function of
+                the time of both changes of speed, the peak, and the displacement that
                 both changes lose against a cruise at the peak.
 
         Returns:
@@ -288,18 +293,18 @@ class OneWay:
             loss.
         """
 
-        def room(peak: float) -> bool:
-            time, lost = self._around(peak)
-            return math.isfinite(time) and not enough(time, peak, lost)
+        def possible(peak: float) -> bool:
+            time, loss = self._changes(peak)
+            return math.isfinite(time) and not too_high(time, peak, loss)
 
-        if not room(0.0):
-            return 0.0, self._around(0.0)[1]
+        if not possible(0.0):
+            return 0.0, self._changes(0.0)[1]
         first = self.top if math.isfinite(self.top) else 1.0
-        low, high = last_bracket(room, first, min(self.top, FASTEST), HALVINGS)
-        return math.inf if high == FASTEST else high, self._around(low)[1]
+        low, high = last_bracket(possible, first, min(self.top, FASTEST), HALVINGS)
+        return math.inf if high == FASTEST else high, self._changes(low)[1]
 
-    def _around(self, peak: float) -> tuple[float, float]:
-        """Time of speeding up to a peak and of slowing down, and its integral."""
+    def _changes(self, peak: float) -> tuple[float, float]:
+        """Time of speeding up to a peak and slowing down, and the displacement lost."""
         first = self.up(min(self.ends[0], peak), peak)
         last = self.down(min(self.ends[1], peak), peak)
         return first[0] + last[0], first[1] + last[1]
@@ -307,11 +312,11 @@ class OneWay:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Limits of the acceleration of a coordinate in both directions.
+    """Speed and acceleration limits of a coordinate in both directions.
 
     Attributes:
-        ahead: Increase and decrease of the speed of forward motions.
-        back: Increase and decrease of the speed of backward motions.
+        ahead: Laws of increasing and decreasing speed of forward motions.
+        back: Laws of increasing and decreasing speed of backward motions.
         top: Speed limit, possibly infinite.
     """
 
@@ -324,16 +329,17 @@ class Drive:
 
         Args:
             T: The time [s].
-            ends: Largest speeds at start and end, possibly infinite.
+            ends: Largest speeds at the start and at the end, possibly infinite.
         """
         return max(self._one_way(side, ends).farthest(T) for side in (1.0, -1.0))
 
     def least_time(self, way: float, ends: tuple[float, float]) -> float:
-        """Least time for a displacement or a larger one.
+        """Least time for a displacement or a larger displacement.
 
         Args:
             way: Least displacement, with its sign.
-            ends: Its velocities at start and end; infinite for any velocity.
+            ends: Velocities at the start and at the end; infinite where a velocity is
+                free.
 
         Returns:
             The time [s]; infinite for an impossible displacement.
@@ -343,11 +349,11 @@ class Drive:
         return self._one_way(side, (along[0], along[1])).least_time(abs(way))
 
     def least_time_between(self, way: float, ends: tuple[float, float]) -> float:
-        """Least time for an exact displacement, with a given final velocity.
+        """Least time for an exact displacement, with a fixed final velocity.
 
         Args:
             way: The displacement, with its sign.
-            ends: Its velocities at start and end.
+            ends: Velocities at the start and at the end.
 
         Returns:
             The time [s]; infinite for an impossible displacement.
@@ -359,10 +365,10 @@ class Drive:
         braking = max(v0, v1) * time - integral
         if braking - abs(way) <= OFF + SHARE * abs(braking) or math.isinf(time):
             return self._one_way(side, (v0, v1)).least_time(abs(way))
-        # It cannot brake before the goal: it passes the goal and comes back.
+        # Braking takes longer than the displacement: the motion overshoots and returns.
         return self._one_way(-side, (-v0, -v1)).least_time(-abs(way))
 
     def _one_way(self, side: float, ends: tuple[float, float]) -> OneWay:
-        """Motions forwards, for a side of 1, or backwards, for one of -1."""
+        """Forward motions, for a side of 1, or backward motions, for a side of -1."""
         changes = self.ahead if side > 0.0 else self.back
         return OneWay(*changes, self.top, ends)

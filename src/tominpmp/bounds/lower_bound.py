@@ -1,19 +1,19 @@
 r"""Lower bounds on the duration of any motion that solves a problem.
 
-The bounds hold for all motions: obstacles, detours and constraints are ignored, so that
-they hold for any path. The largest bound counts, of
+The bounds hold for any path, as obstacles, detours and constraints are ignored. The
+result is the largest of the bounds from
 
-- joints, each by itself (:mod:`~tominpmp.bounds.joints`): its way at its limits of
-  speed, acceleration and jerk; of an arm with one joint also by its torques;
+- single joints (:mod:`~tominpmp.bounds.joints`): the displacement of a joint at its
+  limits of speed, acceleration and jerk; for an arm with one joint also at its torques;
 - frames (:mod:`~tominpmp.bounds.frames`): a frame moves no farther than its joints
-  carry it, and no faster than its limit;
+  carry it, and no faster than its speed limit;
 - energy (:mod:`~tominpmp.bounds.energy`): the work of the torques on arms whose rotors
   have inertia.
 
-Assumed are the robot's dynamics as they are replayed, torques within the share of their
-limits and below their curves over speed, payloads as part of the robot, and, where
-accelerations may not jump, that a motion begins and ends without acceleration. Motions
-that use the tolerance of the verification can be shorter by as much.
+The bounds assume the robot dynamics of the replay, torques within the allowed share of
+their limits and below the torque-speed curves, payloads as part of the robot, and, if
+accelerations may not jump, that a motion begins and ends with zero acceleration.
+Motions that use the tolerances of the verification can be correspondingly shorter.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from tominpmp.problem.problem import Problem
 def lower_bound(
     problem: Problem, *, known: float = math.inf, quick: bool | None = None
 ) -> LowerBound:
-    """Find a time that no motion which solves a problem can beat.
+    """Find a lower bound on the duration of all motions that solve a problem.
 
     Args:
         problem: The problem.
-        known: Duration of a motion that solves it, if known [s]: an upper end of the
-            searches.
-        quick: Without effect, as the bounds of arms with two joints were removed: a
-            warning says so, until the next release.
+        known: Duration of a motion that solves the problem [s], as an upper end of the
+            searches; infinite if no motion is known.
+        quick: Without effect, as the bounds of arms with two joints were removed: it
+            causes a warning until the next release.
 
     Returns:
         The largest bound.
@@ -55,7 +55,7 @@ def lower_bound(
     """
     instance(problem, Problem, "problem")
     if quick is not None:
-        warn_caller("lower_bound: quick has no effect, as all bounds that are left are")
+        warn_caller("lower_bound: quick has no effect, as all bounds are quick")
     longest = number(known, "known", "seconds > 0", above=0.0, infinite=True)
     if problem.segments:
         return _of_segments(problem)
@@ -63,14 +63,14 @@ def lower_bound(
 
 
 def _of_segments(problem: Problem) -> LowerBound:
-    """Sum of the bounds of segments between two configurations, and of all dwells.
+    """Sum of the bounds of segments with a known start, and of all dwells.
 
-    Velocities at ends of segments that are not given may have any value.
+    Velocities at ends of segments are free unless the goal fixes them.
     """
-    total = stays = 0.0
+    total = dwells = 0.0
     start, known = problem.v_start, True
     for phase, segment in zip(problem.phases, problem.segments, strict=True):
-        stays += segment.dwell
+        dwells += segment.dwell
         if known:
             total += _of_goal(phase, phase.goal, start, smooth_ends=False).T
         known = phase.goal.configuration is not None
@@ -82,7 +82,7 @@ def _of_segments(problem: Problem) -> LowerBound:
         last = problem.phases[-1].goal
         total = max(total, _of_goal(problem, last, problem.v_start).T)
     return LowerBound(
-        total + stays, "what joints can do on each segment, and all stays"
+        total + dwells, "the limits of the joints on each segment, and all dwells"
     )
 
 
@@ -94,34 +94,34 @@ def _of_goal(
     *,
     smooth_ends: bool = True,
 ) -> LowerBound:
-    """The bound for a goal; for a set of alternatives the least of their bounds.
+    """The bound for a goal; for alternative goals the least of their bounds.
 
     Args:
         problem: The problem.
         goal: The goal.
-        start: Velocities at the start, shape (n,); infinite for any.
-        longest: Longest time of the searches [s].
-        smooth_ends: Whether accelerations that may not jump begin and end with zero.
+        start: Velocities at the start, shape (n,); infinite where a velocity is free.
+        longest: Largest time of the searches [s].
+        smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
-    joints, bounds = joints_of(problem, smooth_ends), []
-    for one in goal.alternatives:
-        q, ends = one.configuration, np.stack([start, _end_velocity(problem, one)])
-        lower, upper = (x - problem.q_start for x in one.joint_ranges(problem.robot))
-        found = [LowerBound(0.0, "no bound is known for a goal of this kind")]
-        found += joint_bounds(joints, lower, upper, ends)
-        found += tool_speed_bounds(problem, one)
+    joints, least = joints_of(problem, smooth_ends), []
+    for item in goal.alternatives:
+        q, ends = item.configuration, np.stack([start, _end_velocity(problem, item)])
+        lower, upper = (x - problem.q_start for x in item.joint_ranges(problem.robot))
+        bounds = [LowerBound(0.0, "no bound is known for a goal of this kind")]
+        bounds += joint_bounds(joints, lower, upper, ends)
+        bounds += tool_speed_bounds(problem, item)
         if q is not None and np.all(np.isfinite(ends)):
-            found += energy_bounds(problem, q, ends)
+            bounds += energy_bounds(problem, q, ends)
         reach = reach_of(joints, ends)
-        for member in one.members:
+        for member in item.members:
             if member.frame_name is not None:
-                place = member, member.frame_name
-                found += frame_bounds(problem, *place, reach, longest)
-        bounds.append(max(found, key=lambda bound: bound.T))
-    return min(bounds, key=lambda bound: bound.T)
+                frame = member, member.frame_name
+                bounds += frame_bounds(problem, *frame, reach, longest)
+        least.append(max(bounds, key=lambda bound: bound.T))
+    return min(least, key=lambda bound: bound.T)
 
 
 def _end_velocity(problem: Problem, goal: Goal) -> Array:
-    """Velocities that a goal asks for, shape (n,); infinite where any will do."""
+    """Final joint velocities of a goal, shape (n,); infinite where they are free."""
     n = problem.robot.n
     return goal.final_velocity(n) if goal.fixes_velocity else np.full(n, math.inf)

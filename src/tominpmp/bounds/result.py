@@ -1,4 +1,4 @@
-"""Lower bounds as records: a time and its reason."""
+"""Records of lower bounds: a time and its reason."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 from tominpmp.checks import number
 
-# Bounds below this share of the duration are not reported.
+# Least share of the duration of a motion from which a bound is reported.
 USEFUL = 0.5
 USELESS = "no useful bound"
 
 
 @dataclass(frozen=True)
 class LowerBound:
-    """Time that no motion can beat.
+    """Lower bound on the duration of all motions that solve a problem.
 
     Attributes:
-        T: The time [s]; 0 without a bound.
-        reason: Its reason, in a clause.
-        joint: Name of the joint of the reason; None for several joints.
+        T: The bound [s]; 0 if no bound is known.
+        reason: Reason of the bound, as a clause.
+        joint: Name of the joint that causes the bound; None for several joints.
     """
 
     T: float
@@ -26,7 +26,7 @@ class LowerBound:
     joint: str | None = None
 
     def useful(self, T: float) -> bool:
-        """Whether it is at least half of the duration of a motion.
+        """Whether the bound is at least half of the duration of a motion.
 
         Args:
             T: Duration of the motion [s].
@@ -35,7 +35,7 @@ class LowerBound:
         return 0.0 < USEFUL * T <= self.T
 
     def comparison(self, T: float) -> str:
-        """Clause on the excess of a motion over it; empty for bounds without use.
+        """Clause on the excess of a motion over the bound; empty for a useless bound.
 
         Args:
             T: Duration of the motion [s].
@@ -45,9 +45,9 @@ class LowerBound:
         return f"{100.0 * max(T / self.T - 1.0, 0.0):.1f} % above the lower bound"
 
     def in_words(self, T: float) -> str:
-        """The time and its reason, or that it is not useful.
+        """The bound and its reason in words, or a remark that it is not useful.
 
         Args:
-            T: Duration of the motion that it is compared with [s].
+            T: Duration of the motion with which the bound is compared [s].
         """
         return f"{self.T:.4f} s ({self.reason})" if self.useful(T) else USELESS

@@ -1,17 +1,17 @@
 r"""Sensitivities of the duration of a motion to every limit of its problem.
 
 The duration is the minimum of a program whose limits :math:`g_i(z, p) \le 0` depend on
-numbers p: speeds, torques, margins, masses. By the envelope theorem
+parameters p: speeds, torques, margins, masses. By the envelope theorem
 
 .. math:: \frac{dT}{dp} = \sum_i \lambda_i \frac{\partial g_i}{\partial p}
 
-at the optimum, with the motion z fixed: nothing is planned again. The multipliers
-:math:`\lambda_i` are those of the certificate.
+at the optimum, with the motion z fixed: no motion is planned again. The multipliers
+:math:`\lambda_i` are the multipliers of the certificate.
 
-A displacement of the goal is equivalent to the opposite displacement of the robot. So
-the sensitivities to both, and the effects of the base on gravity and constraints, come
-from the values of a robot with a slightly displaced base, with the motion of its joints
-fixed; contacts contribute by their normals.
+A displacement of the goal is equivalent to the opposite displacement of the robot.
+Therefore the sensitivities to both, and the effects of the base on gravity and
+constraints, follow from the values for a robot with a slightly displaced base and
+unchanged joint motion; contacts contribute by their normals.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ from tominpmp.sensitivities.torques import TorqueWeights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.stages import with_segments
 
-# Displacements of differences [m, rad], and changes of gravity, as a share of it.
+# Steps of finite differences: of displacements [m, rad], and of gravity as a share.
 STEP, GRAVITY_STEP = 1e-6, 1e-4
-# Multipliers below this are neglected [1/m].
+# Multiplier up to which a limit is neglected [1/m].
 NOTHING = 1e-9
 
 
@@ -61,69 +61,69 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
 
     Args:
         problem: The problem that the motion solves.
-        trajectory: The motion, of any origin; the nearer it is to an optimum the more
-            accurate are the values, see :attr:`Sensitivities.promise`.
+        trajectory: The motion, planned by any method; the closer it is to an optimum
+            the more accurate are the values, see :attr:`Sensitivities.promise`.
 
     Returns:
         The sensitivities; for several segments, the sum over the segments for each
         limit.
 
     Raises:
-        ProblemError: If the motion has other joints, values that are not finite or no
-            multipliers, or if segments have arrival times, or dwells while obstacles
-            move.
+        ProblemError: If the motion has other joints than the robot, values that are not
+            finite or no multipliers, or if segments have arrival times, or dwells while
+            obstacles move.
     """
     instance(problem, Problem, "problem")
-    given = checked_motion(trajectory, problem.robot, problem.q_start, problem.v_start)
-    T = given.duration
+    robot = problem.robot
+    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    T = trajectory.duration
     if problem.segments:
-        problem, given = _moving(problem, given)
-    if not given.duration:
+        problem, trajectory = _moving(problem, trajectory)
+    if not trajectory.duration:
         return Sensitivities(T, (), 0.0, np.zeros(6))
-    found = None
+    dual = None
     with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-        motion = Motion.of(ProblemFunctions.of(problem), given)
-        found = solve_dual_program(motion)
-    if found is None:
+        motion = Motion.of(ProblemFunctions.of(problem), trajectory)
+        dual = solve_dual_program(motion)
+    if dual is None:
         raise ProblemError(
-            f"trajectory of {given.duration:.4g} s has no multipliers, expected a "
+            f"trajectory of {trajectory.duration:.4g} s has no multipliers, expected a "
             "motion whose linear program of small changes can be solved",
             "trajectory",
         )
     # Multipliers are shares of the time without dwells, which are constant.
-    share = given.duration / T
-    parts = [*_segments(motion, found.multipliers)]
+    share = trajectory.duration / T
+    parts = [*_segments(motion, dual.multipliers)]
     records = tuple(item.scaled(share) for part in parts for item in part.records())
     base = np.sum([share * part.base for part in parts], axis=0)
     records = summed(records) if len(parts) > 1 else records
-    return Sensitivities(T, records, share * found.predicted_gain, base)
+    return Sensitivities(T, records, share * dual.predicted_gain, base)
 
 
-def _moving(problem: Problem, given: Trajectory) -> tuple[Problem, Trajectory]:
+def _moving(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
     """A motion of several segments without its dwells, and the problem it solves."""
     for number, segment in enumerate(problem.segments, 1):
         if segment.arrival is not None:
             raise ProblemError(
-                f"segment {number} has to arrive at given times, expected none: what "
-                "they are worth is not known",
+                f"segment {number} has arrival times, expected none: sensitivities to "
+                "arrival times are not known",
                 f"segments[{number - 1}].arrival",
             )
-    given = with_segments(problem, given, Tolerances())
-    problem = problem.alternative_of(given)
-    return without_dwells(problem, given)
+    motion = with_segments(problem, motion, Tolerances())
+    return without_dwells(problem.alternative_of(motion), motion)
 
 
-def _segments(motion: Motion, given: LimitRows) -> Iterator[SegmentRows]:
-    """The segments of a motion, with the rows of each and subjects as in its problem.
+def _segments(motion: Motion, rows: LimitRows) -> Iterator[SegmentRows]:
+    """The segments of a motion with their rows, whose subjects are renumbered.
 
     All segments share a program of small changes, with a duration for each segment.
-    Sensitivities are read segment by segment, since robot, load, limits and obstacles
-    are those of the segment.
+    Sensitivities are evaluated segment by segment, since robot, payload, limits and
+    obstacles differ between segments.
     """
     for part in motion.segments:
         first, end = part.span
-        rows = given.selected((given.at.interval >= first) & (given.at.interval < end))
-        yield SegmentRows(part, replace(rows, subject=rows.subject % SEGMENT))
+        own = rows.selected((rows.at.interval >= first) & (rows.at.interval < end))
+        yield SegmentRows(part, replace(own, subject=own.subject % SEGMENT))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ class SegmentRows:
     """Sensitivities from the multipliers of a segment of a motion.
 
     Attributes:
-        motion: The motion, with the task of the segment.
+        motion: The motion on the segment.
         rows: The limits of the segment, with their multipliers.
     """
 
@@ -146,26 +146,28 @@ class SegmentRows:
         yield from self._forces()
         yield from self._goal()
         for item in self._problem.scene:
-            place = self._contacts.get(item.name, np.zeros(6))[:3]
-            yield _place("obstacle", item.name, place)
+            gradient = self._contacts.get(item.name, np.zeros(6))[:3]
+            yield _of_position("obstacle", item.name, gradient)
 
     @property
     def _problem(self) -> Problem:
+        """The problem of the segment."""
         return self.motion.system.problem
 
     @property
     def _robot(self) -> Robot:
+        """The robot of the segment, with its payload."""
         return self._problem.robot
 
     def _units(self, kind: LimitKind) -> list[str]:
-        """Units of a kind of limit of the joints."""
+        """Units of a kind of joint limit, by joint."""
         return [kind.units[int(slides)] for slides in prismatic_joints(self._robot)]
 
     def _sums(self, kind: str, values: Array, count: int) -> Array:
-        """Sums of values of the rows of a kind by subject, shape (count,)."""
-        own = self.rows.of(kind)
-        found = np.bincount(self.rows.subject[own], values[own], minlength=count)
-        return np.asarray(found, dtype=float)
+        """Sums of values over the rows of a kind, by subject, shape (count,)."""
+        mask = self.rows.of(kind)
+        sums = np.bincount(self.rows.subject[mask], values[mask], minlength=count)
+        return np.asarray(sums, dtype=float)
 
     def _of_joints(
         self,
@@ -186,18 +188,18 @@ class SegmentRows:
             limit: The limits, if they are numbers, shape (n,).
             units: Units of the limits.
             joints: Indices of the joints.
-            places: Whether values are derivatives by positions, not by shares of
-                limits.
-            subject: Subject of the records, with braces for the joint.
+            places: Whether values are derivatives with respect to positions; otherwise
+                with respect to shares of limits.
+            subject: Subject of the records, with braces for the name of the joint.
         """
-        names, where = self._robot.joint_names, self._units(POSITION)
+        names, position_units = self._robot.joint_names, self._units(POSITION)
         for joint in joints:
             yield Sensitivity(
                 kind,
                 names[joint],
                 subject.format(names[joint]),
                 float(value[joint]),
-                f"1/{where[joint]}" if places else "",
+                f"1/{position_units[joint]}" if places else "",
                 None if limit is None else float(limit[joint]),
                 "" if units is None else units[joint],
             )
@@ -205,28 +207,28 @@ class SegmentRows:
     # -- limits ------------------------------------------------------------------------
 
     def _limits(self) -> Iterator[Sensitivity]:
-        """Limits of the joints, kind by kind.
+        """Records of the joint limits, kind by kind.
 
-        A multiplier is weighted by the share of the limit that the motion uses, so that
-        the sums satisfy time scaling, which changes the used shares, also for motions
-        away from the optimum.
+        A multiplier is weighted by the share of the limit that the motion uses: then
+        the sums satisfy the time scaling identity also for motions away from the
+        optimum, as time scaling changes the used shares.
         """
         rows = self.rows
         # Torques may exceed limits between nodes: their used share is not clipped.
-        driving = control_kind(self._robot).name
-        used = np.where(rows.of(driving), rows.used, 1.0 - rows.slack)
+        control = control_kind(self._robot).name
+        used = np.where(rows.of(control), rows.used, 1.0 - rows.slack)
         driven = np.isin(np.arange(self._robot.n), self.motion.driven)
         of_arm = self._robot, self._problem.motion_limits
         _, strongest = control_bounds(*of_arm)
         efforts = np.where(driven, strongest, np.inf)
-        worth, held = rows.value, rows.upper_active
+        gain, upper = rows.value, rows.upper_active
         for item in joint_limits(*of_arm):
             kind, most = item.kind, efforts if item.kind.quantity == "u" else item.upper
-            asked = [(kind.name, most, worth * used)]
+            sides = [(kind.name, most, gain * used)]
             if kind.quantity == "q":
-                asked = [("upper position", most, worth * held)]
-                asked.append(("lower position", item.lower, worth * ~held))
-            for name, limit, values in asked:
+                sides = [("upper position", most, gain * upper)]
+                sides.append(("lower position", item.lower, gain * ~upper))
+            for name, limit, values in sides:
                 yield from self._of_joints(
                     name,
                     0.0 - self._sums(kind.name, values, limit.size),
@@ -241,100 +243,99 @@ class SegmentRows:
     def _over_speed(
         self, kind: LimitKind, joint: int, bound: Any
     ) -> Iterator[Sensitivity]:
-        """Sensitivities to all numbers of a limit of a torque over its speed."""
-        motion, name = self.motion, self._robot.joint_names[joint]
-        rows = self.rows.selected(
-            self.rows.of(kind.name) & (self.rows.subject == joint)
-        )
+        """Sensitivities to all parameters of a torque-speed limit."""
+        motion, name, rows = self.motion, self._robot.joint_names[joint], self.rows
+        rows = rows.selected(rows.of(kind.name) & (rows.subject == joint))
         v, u = motion.states(rows.at).v, motion.torques(rows.at)
         each = rows.y / kind.scale(bound, float(motion.system.effort_half[joint]))
         shifts = kind.shifts(bound, u[:, joint], v[:, joint])
         limit = (float(bound), self._units(kind)[joint]) if kind.numbers else ()
-        for what, by in shifts.items():
-            yield Sensitivity(what, name, name, -float(each @ by), "", *limit)
+        for parameter, by in shifts.items():
+            yield Sensitivity(parameter, name, name, -float(each @ by), "", *limit)
 
     def _clearances(self) -> Iterator[Sensitivity]:
         """Clearances by obstacle, by pair of links, and the margin of all pairs."""
         problem, pairs = self._problem, self._problem.checker.pairs
-        worth = self._sums("clearance", self.rows.value, len(pairs))
+        gain = self._sums("clearance", self.rows.value, len(pairs))
         names: dict[str, float] = {item.name: 0.0 for item in problem.scene}
-        for index, (one, other) in enumerate(pairs):
+        for index, (first, second) in enumerate(pairs):
             if index < problem.checker.obstacle_pairs:
-                names[other] += float(worth[index])
-            elif worth[index] > 0.0:
-                pair = f"{one} and {other}"
-                names[pair] = names.get(pair, 0.0) + float(worth[index])
+                names[second] += float(gain[index])
+            elif gain[index] > 0.0:
+                pair = f"{first} and {second}"
+                names[pair] = names.get(pair, 0.0) + float(gain[index])
         for name, value in names.items():
             yield Sensitivity("clearance", None, name, value, "1/m")
-        margin = float(worth[problem.checker.margins(1.0) > 0.0].sum())
+        margin = float(gain[problem.checker.margins(1.0) > 0.0].sum())
         value, unit = _by_share(margin, problem.margin, "m")
         limit = max(problem.margin, 0.0)
         yield Sensitivity("margin", None, "", value, unit, limit, "m")
 
     def _constraints(self) -> Iterator[Sensitivity]:
-        """Constraints of the problem along the motion."""
+        """Records of the constraints of the problem along the motion."""
         items = self._problem.constraints
         for index, item in enumerate(items):
-            worth = float(self._sums(item.name, self.rows.value, len(items))[index])
-            limit, of = float(item.largest), item.unit
-            value, unit = _by_share(0.0 - worth, limit, of)
-            yield Sensitivity(item.name, None, item.subject, value, unit, limit, of)
+            gain = float(self._sums(item.name, self.rows.value, len(items))[index])
+            limit, per = float(item.largest), item.unit
+            value, unit = _by_share(0.0 - gain, limit, per)
+            yield Sensitivity(item.name, None, item.subject, value, unit, limit, per)
 
-    # -- gravity, loads and friction ---------------------------------------------------
+    # -- gravity, payloads and friction ------------------------------------------------
 
     @cached_property
     def _torques(self) -> TorqueWeights:
-        if self._robot.kinematic:  # loads and gravity do not change accelerations
+        """Cost of torques on the segment; empty for a kinematic robot."""
+        if self._robot.kinematic:  # payloads and gravity do not change accelerations
             return TorqueWeights(*np.zeros((5, 0, self._robot.n)))
         return TorqueWeights.of(self.motion, self.rows)
 
     @cached_property
     def _torques_by_gravity(self) -> Array:
-        """Share of T by gravity through torques [s^2/m], shape (3,)."""
+        """Derivatives of ln T by gravity, through torques, shape (3,) [s^2/m]."""
         return self._torques.by_gravity(self._robot)
 
     def _forces(self) -> Iterator[Sensitivity]:
-        """Gravity, loads and friction."""
+        """Records of gravity, payloads, damping and dry friction."""
         robot, torques = self._robot, self._torques
         by_gravity = self._torques_by_gravity
         size = float(np.linalg.norm(robot.gravity))
         value = float(by_gravity @ robot.gravity) + self._constraints_by_gravity()
         yield Sensitivity("gravity", None, "", value, "", size, "m/s^2", by_gravity)
-        for load in robot.payloads:
-            value, unit = _by_share(torques.by_mass(robot, load), load.mass, "kg")
-            yield Sensitivity("payload", None, load.name, value, unit, load.mass, "kg")
+        for item in robot.payloads:
+            value, unit = _by_share(torques.by_mass(robot, item), item.mass, "kg")
+            yield Sensitivity("payload", None, item.name, value, unit, item.mass, "kg")
         viscous = [
             "N s/m" if unit == "m" else "N m s/rad" for unit in self._units(POSITION)
         ]
-        for kind, given, ways, units in (
+        for kind, coefficient, factor, units in (
             ("damping", robot.damping, torques.v, viscous),
             ("friction", robot.friction, torques.way, self._units(EFFORT)),
         ):
-            worth = np.sum(torques.weight * given * ways, axis=0)
-            joints = np.flatnonzero(given)
-            yield from self._of_joints(kind, worth, given, units, joints=joints)
+            value = np.sum(torques.weight * coefficient * factor, axis=0)
+            joints = np.flatnonzero(coefficient)
+            yield from self._of_joints(kind, value, coefficient, units, joints=joints)
 
     def _constraints_by_gravity(self) -> float:
-        """Share of T by a share of gravity through constraints, as of held loads."""
+        """Derivative of ln T by ln gravity, through constraints such as held loads."""
         robot = self._robot
-        if not np.any(robot.gravity) or not self._asked_of:
+        if not np.any(robot.gravity) or not self._active_constraints:
             return 0.0
         less, more = (
-            self._asked(robot.with_changes(gravity=robot.gravity * (1.0 + step)))
+            self._weighted(robot.with_changes(gravity=robot.gravity * (1.0 + step)))
             for step in (-GRAVITY_STEP, GRAVITY_STEP)
         )
         return (more - less) / (2.0 * GRAVITY_STEP)
 
-    # -- places of the goal, of obstacles and of the base ------------------------------
+    # -- positions of the goal, of obstacles and of the base ---------------------------
 
     def _goal(self) -> Iterator[Sensitivity]:
-        """The goal: a configuration joint by joint, or a place."""
+        """Records of the goal: of a configuration joint by joint, or of a position."""
         goal, number = self._problem.goal, self.motion.number
         of_segment = "" if number is None else f" of segment {number + 1}"
         if goal.configuration is None:
             name = goal.frame_name
             subject = "goal" if name is None else f"frame {name}"
-            yield _place("goal", subject + of_segment, -self._base_of_goal[:3])
+            yield _of_position("goal", subject + of_segment, -self._base_of_goal[:3])
             return
         yield from self._of_joints(
             "goal",
@@ -347,19 +348,19 @@ class SegmentRows:
         )
 
     @cached_property
-    def _moved_robots(self) -> list[list[Robot]]:
+    def _displaced_robots(self) -> list[list[Robot]]:
         """The robot with its base displaced to both sides, along six coordinates."""
         every = (STEP * axis for axis in np.eye(6))
         return [[_displaced(self._robot, twist) for twist in (-x, x)] for x in every]
 
     def _by_base(self, value: Callable[[Robot], float]) -> Array:
-        """Derivatives of a number by a displacement of the base, shape (6,)."""
-        pairs = ([value(robot) for robot in both] for both in self._moved_robots)
+        """Derivatives of a value by a displacement of the base, shape (6,)."""
+        pairs = ([value(robot) for robot in both] for both in self._displaced_robots)
         return np.array([(after - before) / (2.0 * STEP) for before, after in pairs])
 
     @cached_property
     def _base_of_goal(self) -> Array:
-        """Share of T by a displacement of the base through the goal, shape (6,)."""
+        """Derivatives of ln T by a displacement of the base, through the goal, (6,)."""
         y, node = self._sums(GOAL, self.rows.y, 0), self.motion.span[1]
         if self._problem.goal.configuration is not None or not y.size:
             return np.zeros(6)
@@ -371,21 +372,21 @@ class SegmentRows:
 
     @cached_property
     def _contacts(self) -> dict[str, Array]:
-        """Share of T by displacements of obstacles by name.
+        """Derivatives of ln T by displacements of obstacles, by name.
 
         Three translations [1/m] and three rotations about the origin of the world
         [1/rad], shape (6,) each.
         """
         checker, rows = self._problem.checker, self.rows
-        held = rows.of("clearance") & (rows.subject < checker.obstacle_pairs)
-        rows = rows.selected(held & (rows.y > NOTHING * rows.unit))
+        obstacles = rows.of("clearance") & (rows.subject < checker.obstacle_pairs)
+        rows = rows.selected(obstacles & (rows.y > NOTHING * rows.unit))
         out: dict[str, Array] = {}
         if not rows.subject.size:
             return out
         times, pairs = rows.at.times(self.motion.changes.h), rows.subject
         q = self.motion.path(times).q
         normal, _, point = checker.witnesses(q, np.arange(len(q)), pairs, times)
-        # An obstacle that moves along the normal adds clearance.
+        # Clearance grows if an obstacle moves along the normal.
         twists = np.hstack([normal, np.cross(point, normal)]) * -rows.value[:, None]
         for pair, twist in zip(pairs.tolist(), twists, strict=True):
             name = checker.pairs[pair][1]
@@ -394,39 +395,51 @@ class SegmentRows:
 
     @cached_property
     def base(self) -> Array:
-        """Share of T by a displacement of the base, shape (6,) [1/m, 1/rad]."""
+        """Derivatives of ln T by a displacement of the base, (6,) [1/m, 1/rad]."""
         out = self._base_of_goal - sum(self._contacts.values(), np.zeros(6))
         # A rotation of the base turns gravity in the axes of the base.
         out[3:] += np.cross(self._torques_by_gravity, self._robot.gravity)
-        return np.asarray(out + self._by_base(self._asked))
+        return np.asarray(out + self._by_base(self._weighted))
 
     @cached_property
-    def _asked_of(self) -> list[tuple[PathConstraint, LimitRows]]:
-        """Constraints with their active rows."""
+    def _active_constraints(self) -> list[tuple[PathConstraint, LimitRows]]:
+        """Constraints of the problem with active rows, and these rows."""
         every = self.rows.selected(np.abs(self.rows.y) > NOTHING)
-        found = []
+        active = []
         for index, item in enumerate(self._problem.constraints):
             rows = every.selected(every.of(item.name) & (every.subject == index))
             if rows.subject.size:
-                found.append((item, rows))
-        return found
+                active.append((item, rows))
+        return active
 
-    def _asked(self, robot: Robot) -> float:
-        """Values of the constraints for another robot, weighted by multipliers."""
+    def _weighted(self, robot: Robot) -> float:
+        """Sum of constraint values for a changed robot, weighted by multipliers."""
         total = 0.0
-        for item, rows in self._asked_of:
+        for item, rows in self._active_constraints:
             values = item.on(robot).evaluate(self.motion.states(rows.at))
             total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
         return total
 
 
-def _by_share(worth: float, limit: float, unit: str) -> tuple[float, str]:
-    """Sensitivity to a share of a limit, or to a unit of it if it is not positive."""
-    return (worth * limit, "") if limit > 0.0 else (worth, f"1/{unit}")
+def _by_share(value: float, limit: float, unit: str) -> tuple[float, str]:
+    """Sensitivity to a share of a limit, or to its unit if the limit is not positive.
+
+    Args:
+        value: Derivative of ln T with respect to the limit.
+        limit: The limit.
+        unit: Unit of the limit.
+
+    Returns:
+        The sensitivity and its unit.
+    """
+    return (value * limit, "") if limit > 0.0 else (value, f"1/{unit}")
 
 
 def _displaced(robot: Robot, twist: Array) -> Robot:
-    """The robot with its base moved by a small twist in the world, without shapes."""
+    """The robot with its base displaced by a small twist in the world.
+
+    The shapes of the links are not displaced.
+    """
     model = robot.model.copy()
     move = pin.SE3(pin.exp3(twist[3:]), twist[:3])
     for joint in range(1, model.njoints):
@@ -438,6 +451,7 @@ def _displaced(robot: Robot, twist: Array) -> Robot:
     return replace(robot, model=model)
 
 
-def _place(kind: str, subject: str, gradient: Array) -> Sensitivity:
+def _of_position(kind: str, subject: str, gradient: Array) -> Sensitivity:
+    """Record of a position, from the derivatives of ln T with respect to it."""
     length = float(np.linalg.norm(gradient))
     return Sensitivity(kind, None, subject, length, "1/m", vector=gradient)

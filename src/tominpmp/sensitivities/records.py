@@ -1,4 +1,4 @@
-"""Records of the sensitivities of the duration of a motion to its limits."""
+"""Records of sensitivities: how the duration of a motion depends on its limits."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from tominpmp.motion_limits import joint_kinds
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# With time stretched by a factor, a quantity falls by this power of it; the powers of
-# limits of joints are given by their kinds.
+# Powers of the factor of a time scaling by which quantities decrease; the kinds of
+# joint limits have their powers.
 POWERS = {"gravity": 2, "friction": 2, "damping": 1, "speed of effort curve": 1}
 # Steps of the tables: one per cent of a limit, a millimetre, a milliradian or a gram.
 SHARE, SMALL_UNIT = 0.01, 1e-3
-# Quantity of kinds that are bodies.
+# Quantity that a record of a body refers to, by kind.
 SHOWN = {"payload": "mass", "obstacle": "position"}
-# Effects below this share of T are left out of tables and pictures.
+# Effect, as a share of T, from which a record appears in tables and pictures.
 LEAST = 1e-6
 SMALL_NAMES = {"1/m": "1 mm", "1/rad": "1 mrad", "1/kg": "1 g"}
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity(Record):
-    """Sensitivity of the duration to a limit, or to another number of the problem.
+    """Sensitivity of the duration to a limit or another parameter of the problem.
 
     Attributes:
         kind: "velocity", "effort", "acceleration", "jerk", "effort rate", "effort over
             speed", "position", "clearance", "margin", "gravity", "payload", "damping",
             "friction", "goal", "obstacle", or the name of a constraint.
-        joint: The joint; None for other limits.
-        subject: Its subject: the joint, obstacle, pair of links, payload, frame.
-        value: d ln T / d ln limit: change of T in per cent where the limit grows by
-            1 %; negative where a larger limit makes the motion faster. Where the
-            logarithm of a limit is not defined, d ln T / d limit.
-        unit: Unit of the value: empty for shares of shares, else "1/m", "1/rad" or
-            "1/kg".
-        limit: Value of the limit [SI]; None where it is no number.
+        joint: Name of the joint; None for parameters of other subjects.
+        subject: Name of the subject: joint, obstacle, pair of links, payload or frame.
+        value: d ln T / d ln limit: change of T in per cent if the limit grows by 1 %;
+            negative if a larger limit makes the motion faster. If the logarithm of the
+            limit is not defined, d ln T / d limit.
+        unit: Unit of the value: empty for d ln T / d ln limit, otherwise "1/m", "1/rad"
+            or "1/kg".
+        limit: Value of the limit [SI]; None if it is not a number.
         limit_unit: Unit of the limit.
-        vector: d ln T by the coordinates of a place in the world, shape (3,) [1/m], or
-            by those of gravity [s^2/m]; its length is the value of a place. None for
-            other limits.
+        vector: Derivatives of ln T with respect to the coordinates of a position in the
+            world, shape (3,) [1/m], or of gravity [s^2/m]; the value of a position is
+            the length of the vector. None for other parameters.
     """
 
     kind: str
@@ -68,7 +68,7 @@ class Sensitivity(Record):
 
     @property
     def step(self) -> float:
-        """Step of tables: one per cent; for values with a unit, a thousandth."""
+        """Step of the tables: one per cent; a thousandth for values with a unit."""
         return SMALL_UNIT if self.unit else SHARE
 
     @property
@@ -78,11 +78,11 @@ class Sensitivity(Record):
 
     @property
     def effect(self) -> float:
-        """Share of T that one step of the tables adds, to first order."""
+        """Change of T by one step of the tables, to first order, as a share of T."""
         return self.value * self.step
 
     def scaled(self, share: float) -> Sensitivity:
-        """The sensitivity of a longer motion that contains this one as a share."""
+        """The sensitivity of a longer motion, of which this motion is a share."""
         vector = None if self.vector is None else share * self.vector
         return replace(self, value=share * self.value, vector=vector)
 
@@ -104,10 +104,10 @@ class Sensitivities(Record):
         T: Duration of the motion [s].
         records: The records.
         promise: Predicted gain of small changes of the motion, as a share of T: the
-            values hold for an optimum, and are the less exact the larger this is.
-        base: d ln T by a displacement of the robot's base: three translations along the
-            axes of the world [1/m] and three rotations about them, at its origin
-            [1/rad], shape (6,).
+            values are exact at an optimum, and less accurate the larger the gain is.
+        base: Derivatives of ln T with respect to a displacement of the robot's base:
+            three translations along the axes of the world [1/m] and three rotations
+            about these axes through the world's origin [1/rad], shape (6,).
     """
 
     T: float
@@ -116,10 +116,10 @@ class Sensitivities(Record):
     base: FrozenArray
 
     def __post_init__(self) -> None:
-        """Put the records into order."""
+        """Sort the records by their effects."""
         super().__post_init__()
-        found = sorted(self.records, key=lambda item: -abs(item.effect))
-        self._keep(records=tuple(found))
+        ordered = sorted(self.records, key=lambda item: -abs(item.effect))
+        self._keep(records=tuple(ordered))
 
     def __iter__(self) -> Iterator[Sensitivity]:
         """Iterate over the records."""
@@ -130,18 +130,23 @@ class Sensitivities(Record):
         return len(self.records)
 
     def __getitem__(self, index: int) -> Sensitivity:
-        """One of the records."""
+        """A record by its index."""
         return self.records[index]
 
     def __repr__(self) -> str:
-        """Number of records, and the largest, on one line."""
+        """Show the number of records, and the largest effect, on one line."""
         first = f", first {self.records[0].label}" if self.records else ""
         return f"<Sensitivities of T = {self.T:.6g} s: {len(self)} records{first}>"
 
     def of(
         self, kind: str | None = None, subject: str | None = None
     ) -> tuple[Sensitivity, ...]:
-        """Records of a kind, or of a subject: a joint, an obstacle, ..."""
+        """Records of a kind, or of a subject.
+
+        Args:
+            kind: Kind of the records; None for all kinds.
+            subject: Name of a joint, an obstacle, ...; None for all subjects.
+        """
         return tuple(
             item
             for item in self.records
@@ -149,7 +154,7 @@ class Sensitivities(Record):
         )
 
     def total(self, kind: str) -> float:
-        """Sum of the values of a kind: all its limits changed by the same share."""
+        """Sum of the values of a kind: its limits are changed by the same share."""
         return math.fsum(item.value for item in self.of(kind))
 
     @property
@@ -157,10 +162,10 @@ class Sensitivities(Record):
         """Residual of the time scaling identity, zero for a motion from rest to rest.
 
         S_velocity + 2 S_effort + 2 S_acceleration + 3 S_jerk + 3 S_effort-rate + 2
-        S_gravity + S_damping + 2 S_friction = -1 where no other number depends on time:
-        with every speed limit twice, and every torque limit four times as large (and
-        gravity, too), the same path takes half the time. Moving obstacles, moving ends
-        and constraints of other kinds add to the residual.
+        S_gravity + S_damping + 2 S_friction = -1 if no other parameter depends on time:
+        with speed limits twice as large, and torque limits and gravity four times as
+        large, the same path takes half the time. Moving obstacles, velocities at the
+        ends and constraints of other kinds add to the residual.
         """
         powers = {kind.name: kind.order for kind in joint_kinds().values()} | POWERS
         return 1.0 + math.fsum(
@@ -176,15 +181,17 @@ class Sensitivities(Record):
     ) -> Sensitivities:
         """Sensitivities of a cycle of several motions, one after the other.
 
+        Records of the same kind and subject are added.
+
         Args:
             parts: Sensitivities of each motion.
             T: Duration of the cycle [s], with the time between the motions; None for
-                the sum of their durations.
-            names: Names of their goals, one each; None numbers them. Other records are
-                added where they have the same subject.
+                the sum of the durations of the motions.
+            names: Names of the goals, one for each motion; None numbers the goals.
 
         Raises:
-            ProblemError: If parts are empty, or the duration is less than their sum.
+            ProblemError: If ``parts`` is empty, or the duration of the cycle is less
+                than the sum of the durations.
         """
         items = list(parts)
         goals = [f"goal {k + 1}" for k in range(len(items))] if names is None else names
@@ -195,27 +202,27 @@ class Sensitivities(Record):
         if not items or not whole >= total * (1.0 - 1e-9):
             raise ProblemError(
                 f"T is {brief(T)} for {len(items)} motions that take {total:.4g} s, "
-                "expected at least as much, and one motion or more",
+                "expected at least their duration, and at least one motion",
                 "T",
             )
         scaled = []
         for part, goal in zip(items, goals, strict=True):
             for record in part:
-                own = record.kind == "goal" and record.joint is None
-                mine = replace(record, subject=goal) if own else record
-                scaled.append(mine.scaled(part.T / whole))
+                on_goal = record.kind == "goal" and record.joint is None
+                named = replace(record, subject=goal) if on_goal else record
+                scaled.append(named.scaled(part.T / whole))
         base = sum(item.base * (item.T / whole) for item in items)
         promise = math.fsum(item.promise * item.T for item in items) / whole
         return cls(whole, summed(scaled), promise, np.asarray(base))
 
     def table(self, most: int | None = None) -> str:
-        """Table of the sensitivities, one line a record, the largest first.
+        """Table of the sensitivities, a line for each record, the largest first.
 
         Args:
             most: Largest number of lines; None for all records with an effect.
 
         Raises:
-            ProblemError: If ``most`` is no number.
+            ProblemError: If ``most`` is not a whole number.
         """
         if most is not None:
             most = whole(most, "most", expected="a number of lines or None")
@@ -230,16 +237,16 @@ class Sensitivities(Record):
             ).rstrip()
             for row in (head, *rows)
         ]
-        left = len(shown) - len(rows)
-        if left:
-            lines.append(f"and {left} more of less effect")
+        omitted = len(shown) - len(rows)
+        if omitted:
+            lines.append(f"and {omitted} more of less effect")
         return "\n".join(lines)
 
     def plot(self, path: str | Path | None = None, *, most: int = 20) -> Figure:
         """Draw the sensitivities as bars, the largest first.
 
         Args:
-            path: File to write (PNG, PDF or SVG by its ending), if any.
+            path: File to write (PNG, PDF or SVG, by the file ending), if any.
             most: Largest number of bars.
 
         Returns:
@@ -255,7 +262,7 @@ class Sensitivities(Record):
 
 
 def summed(records: Iterable[Sensitivity]) -> tuple[Sensitivity, ...]:
-    """Sums of records of the same limits of several motions."""
+    """Sum the records of several motions by kind, subject and unit."""
     sums: dict[tuple[str, str, str], Sensitivity] = {}
     for item in records:
         key = item.kind, item.subject, item.unit
@@ -267,7 +274,7 @@ def _added(sum_: Sensitivity, item: Sensitivity) -> Sensitivity:
     """Sum of a record and the same record of another motion."""
     value, vector = item.value, item.vector
     if item.limit != sum_.limit:
-        # The sum is for limits of different values, changed by the same share.
+        # The sum applies to limits of different values, changed by the same share.
         sum_ = replace(sum_, limit=None)
     if vector is not None and sum_.vector is not None:
         vector = vector + sum_.vector
@@ -277,7 +284,7 @@ def _added(sum_: Sensitivity, item: Sensitivity) -> Sensitivity:
 
 
 def _row(item: Sensitivity, T: float) -> Sequence[str]:
-    """Cells of a line of the table."""
+    """Cells of a table line: label, limit, step, change of T, and value."""
     limit = "" if item.limit is None else f"{item.limit:.4g} {item.limit_unit}".strip()
     change = f"{1e3 * item.effect * T:+.3g} ms"
     value = f"{item.value:+.4f} {item.unit}".strip()
