@@ -361,7 +361,7 @@ def test_files_that_are_no_meshes(
 
 
 def test_files_that_are_not_there(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match=r"a\.stl' is not there: .* has no such file"):
+    with pytest.raises(SceneError, match=r"a\.stl' does not exist: .* no such file"):
         Mesh("post", path=tmp_path / "a.stl")
     with pytest.raises(SceneError, match="nowhere does not exist"):
         Mesh("post", path=tmp_path / "nowhere" / "a.stl")
@@ -380,7 +380,7 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
         ({"triangles": CUBE[:, :2]}, "of integers"),
         ({"triangles": CUBE[:0]}, "no triangles"),
         ({"scale": 0.0}, "scale is 0.0"),
-        ({"scale": (1, 2)}, "one number or three"),
+        ({"scale": (1, 2)}, "one or three numbers"),
         ({"convex": "maybe"}, "convex is 'maybe'"),
         ({"path": 3}, "expected the path of a file"),
     ],

@@ -93,7 +93,7 @@ def test_regions_have_tolerances_by_joint_name(robot: tm.Robot) -> None:
     assert goal == tm.JointRegionGoal((-1.6, 0.6), (0.2, 0.1), ("joint3", "joint1"))
     with pytest.raises(tm.ProblemError, match=r"goal\.tolerance says nothing about j"):
         tm.JointRegionGoal({"joint3": -1.6, "joint1": 0.6}, {"joint1": 0.1})
-    with pytest.raises(tm.ProblemError, match=r"goal\.q to be so, too"):
+    with pytest.raises(tm.ProblemError, match=r"goal\.q by name, too"):
         tm.JointRegionGoal((0.6, 1.7, -1.6), {"joint1": 0.1})
 
 

@@ -130,7 +130,7 @@ def test_bounds_of_a_function_are_used_and_checked():
     np.testing.assert_array_equal(linear, 2.5)
     np.testing.assert_array_equal(angular, 0.0)
     wrong = mover(tm.PoseFunction(slide, speed=1.5))
-    with pytest.raises(tm.SceneError, match=r"'mover'.*speed is 1\.5.*has 2:"):
+    with pytest.raises(tm.SceneError, match=r"'mover'.*speed is 1\.5.*speed 2:"):
         wrong.twists(np.array([0.3]))
 
 
@@ -164,7 +164,10 @@ WRONG = [
         lambda: tm.Waypoints([0, 1], [(0, 0, 0), (np.nan, 0, 0)]),
         r"positions has a value that is not finite, at index \[1, 0\]",
     ),
-    (lambda: tm.Waypoints([0, np.inf], np.zeros((2, 3))), "times holds what is no fin"),
+    (
+        lambda: tm.Waypoints([0, np.inf], np.zeros((2, 3))),
+        "times has a value",
+    ),
     (lambda: tm.Waypoints([], np.zeros((0, 3))), "expected one time or more"),
     (lambda: tm.Waypoints([0, 1]), "needs positions, rotations, or both"),
     (

@@ -164,7 +164,7 @@ def test_a_cycle_is_the_sum_of_its_motions() -> None:
     assert longer.total("effort") == pytest.approx(0.5 * one.total("effort"))
     with pytest.raises(tm.ProblemError, match="expected at least their duration"):
         Sensitivities.of_cycle([one], 0.5 * one.T)
-    with pytest.raises(tm.ProblemError, match="one motion or more"):
+    with pytest.raises(tm.ProblemError, match="at least one motion"):
         Sensitivities.of_cycle([])
     with pytest.raises(tm.ProblemError, match="parts is"):
         Sensitivities.of_cycle([1.0])  # type: ignore[list-item]

@@ -358,7 +358,7 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
 
 
 def _jumps(trajectory: Trajectory) -> BoolArray:
-    """Whether a torque jumps at each node, shape (N + 1,); none if jumps are many."""
+    """Whether a torque jumps at each node, (N + 1,); False if there are many jumps."""
     t = trajectory.t
     before = trajectory(t[1:-1] - JUST_INSIDE * np.diff(t)[:-1]).u
     height = np.abs(trajectory.u[1:-1] - before)

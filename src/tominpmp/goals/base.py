@@ -260,7 +260,7 @@ class Goal(ABC):
         return self
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
-        """The alternative nearest to a final state; this goal if it has none."""
+        """The alternative nearest to a final state; this goal without alternatives."""
         return self
 
     @property

@@ -227,7 +227,7 @@ class PoseGoal(FrameGoal):
 
     def angle_to_go(self, rotation: Array) -> float:
         """Angle to the orientation of the pose, minus its tolerance [rad]."""
-        turn = np.linalg.norm(pin.log3(_turned(rotation).T @ self.pose.rotation))
+        turn = np.linalg.norm(pin.log3(_matrix(rotation).T @ self.pose.rotation))
         return float(turn) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
@@ -285,7 +285,7 @@ class AxisGoal(FrameGoal):
 
     def angle_to_go(self, rotation: Array) -> float:
         """Angle between axis and direction, minus its tolerance [rad]."""
-        cosine = float(self.direction @ _turned(rotation) @ self.axis)
+        cosine = float(self.direction @ _matrix(rotation) @ self.axis)
         return math.acos(min(max(cosine, -1.0), 1.0)) - self.angle_tolerance
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
@@ -432,7 +432,7 @@ def _displacement(by: Array) -> Array:
     return array(by, "by", (3,), "components [m]")
 
 
-def _turned(rotation: Array) -> Array:
+def _matrix(rotation: Array) -> Array:
     """Check a caller's rotation matrix, shape (3, 3)."""
     return array(rotation, "rotation", (3, 3), "numbers a row of a matrix")
 

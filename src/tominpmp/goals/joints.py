@@ -85,7 +85,7 @@ class GoalOnJoints(Record, Goal):
             one_per_joint(self.q, "goal.q", self.joints)
 
     def _in_order(self, value: Any, name: str, missing: float | None = None) -> Any:
-        """Values by joint name put into the order of the goal; other values unchanged."""
+        """Put values by joint name into the order of the goal; keep other values."""
         named = by_joint(value)
         if named is None:
             return value
@@ -101,7 +101,7 @@ class GoalOnJoints(Record, Goal):
 
     @cached_property
     def alternatives(self) -> tuple[GoalOnJoints, ...]:
-        """A goal for each of the equivalent positions."""
+        """A goal for each vector of equivalent positions."""
         if len(self.ways) == 1:
             return (self,)
         return tuple(self._with_ways(q) for q in self.ways)
@@ -263,7 +263,7 @@ class JointGoal(GoalOnJoints):
         return moved._with_ways(q) if self._ways else moved
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
-        """The configuration as positions of the joints of one robot among several."""
+        """The configuration as positions of one robot's joints in a combined robot."""
         region = JointRegionGoal(self.resolved(robot).q, wrap=self.wrap)
         return region.prefixed(prefix, robot)
 

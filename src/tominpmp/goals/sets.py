@@ -106,7 +106,7 @@ class PassedGoal(Record, Goal):
 
 
 def passed(goal: Goal) -> Goal:
-    """A goal as a via point: it only bounds the velocity if it gives one."""
+    """A goal as a via point: the velocity is free unless the goal gives a velocity."""
     moving = any(getattr(item, "v", None) is not None for item in goal.alternatives)
     return goal if moving else PassedGoal(goal)
 

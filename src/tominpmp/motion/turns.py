@@ -224,9 +224,9 @@ def _sections(c: Array, least: Array) -> tuple[Array, Array, BoolArray]:
     Returns:
         Beginning and sign of each section, and whether it is a movement: longer than
         ``least``, and faster than standstill. If a polynomial has no movement by this
-        rule, sections faster than rounding count as movements, and if there are no such
-        sections, the fastest section. Shape (m, K) each; surplus sections have length
-        0.
+        rule, sections faster than rounding count as movements; without sections faster
+        than rounding, the fastest section. Shape (m, K) each; surplus sections have
+        length 0.
     """
     zeros = _sign_changes(c)
     extrema = _sign_changes(c[:, 1:] * np.arange(1.0, c.shape[1]))

@@ -36,7 +36,7 @@ class JointBounds:
 
     @property
     def joints(self) -> IntArray:
-        """Joints that have a bound, shape (k,)."""
+        """Indices of the joints that have a bound, shape (k,)."""
         if self.by_speed:
             return np.array(list(self.by_speed))
         return np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper))
@@ -68,7 +68,7 @@ def joint_limits(robot: Robot, limits: MotionLimits | None) -> list[JointBounds]
     control = control_kind(robot)
     weakest, strongest = control_bounds(robot, limits)
     span = 0.5 * (strongest - weakest)
-    # A joint without a motor has no range of its own to scale an excess by.
+    # The torque range of a joint without a motor is zero, and cannot scale an excess.
     span = np.where(span > 0.0, span, np.max(span, initial=1e-12))
     bounds = [
         JointBounds(POSITION, low, high, high - low),

@@ -215,8 +215,8 @@ def prove_clearance(
     max_stretches = whole(max_stretches, "max_stretches")
     if not checker.pairs:
         return WITHOUT_PAIRS
-    motion, stray = _rows(trajectory, deviation)
-    return _proof(checker, motion, margins, stray, slack, max_stretches)
+    motion, drift = _rows(trajectory, deviation)
+    return _proof(checker, motion, margins, drift, slack, max_stretches)
 
 
 def clearance_of(
@@ -230,12 +230,12 @@ def clearance_of(
         deviation: See :func:`prove_clearance`.
     """
     proofs = []
-    motion, stray = _rows(trajectory, deviation)
+    motion, drift = _rows(trajectory, deviation)
     for stage in stages_of(problem, trajectory):
         checker = stage.problem.checker
         if checker.pairs and stage.end > stage.begin:
             section = motion.between(stage.begin, stage.end)
-            proofs.append(_proof(checker, section, stage.problem.margins, stray))
+            proofs.append(_proof(checker, section, stage.problem.margins, drift))
     if not proofs:
         return WITHOUT_PAIRS
     worst = min(proofs, key=lambda item: (item.proved, item.room))
@@ -259,7 +259,7 @@ def _proof(
     checker: CollisionChecker,
     motion: Replay,
     margins: Array,
-    stray: Array,
+    drift: Array,
     slack: float = 0.0,
     max_stretches: int = MAX_STRETCHES,
 ) -> ClearanceProof:
@@ -269,14 +269,14 @@ def _proof(
         checker: Collision checker with the pairs.
         motion: The motion.
         margins: Distances to keep by pair, shape (pairs,) [m].
-        stray: Largest deviations of the real motion from the rows by joint, shape (n,)
+        drift: Largest deviations of the real motion from the rows by joint, shape (n,)
             [rad or m].
         slack: Tolerated violation of the margins [m].
         max_stretches: Number of time intervals after which the proof is given up, in
             the mean over the pairs.
     """
     least, most = margins - slack, max_stretches * margins.size
-    search = ClosestApproach(checker, motion, least, deviation=stray, most=most).run()
+    search = ClosestApproach(checker, motion, least, drift=drift, most=most).run()
     nearest = search.nearest()._replace(margin=float(margins[search.pair]))
     own = np.arange(margins.size) >= checker.obstacle_pairs
     proved = not search.violated and search.possible_violation == 0.0
@@ -299,12 +299,12 @@ def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Arra
         The rows, and the largest deviations of the real motion from the polynomials,
         shape (n,) [rad or m].
     """
-    stray = np.zeros(trajectory.n) if deviation is None else np.abs(deviation)
+    drift = np.zeros(trajectory.n) if deviation is None else np.abs(deviation)
     path = replace(trajectory, inverse_dynamics=None)  # torques are not needed
     rows = planned(path)
     if rows.t.size < 2:
-        return rows, stray
+        return rows, drift
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
     cubic, *_ = states(rows.t, rows.q, rows.v, None, probes)
     gaps = np.abs(cubic - path(probes).q)
-    return rows, stray + SAFETY * np.max(gaps, axis=0)
+    return rows, drift + SAFETY * np.max(gaps, axis=0)

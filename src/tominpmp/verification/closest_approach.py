@@ -7,7 +7,7 @@ violate its margin, or come clearly closer than the least measured distance, are
 subdivided for this pair alone. So the times between samples are covered, too.
 
 Between the rows of a replay the motion is a cubic polynomial, whose values lie between
-those of its Bézier points.
+the least and the largest of its Bézier points.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class TimeIntervals:
 
     @classmethod
     def of(
-        cls, motion: Replay, begin: Array, end: Array, deviation: Array | float = 0.0
+        cls, motion: Replay, begin: Array, end: Array, drift: Array | float = 0.0
     ) -> TimeIntervals:
         """Intervals of a motion, which is a cubic polynomial between two of its rows.
 
@@ -68,7 +68,7 @@ class TimeIntervals:
             motion: The motion, of two rows at least.
             begin: Beginnings of the intervals [s], shape (m,).
             end: Ends of the intervals [s], shape (m,).
-            deviation: Largest deviations of the real motion from this motion by joint,
+            drift: Largest deviations of the real motion from this motion by joint,
                 shape (n,) [rad or m].
         """
         t, time = motion.t, 0.5 * (begin + end)
@@ -86,7 +86,7 @@ class TimeIntervals:
         third = (late - early).reshape(-1, 1) / 3.0
         bezier = np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
         distance = np.abs(bezier.reshape(4, *row.shape, -1) - q[:, None])
-        return cls(begin, end, time, q, np.max(distance, axis=(0, 2)) + deviation)
+        return cls(begin, end, time, q, np.max(distance, axis=(0, 2)) + drift)
 
 
 class ClosestApproach:
@@ -102,7 +102,7 @@ class ClosestApproach:
             [m]; None without tolerance.
         near: Largest distance of the joints from the start or the end at which their
             tolerated violations hold [rad or m].
-        deviation: Largest deviations of the real motion from the replay by joint, shape
+        drift: Largest deviations of the real motion from the replay by joint, shape
             (n,) [rad or m].
         most: Largest number of pairs in intervals before the search is given up.
 
@@ -124,14 +124,14 @@ class ClosestApproach:
         margins: Array,
         allowed: Array | None = None,
         near: float = 0.0,
-        deviation: Array | float = 0.0,
+        drift: Array | float = 0.0,
         most: int = MOST,
     ) -> None:
         if replay.t.size == 1:
             moment, q = np.array([0.0, INSTANT]), np.vstack([replay.q, replay.q])
             replay = replace(replay, t=moment, q=q, v=np.zeros_like(q))
         self._checker, self._margins = checker, margins
-        self._motion, self._deviation, self._near = replay, deviation, near
+        self._motion, self._drift, self._near = replay, drift, near
         self._allowed = np.zeros((2, margins.size)) if allowed is None else allowed
         self._ends = replay.q[0], replay.q[-1]
         self.pair, self.time, self.clearance = 0, float(replay.t[0]), np.inf
@@ -173,7 +173,7 @@ class ClosestApproach:
 
     def _intervals(self, begin: Array, end: Array) -> TimeIntervals:
         """Intervals of the motion, with its deviations."""
-        return TimeIntervals.of(self._motion, begin, end, self._deviation)
+        return TimeIntervals.of(self._motion, begin, end, self._drift)
 
     def _examine(self, intervals: TimeIntervals) -> None:
         """Examine all pairs in intervals of many rows."""

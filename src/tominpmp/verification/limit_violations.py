@@ -179,8 +179,8 @@ def _worst_of(
 ) -> list[LimitViolation]:
     """The worst violation of each kind of joint limit.
 
-    Kinds that are reported as part of another kind, such as motor curves as part of
-    effort limits, are merged with it.
+    A kind that is reported as part of another kind is merged with it: torque-speed
+    curves are part of effort limits.
 
     Args:
         problem: The problem.

@@ -66,7 +66,7 @@ def closest(
     """
     check()
     # Each link of a single robot is represented by one convex hull, whose distances are
-    # not larger than those of its convex pieces, and only the nearest links are
+    # lower bounds of the distances of its convex pieces, and only the nearest links are
     # decomposed: this leaves a tenth of the pairs, and most meshes need no
     # decomposition, which takes a second for each mesh, once.
     coarse = checker.with_cut(frozenset()) if checker.single_arm else checker

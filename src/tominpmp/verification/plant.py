@@ -221,5 +221,5 @@ class Plant:
         needed = mass @ (free - held_accelerations(mass, free, self._held))
         # Slightly more than the friction by which joints are released, so that a joint
         # beyond the margin is released.
-        spare = (1.0 + 2.0 * HOLD_TOLERANCE) * self.robot.friction - np.abs(needed[:, 0])
-        return min(slowest, float(spare[self._held].min()))
+        rest = (1.0 + 2.0 * HOLD_TOLERANCE) * self.robot.friction - np.abs(needed[:, 0])
+        return min(slowest, float(rest[self._held].min()))

@@ -1,7 +1,7 @@
 """Verification of a motion by a replay of its torques.
 
-The replay is judged instead of the plan: its final state, and its violations of limits
-and margins, every millisecond.
+The replay is judged instead of the plan: its final state, its violations of limits,
+every millisecond, and its violations of margins, at all times.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ class Verification:
             "velocity", "effort", "clearance", ...) with joint or pair, time and amount,
             also if it is within the tolerance.
         violations: Violations beyond the tolerances, violations of the goal included.
-        min_clearance: Smallest distance to obstacles and between links at all times
-            [m]; infinite without pairs.
+        min_clearance: Smallest measured distance to obstacles and between links during
+            the motion [m]; infinite without pairs.
         deviation: Largest distance of each joint from the plan, shape (n,) [rad or m].
         defect: Largest distance in position by which the integration of an interval
             from its first node misses its last node [rad or m]; None for a motion
