@@ -328,7 +328,7 @@ BAD: dict[str, tuple[Callable[[], Goal], str]] = {
         lambda: RegionGoal(TIP, Q[:3], Q[:3], angle_tolerance=(1, 1)),
         r"goal\.angle_tolerance",
     ),
-    "twice": (lambda: JointRegionGoal([1, 2], 0, ["a", "a"]), "twice"),
+    "twice": (lambda: JointRegionGoal([1, 2], 0, ["a", "a"]), "different"),
     "one name": (lambda: JointRegionGoal([1], 0, "elbow"), r"goal\.joints"),
     "lengths": (lambda: JointRegionGoal([1, 2], 0, ["a"]), "2 numbers, expected 1"),
     "tolerances": (lambda: JointRegionGoal([1, 2], [1, 2, 3]), r"goal\.tolerance"),
