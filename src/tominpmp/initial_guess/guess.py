@@ -100,6 +100,11 @@ class Guess:
         return float(self.t[-1])
 
     @property
+    def ends(self) -> Array:
+        """Configurations at the ends of its segments, shape (k, n)."""
+        return self.position(np.append(self.inner_ends, self.duration))
+
+    @property
     def durations(self) -> Array:
         """Durations of the segments [s], shape (k,)."""
         return np.diff(np.concatenate([[0.0], self.inner_ends, self.t[-1:]]))
@@ -291,6 +296,7 @@ def _guesses(
     deadline: float,
 ) -> Iterator[Guess]:
     """Guesses to given final configurations, without end; see initial_guesses."""
+    system = system.passing(np.stack(ends))
     problem = system.problem
     final = problem.goal.configuration
     lines = [(line_guess(system, q), q) for q in ends]

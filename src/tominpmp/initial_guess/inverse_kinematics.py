@@ -223,6 +223,8 @@ def find_configurations(
         both = Target(system, goal, goal_only=goal_only, beyond=beyond, keep_clear=True)
         movable = [q for q in blocked[:MOST_RESOLVED] if not isolated(target, q)]
         free = [q for q in _solutions(both, movable)[0] if is_free(system, q)]
+        # A goal may be closer to an obstacle than the padding beyond the margin.
+        free = free or [q for q in blocked if is_free(system.padded(0.0), q)]
     return GoalSearch(free, blocked, 0.0 if solutions else target.violation(nearest))
 
 

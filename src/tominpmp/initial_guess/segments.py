@@ -63,7 +63,7 @@ def _guess(
     pieces: list[Guess] = []
     q = system.problem.q_start
     for place, part in enumerate(system.parts):
-        single = _rest_to_rest(part, q)
+        single = _rest_to_rest(part, q).passing(q[None])
         if part.problem.scene.moving:
             guesses = waiting_guesses(single, number + 2, rng, duration, deadline)
         else:
@@ -118,7 +118,8 @@ def first_unreached(
     """
     q = system.problem.q_start
     for number, part in enumerate(system.parts):
-        single, ahead = _rest_to_rest(part, q), constraints_after(system, number)
+        single = _rest_to_rest(part, q).passing(q[None])
+        ahead = constraints_after(system, number)
         guess = next(initial_guesses(single, 1, rng, beyond=ahead), None)
         if guess is None:
             return number, single

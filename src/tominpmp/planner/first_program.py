@@ -48,6 +48,7 @@ def first_program(
     system: ProblemFunctions, options: Options, guess: Guess
 ) -> InitialProgram:
     """Nonlinear program for a guess, and the guess as its initial iterate."""
+    system = system.passing(guess.ends)
     grid = options.intervals, options.grid
     timed = GUESS_TIME_SCALE if guess.timed else 1.0
     if options.method == "collocation":

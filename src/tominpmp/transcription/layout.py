@@ -194,7 +194,9 @@ class Layout:
             within: Whether to clip control points to the position limits, which may be
                 necessary if the motion is not a spline on this grid.
         """
-        of, eta = self.transcription(system), self.eta
+        marks = motion.segment_ends
+        passed = motion.q[-1:] if marks is None else motion(marks).q
+        of, eta = self.transcription(system.passing(passed)), self.eta
         t = nodes_of(self.shares @ eta)
         if isinstance(of, BSplineTranscription):
             spans = spans or spans_of(motion, system.problem.segments)

@@ -25,12 +25,14 @@ if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
 # Largest padding beyond the margin: absolute [m], and as a share of the excess of the
-# clearance over the margin at the ends of the motion.
+# clearance over the margin where the motion begins and where its segments end.
 PADDING = 2e-3
 PADDING_SHARE = 0.5
 # Largest padding for moving obstacles [m]: the arm often waits for an obstacle, and the
 # padding makes the wait longer.
 MOVING_PADDING = 4e-4
+# Configurations closer than this count as one [rad or m].
+ROUNDING = 1e-9
 
 
 class LazyClearanceRows:
@@ -43,29 +45,56 @@ class LazyClearanceRows:
     Args:
         problem: The problem.
         reach: Length of the arm, which scales lengths [m].
+        passed: Configurations that the motion passes, shape (k, n): its start first,
+            then the goals that are configurations.
         share: Share of the full padding beyond the margin.
+        guessed: Number of passed configurations, the last ones, that a guess passes at
+            goals on frames.
     """
 
-    def __init__(self, problem: Problem, reach: float, share: float = 1.0) -> None:
-        self._problem, self._reach, self._share = problem, reach, share
+    def __init__(
+        self,
+        problem: Problem,
+        reach: float,
+        passed: Array,
+        share: float = 1.0,
+        guessed: int = 0,
+    ) -> None:
+        self._problem, self._reach, self._passed = problem, reach, passed
+        self._share, self._guessed = share, guessed
 
     def padded(self, share: float) -> LazyClearanceRows:
         """The clearance rows with a share of their padding."""
-        return LazyClearanceRows(self._problem, self._reach, share * self._share)
+        share *= self._share
+        return LazyClearanceRows(
+            self._problem, self._reach, self._passed, share, self._guessed
+        )
+
+    def passing(self, q: Array) -> LazyClearanceRows:
+        """The clearance rows for a guess that passes configurations, shape (m, n)."""
+        apart = np.abs(q[:, None] - self._passed).max(axis=2).min(axis=1)
+        more = q[apart > ROUNDING]
+        if not len(more):
+            return self
+        passed, guessed = np.concatenate([self._passed, more]), len(more)
+        return LazyClearanceRows(
+            self._problem, self._reach, passed, self._share, self._guessed + guessed
+        )
 
     @cached_property
     def padding(self) -> Array:
         """Padding beyond the margin of each collision pair [m].
 
-        With it, the motion keeps the margin between the rows as well.
+        With it, the motion keeps the margin between the rows as well. Goals may lie
+        closer to an obstacle than the full padding: a part in a gripper, or a tool at
+        work. Configurations of a guess in collision are no such goals.
         """
         problem, checker = self._problem, self._problem.checker
-        ends = [problem.q_start]
-        if problem.goal.configuration is not None:
-            ends.append(problem.goal.configuration)
         # Distances beyond this do not change the padding.
         cutoff = problem.margins + PADDING / PADDING_SHARE
-        excess = checker.distances(np.stack(ends), cutoff) - problem.margins
+        excess = checker.distances(self._passed, cutoff) - problem.margins
+        guessed = excess[len(excess) - self._guessed :]
+        guessed[guessed < 0.0] = np.inf
         # Where moving obstacles are at the arrival is unknown, as its time is.
         excess[1:, checker.moving_pairs] = np.inf
         excess = np.min(excess, axis=0)
@@ -111,26 +140,28 @@ class ProblemFunctions:
     @classmethod
     def of(cls, problem: Problem) -> ProblemFunctions:
         """Build the functions of a problem."""
-        whole = cls._of(problem)
+        # Segments with the same collision pairs share one set of rows.
+        passed: dict[int, list[Array]] = {id(problem.checker): [problem.q_start]}
+        for phase in problem.phases:
+            known = passed.setdefault(id(phase.checker), [phase.q_start])
+            ends = phase.q_start, phase.goal.configuration
+            known += [q for q in ends if q is not None and q is not known[0]]
+        rows: dict[int, LazyClearanceRows] = {}
+
+        def functions(part: Problem) -> ProblemFunctions:
+            kinematics, key = RobotKinematics(part.robot), id(part.checker)
+            reach = kinematics.length
+            own = LazyClearanceRows(part, reach, np.stack(passed[key]))
+            rows.setdefault(key, own)
+            if not part.checker.single_arm:
+                _ = rows[key].clearance
+            dynamics = RobotDynamics(part.robot, dry=False)
+            return cls(part, dynamics, kinematics, reach, rows[key])
+
+        whole = functions(problem)
         if not problem.segments:
             return whole
-        # Segments with the same collision pairs share one set of rows.
-        known, parts = {id(problem.checker): whole.clearance_rows}, []
-        for phase in problem.phases:
-            part = cls._of(phase)
-            rows = known.setdefault(id(phase.checker), part.clearance_rows)
-            parts.append(replace(part, clearance_rows=rows))
-        return replace(whole, parts=tuple(parts))
-
-    @classmethod
-    def _of(cls, problem: Problem) -> ProblemFunctions:
-        kinematics = RobotKinematics(problem.robot)
-        reach = kinematics.length
-        dynamics = RobotDynamics(problem.robot, dry=False)
-        rows = LazyClearanceRows(problem, reach)
-        if not problem.checker.single_arm:
-            _ = rows.clearance
-        return cls(problem, dynamics, kinematics, reach, rows)
+        return replace(whole, parts=tuple(map(functions, problem.phases)))
 
     @property
     def clearance(self) -> ClearanceConstraint | None:
@@ -175,15 +206,32 @@ class ProblemFunctions:
 
     def padded(self, share: float) -> ProblemFunctions:
         """The same problem with a share of its padding beyond the margin."""
+        return self._with_rows(lambda rows: rows.padded(share))
+
+    def passing(self, q: Array) -> ProblemFunctions:
+        """The same problem with padding for a guess that passes configurations.
+
+        A goal on a frame may be closer to an obstacle than the padding, which is only
+        known once a configuration reaches it.
+
+        Args:
+            q: The configurations, shape (m, n) [rad or m].
+        """
+        return self._with_rows(lambda rows: rows.passing(q))
+
+    def _with_rows(
+        self, change: Callable[[LazyClearanceRows], LazyClearanceRows]
+    ) -> ProblemFunctions:
+        """The functions after a change of their clearance rows."""
         known: dict[int, LazyClearanceRows] = {}
 
-        def padded(system: ProblemFunctions) -> ProblemFunctions:
+        def changed(system: ProblemFunctions) -> ProblemFunctions:
             if (rows := system.clearance_rows) is None:
                 return system
-            rows = known.setdefault(id(rows), rows.padded(share))
+            rows = known.setdefault(id(rows), change(rows))
             return replace(system, clearance_rows=rows)
 
-        return self._each(padded)
+        return self._each(changed)
 
     def without_smooth_limits(self) -> ProblemFunctions:
         """The same problem without limits that need continuous accelerations."""
