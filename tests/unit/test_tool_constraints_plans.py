@@ -39,6 +39,17 @@ def test_a_mass_on_a_rail_with_a_tool_acceleration(method):
     assert largest(solution, limit) < 1.01 * 2.0
 
 
+@pytest.mark.parametrize("limit", [0.1, 1e-3])
+def test_a_slow_tool(planar3r, limit):
+    """Guesses were timed as if there were no limit, up to a hundred times too fast."""
+    slow = tm.ToolAcceleration("tip", limit)
+    goal = tm.JointGoal([2.0, -1.0, 0.5])
+    problem = tm.Problem(planar3r, [0.5, 1.7, -1.7], goal, constraints=(slow,))
+    solution = plan_quickly(problem, max_planning_time=60.0)
+    assert solution.success, solution.message
+    assert largest(solution, slow) < 1.01 * limit
+
+
 def test_a_turn_with_a_tool_acceleration_keeps_its_centripetal_part_too():
     limit = tm.ToolAcceleration("tip", 3.0)
     arm = make_arm(rod(1.0, 1.0), effort=np.array([STRONG]))

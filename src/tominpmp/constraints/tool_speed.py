@@ -66,6 +66,7 @@ class ToolAcceleration(FrameRows):
     quantity = "acceleration"
     bound = "limit"
     order = 2
+    curable = True
     unit = "m/s^2"
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:

@@ -20,8 +20,9 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # A joint with a larger mean speed is considered to have no effective limits [rad/s or
 # m/s].
 FASTEST = 2000.0
-# Largest time-scaling factor of a guess for a load, and bisections for the factor.
-SLOWEST, BISECTIONS = 10.0, 6
+# Largest time-scaling factors of a guess for a load that are tried, each from the one
+# before it on, and bisections for the factor.
+SLOWEST, BISECTIONS = (10.0, 100.0, 1000.0), 6
 
 
 def least_duration(system: ProblemFunctions, q: Array) -> float:
@@ -63,7 +64,7 @@ def time_scale(system: ProblemFunctions, q: Array, duration: float) -> float:
 
 
 def load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
-    """Time-scaling factor of a guess for loads that are held by contact.
+    """Time-scaling factor of a guess for held loads and for accelerations of tools.
 
     Args:
         system: Functions of the problem.
@@ -71,7 +72,7 @@ def load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
         q: Configurations of the guess, shape (m, n).
 
     Returns:
-        The factor; 1 without such loads, or if slowing down does not remove the
+        The factor; 1 without such constraints, or if slowing down does not remove the
         violation.
     """
     held = [
@@ -90,9 +91,12 @@ def load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
             for item in held
         )
 
-    low, high = 1.0, SLOWEST
-    if feasible(low) or not feasible(high):
+    if feasible(1.0):
         return 1.0
+    high = next((factor for factor in SLOWEST if feasible(factor)), None)
+    if high is None:
+        return 1.0
+    low = high / SLOWEST[0]
     for _ in range(BISECTIONS):
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if feasible(middle) else (middle, high)
