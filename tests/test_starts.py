@@ -12,8 +12,10 @@ import tominpmp as tm
 from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner import starts
+from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Work
+from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
@@ -141,3 +143,38 @@ def test_obstacles_that_move_on_a_segment_alone_are_worth_as_many_rescues():
         system = ProblemFunctions.of(problem)
         wanted, rescues = starts.usual_starts(system, tm.Options(control="constant"))
         assert (wanted, rescues) == (1, starts.MOVING_RESCUE_STARTS)
+
+
+def test_a_goal_whose_share_of_the_time_is_used_up_has_another_turn():
+    """It was dropped for good, though most of the time was left."""
+    goals = [tm.JointGoal(END), tm.JointGoal(np.array(END) + 0.1)]
+    problem = tm.Problem(tm.load_robot("planar3r"), START, tm.AnyGoal(goals))
+    state, turns = PlanState(problem, tm.Options()), []
+    assert len(problem.alternatives) == 2
+
+    def two_starts(part, former):
+        for number in range(2):
+            turns.append((problem.alternatives.index(part), number))
+            yield SimpleNamespace(replay=True)
+
+    schedule = candidates_of_alternatives(state, two_starts)
+    next(schedule)
+    for _ in range(3):
+        state.cut_short = tm.Status.TIME_LIMIT
+        schedule.send(None)
+    assert [number for _, number in turns] == [0, 0, 1, 1]
+    assert len(set(turns)) == 4
+
+
+def test_the_reserve_of_a_plan_is_no_part_of_each_share(clock):
+    """Of six goals with two seconds each had a tenth of one."""
+    state = PlanState(reach(), tm.Options(max_planning_time=2.0))
+    state.begin()
+    state.share(8)
+    record = tm.IterationRecord(0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
+    state.initial = object()
+    clock.advance(0.24)
+    assert state(record) is None
+    clock.advance(0.02)
+    with pytest.raises(Stop):
+        state(record)

@@ -103,6 +103,25 @@ def test_an_exception_of_the_callback_keeps_the_motion():
     assert solution.success and solution.verification.ok
 
 
+@pytest.mark.usefixtures("clock")
+@pytest.mark.parametrize(
+    "error", [ValueError, ZeroDivisionError, RuntimeError, KeyError, tm.ProblemError]
+)
+@pytest.mark.parametrize("options", [{}, {"control_period": 0.01}])
+def test_errors_of_the_callback_reach_the_caller(error, options):
+    """Those that numerics raise as well were taken for failures of a start."""
+    shown = []
+
+    def callback(record):
+        shown.append(record)
+        if options and len(shown) < 12:
+            return
+        raise error("mine")
+
+    with pytest.raises(error, match="mine"):
+        tm.plan(reach(), effort="quick", callback=callback, **options)
+
+
 def test_interrupted_before_there_is_anything(monkeypatch):
     def pressed(*arguments, **named):
         press()
@@ -112,6 +131,19 @@ def test_interrupted_before_there_is_anything(monkeypatch):
     solution = tm.plan(reach(), effort="quick")
     assert solution.status is tm.Status.INTERRUPTED
     assert not solution.success and solution.trajectory is None
+
+
+def test_out_of_time_before_there_is_anything(monkeypatch):
+    """The message said that the time had not settled, of a motion that never was."""
+
+    def late(*arguments, **named):
+        raise stopping.Stop(requested=False)
+
+    monkeypatch.setattr("tominpmp.planner.starts.guesses_of", late)
+    solution = tm.plan(reach(), effort="quick", max_planning_time=3.0)
+    assert solution.status is tm.Status.TIME_LIMIT
+    assert not solution.success and solution.trajectory is None
+    assert "no motion was found. 3 s were allowed" in solution.message
 
 
 @pytest.mark.usefixtures("clock")

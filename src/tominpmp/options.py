@@ -181,7 +181,7 @@ class Options(Record):
             256; no more are started than there are cores (or two), and the result does
             not depend on their number.
         callback: Called with an IterationRecord after every iteration; returning True
-            stops the planning.
+            stops the planning, and an error that it raises ends it.
     """
 
     method: Method = "auto"

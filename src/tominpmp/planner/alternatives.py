@@ -79,8 +79,7 @@ def candidates_of_alternatives(
             except ProblemError as error:
                 wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
                 continue
-            if state.cut_short is None:
-                again.append(i)
+            again.append(i)
         order = again
     if len(wrong) == len(parts):
         raise ProblemError("; ".join(wrong), "goal")

@@ -38,6 +38,27 @@ END_SHARE, END_SECONDS = 0.08, 0.15
 SAVING = 3.0
 
 
+class CallbackError(BaseException):
+    """An error of the callback: it ends the plan, and is no failure of numerics.
+
+    Attributes:
+        error: The error.
+    """
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
+@contextmanager
+def errors_of_callback() -> Iterator[None]:
+    """Errors of the callback leave this as they were raised."""
+    try:
+        yield
+    except CallbackError as failure:
+        raise failure.error from None
+
+
 class PlanState:
     """Time, callback and candidates of a plan.
 
@@ -236,9 +257,13 @@ class PlanState:
         replay = REPLAYS * (self._longest_replay or END_SECONDS)
         return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
 
+    def _candidate_end(self) -> float:
+        """Time of the candidate in progress, less the reserve of the plan [s]."""
+        return min(self._until, self._limit - self._reserve())
+
     def _set_deadline(self) -> None:
-        more = STEP_SHARE * self._limit + STEP_SECONDS - self._reserve()
-        self.deadline.end = self._begin + self._until + more
+        more = STEP_SHARE * self._limit + STEP_SECONDS
+        self.deadline.end = self._begin + self._candidate_end() + more
         self.deadline.last = self._end()
 
     # -- the callback ------------------------------------------------------------------
@@ -261,7 +286,7 @@ class PlanState:
         self.show(record)
         if record.violation <= self._enough:
             return Status.FEASIBLE
-        if self.seconds >= self._until - self._reserve():
+        if self.seconds >= self._candidate_end():
             raise Stop(requested=False)
         return None
 
@@ -270,9 +295,14 @@ class PlanState:
 
         Raises:
             Stop: If the callback says so.
+            CallbackError: If the callback raises an error.
         """
         record = replace(record, start=self.start, seconds=self.seconds)
         callback = self.options.callback
-        if callback is not None and callback(record):
+        try:
+            stops = callback is not None and callback(record)
+        except Exception as error:
+            raise CallbackError(error) from error
+        if stops:
             self.deadline.requested = self.deadline.heeded = True
             raise Stop(requested=True)

@@ -45,7 +45,7 @@ from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
 from tominpmp.planner.control_period import on_clock, search_options
 from tominpmp.planner.energy import with_least_cost
 from tominpmp.planner.improvements import improvements
-from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.plan_state import PlanState, errors_of_callback
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.starts import starts
@@ -86,6 +86,7 @@ def plan(
         ProblemError: If the goal cannot be reached at all, or the former motion has
             other joints.
         SolverNotFound: If the solver of linear programs is not installed.
+        Exception: Any error of ``options.callback``.
     """
     instance(problem, Problem, "problem")
     requested = options = resolve_options(problem, Options.of(options).changed(changes))
@@ -104,7 +105,7 @@ def plan(
     former = None if start is None else motion_of(problem, start)
     state = PlanState(problem, search_options(options))
     status, candidate = None, None
-    with state.deadline.in_force():
+    with state.deadline.in_force(), errors_of_callback():
         try:
             barrier = find_barrier(problem, options.tolerances.contact)
             if barrier is not None:
