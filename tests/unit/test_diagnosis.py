@@ -13,6 +13,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals.frames import PositionGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.payload import Payload
@@ -20,7 +21,7 @@ from tominpmp.robot.robot import Robot
 from tominpmp.scene.obstacles import Sphere
 from tominpmp.scene.scene import Scene
 from tominpmp.status import IterationRecord, Status
-from tominpmp.verification.diagnosis import explain
+from tominpmp.verification.diagnosis import GAVE_UP, explain
 
 RECORD = IterationRecord(0, 1.0, 0.1, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
 
@@ -89,6 +90,17 @@ def test_motion_that_is_too_strong_is_told_with_its_time() -> None:
     assert "after 1 start and 2 iterations" in found
 
 
+def test_excess_over_an_effort_curve_is_not_added_to_the_plain_limit() -> None:
+    arm = make_arm(ROD, effort=2.0)
+    motion = smooth(arm, np.zeros(1), np.ones(1), 0.8)
+    curve = EffortCurve([0.0, 10.0], [0.5, 0.5])
+    limits = MotionLimits(effort_curves={"joint1": curve})
+    problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)), motion_limits=limits)
+    message = explain(problem, [Outcome(motion)], Status.TIME_LIMIT)
+    assert "joint joint1 is 2.6" in message and "N m beyond its effort" in message
+    assert "allowed" not in message
+
+
 def test_overlap_is_told_where_every_start_has_it(planar3r: Robot) -> None:
     planar3r = planar3r.with_changes(effort=1e4, velocity=100.0)
     begin, end = np.array([0.3, 0.0, 0.0]), np.array([1.9, 0.0, 0.0])
@@ -133,10 +145,13 @@ def test_goal_that_was_not_reached_is_told_with_its_distance() -> None:
 
 
 @pytest.mark.parametrize("status", list(Status))
-def test_no_outcome_leaves_the_sentence_of_the_status(status: Status) -> None:
+def test_without_an_outcome_the_end_of_the_search_is_said(status: Status) -> None:
     arm = make_arm(ROD, effort=2.0)
     problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
-    assert explain(problem, [], status) == status.value
+    sentence = status.value
+    if status in GAVE_UP:
+        sentence = f"{GAVE_UP[status]}: no motion was found."
+    assert explain(problem, [], status) == sentence
 
 
 def test_motion_that_is_nearly_allowed_is_told_as_such() -> None:

@@ -94,6 +94,19 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
     assert state.candidates and not state.candidates[-1].confirmed
 
 
+def test_a_fallback_that_does_not_hold_is_infeasible(monkeypatch):
+    """Its status said that a motion was found that keeps all constraints."""
+    problem = planar()
+    system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
+    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    state = PlanState(problem, options)
+    search = CoarseSearch(system, options, state, torques=True)
+    assert carried_out(state, search.solve_coarse(guess)) is not None
+    monkeypatch.setattr(Candidate, "verified", lambda self, *_: self)
+    use_fallback(state, tm.Status.FEASIBLE)
+    assert state.candidates[-1].status is tm.Status.INFEASIBLE
+
+
 def test_starts_that_all_end_without_a_motion_leave_a_guess_slowed_down():
     """An arm had a motion after 2 s, and none after 60 s, when all starts had ended."""
     arm = tm.load_robot("planar3r")

@@ -88,13 +88,16 @@ def without_motion(
         state: The plan.
         options: Options of the plan.
         status: How planning ended.
-        message: The reason; by default the sentence of the status.
+        message: The reason; by default how planning ended.
     """
+    message = message or explain(state.problem, (), status)
+    if status is Status.TIME_LIMIT:
+        message += _time_advice(options)
     return Solution(
         state.problem,
         options,
         status,
-        message or status.value,
+        message,
         False,
         None,
         planning_time=state.seconds,
@@ -191,12 +194,16 @@ def _advice(problem: Problem, options: Options, status: Status, best: Candidate)
             "'inverse' does not depend on it."
         )
     if status is Status.TIME_LIMIT:
-        allowed = f"{options.time_limit:.3g} s were allowed"
-        advice += f" {allowed}; max_planning_time allows more"
-        if options.max_planning_time is None and options.effort != "thorough":
-            advice += f" than effort {options.effort!r} does"
-        advice += f".{_saturated(problem, best.trajectory)}"
+        advice += _time_advice(options) + _saturated(problem, best.trajectory)
     return advice
+
+
+def _time_advice(options: Options) -> str:
+    """The planning time that was allowed, and how to allow more, as a sentence."""
+    advice = f" {options.time_limit:.3g} s were allowed; max_planning_time allows more"
+    if options.max_planning_time is None and options.effort != "thorough":
+        advice += f" than effort {options.effort!r} does"
+    return f"{advice}."
 
 
 def _saturated(problem: Problem, motion: Trajectory) -> str:
@@ -269,4 +276,4 @@ def _message(
     try:
         return explain(problem, candidates, status)
     except Stop:
-        return status.value
+        return explain(problem, (), status)

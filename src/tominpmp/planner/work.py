@@ -252,8 +252,8 @@ def use_fallback(state: PlanState, status: Status) -> None:
         Fallback(_as_candidate(name, kept, kept, status), kept, problem)
         for name, kept, problem in state.first_guesses
     )
-    failed = state.failures[-1:]
-    remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in failed)
+    errors = state.failures[-1:]
+    remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried: list[Candidate] = []
     with state.saving():
         for fallback in chain(coarse, guesses):
@@ -269,8 +269,11 @@ def use_fallback(state: PlanState, status: Status) -> None:
             tried.append(candidate)
             if candidate.confirmed:
                 break
-    if tried and (tried[-1].confirmed or not state.candidates):
-        state.candidates.append(tried[-1] if tried[-1].confirmed else tried[0])
+    if tried and tried[-1].confirmed:
+        state.candidates.append(tried[-1])
+    elif tried and not state.candidates:
+        failed = Status.INFEASIBLE if status is Status.FEASIBLE else status
+        state.candidates.append(replace(tried[0], status=failed))
 
 
 def _scaled(fallback: Fallback, candidate: Candidate, options: Options) -> Candidate:

@@ -77,7 +77,8 @@ def explain(
         relaxation that the best motion needs.
     """
     if not outcomes:
-        return status.value
+        ended = GAVE_UP.get(status)
+        return f"{ended}: no motion was found." if ended else status.value
     iterations = sum(len(outcome.history) for outcome in outcomes)
     effort = f"{_count(len(outcomes), 'start')} and {_count(iterations, 'iteration')}"
     best = min(outcomes, key=lambda item: max(item.violations.values(), default=0.0))
@@ -196,6 +197,9 @@ def _of_effort(
             f"{friction:.3g} {item.unit}: {needed:.3g} {item.unit} needed to "
             f"move, [{low:.3g}, {high:.3g}] allowed"
         )
+    limits = problem.motion_limits
+    if limits is not None and item.name in (limits.effort_curves or {}):
+        return item.clause  # the limit depends on the speed
     bound = max(abs(low), abs(high))
     return (
         f"joint {item.name} would need {bound + item.amount:.3g} {item.unit} at "
