@@ -78,7 +78,7 @@ def test_request_in_the_place_of_a_scene(tmp_path: Path) -> None:
     """Files in the wrong order gave a scene without obstacles."""
     path = tmp_path / "request.yaml"
     path.write_text("goal_constraints: [{joint_constraints: []}]\n", encoding="utf-8")
-    with pytest.raises(tm.ScenarioError, match="no planning scene"):
+    with pytest.raises(tm.ScenarioError, match="not a planning scene"):
         tm.load_moveit_scene(path)
 
 

@@ -54,4 +54,4 @@ def test_what_takes_no_time_cannot_be_shortened() -> None:
     certificate = solution.certificate
     assert certificate is not None
     assert certificate.ok, certificate.message
-    assert "nothing to shorten" in certificate.message
+    assert "no change can shorten" in certificate.message

@@ -111,11 +111,11 @@ def test_documented_keys_are_used(
         ("{}\ncartesian_limits: {max_trans_vel: 1}", "not used: cartesian_limits"),
         (
             "{}\ndefault_velocity_scaling_factor: 0.1",
-            r"whole, without default_velocity_scaling_factor \(0\.1\)",
+            r"not scaled by default_velocity_scaling_factor \(0\.1\)",
         ),
         (
             "{}\ndefault_acceleration_scaling_factor: 0.1",
-            r"whole, without default_acceleration_scaling_factor \(0\.1\)",
+            r"not scaled by default_acceleration_scaling_factor \(0\.1\)",
         ),
     ],
 )

@@ -69,5 +69,5 @@ def test_loads_on_the_way_are_refused(rail: tm.Problem) -> None:
         tm.Segment(tm.JointGoal([1.0]), payload=tm.Payload(0.1, frame)),
     ]
     problem = tm.Problem(rail.robot, [0.0], segments=parts)
-    with pytest.raises(tm.ProblemError, match="a load changes on the way"):
+    with pytest.raises(tm.ProblemError, match="a load changes during the motion"):
         robustness(problem, OPTIONS)
