@@ -34,8 +34,6 @@ WEIGHTS = np.array(
 )
 STAGES = 3
 NEWTON_STEPS = 12
-# Relative size of a Newton step after which rounding is reached.
-ROUNDING = 1e-12
 # Newton steps that increase the residual are tried at most this number of times, and
 # halved in between.
 HALVINGS = 4

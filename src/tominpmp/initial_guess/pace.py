@@ -20,9 +20,9 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # A joint with a larger mean speed is considered to have no effective limits [rad/s or
 # m/s].
 FASTEST = 2000.0
-# Largest time-scaling factors of a guess for a load that are tried, each from the one
-# before it on, and bisections for the factor.
-SLOWEST, BISECTIONS = (10.0, 100.0, 1000.0), 6
+# Largest time-scaling factor of a guess for held loads and accelerations of tools, and
+# bisections for the factor.
+SLOWEST, BISECTIONS = 1000.0, 8
 
 
 def least_duration(system: ProblemFunctions, q: Array) -> float:
@@ -91,12 +91,9 @@ def load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
             for item in held
         )
 
-    if feasible(1.0):
+    low, high = 1.0, SLOWEST
+    if feasible(low) or not feasible(high):
         return 1.0
-    high = next((factor for factor in SLOWEST if feasible(factor)), None)
-    if high is None:
-        return 1.0
-    low = high / SLOWEST[0]
     for _ in range(BISECTIONS):
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if feasible(middle) else (middle, high)

@@ -31,10 +31,9 @@ PADDING_SHARE = 0.5
 # Largest padding for moving obstacles [m]: the arm often waits for an obstacle, and the
 # padding makes the wait longer.
 MOVING_PADDING = 4e-4
-# Configurations closer than this count as one [rad or m].
-ROUNDING = 1e-9
 
 
+@dataclass(frozen=True, eq=False)
 class LazyClearanceRows:
     """Clearance rows that are built when they are first used.
 
@@ -42,44 +41,34 @@ class LazyClearanceRows:
     not need them. Building them may take as long as planning, and seconds if meshes are
     not yet decomposed into convex pieces.
 
-    Args:
+    Attributes:
         problem: The problem.
         reach: Length of the arm, which scales lengths [m].
         passed: Configurations that the motion passes, shape (k, n): its start first,
             then the goals that are configurations.
-        share: Share of the full padding beyond the margin.
         guessed: Number of passed configurations, the last ones, that a guess passes at
             goals on frames.
+        share: Share of the full padding beyond the margin.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        reach: float,
-        passed: Array,
-        share: float = 1.0,
-        guessed: int = 0,
-    ) -> None:
-        self._problem, self._reach, self._passed = problem, reach, passed
-        self._share, self._guessed = share, guessed
+    problem: Problem
+    reach: float
+    passed: Array
+    guessed: int = 0
+    share: float = 1.0
 
     def padded(self, share: float) -> LazyClearanceRows:
         """The clearance rows with a share of their padding."""
-        share *= self._share
-        return LazyClearanceRows(
-            self._problem, self._reach, self._passed, share, self._guessed
-        )
+        return replace(self, share=share * self.share)
 
     def passing(self, q: Array) -> LazyClearanceRows:
         """The clearance rows for a guess that passes configurations, shape (m, n)."""
-        apart = np.abs(q[:, None] - self._passed).max(axis=2).min(axis=1)
-        more = q[apart > ROUNDING]
+        known = np.isclose(q[:, None], self.passed).all(axis=2).any(axis=1)
+        more = q[~known]
         if not len(more):
             return self
-        passed, guessed = np.concatenate([self._passed, more]), len(more)
-        return LazyClearanceRows(
-            self._problem, self._reach, passed, self._share, self._guessed + guessed
-        )
+        passed = np.concatenate([self.passed, more])
+        return replace(self, passed=passed, guessed=self.guessed + len(more))
 
     @cached_property
     def padding(self) -> Array:
@@ -89,27 +78,27 @@ class LazyClearanceRows:
         closer to an obstacle than the full padding: a part in a gripper, or a tool at
         work. Configurations of a guess in collision are no such goals.
         """
-        problem, checker = self._problem, self._problem.checker
+        problem, checker = self.problem, self.problem.checker
         # Distances beyond this do not change the padding.
         cutoff = problem.margins + PADDING / PADDING_SHARE
-        excess = checker.distances(self._passed, cutoff) - problem.margins
-        guessed = excess[len(excess) - self._guessed :]
+        excess = checker.distances(self.passed, cutoff) - problem.margins
+        guessed = excess[len(excess) - self.guessed :]
         guessed[guessed < 0.0] = np.inf
         # Where moving obstacles are at the arrival is unknown, as its time is.
         excess[1:, checker.moving_pairs] = np.inf
         excess = np.min(excess, axis=0)
         most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
-        return np.asarray(self._share * np.clip(PADDING_SHARE * excess, 0.0, most))
+        return np.asarray(self.share * np.clip(PADDING_SHARE * excess, 0.0, most))
 
     @cached_property
     def clearance(self) -> ClearanceConstraint | None:
         """Distances to obstacles and between links; None without collision pairs."""
-        checker = self._problem.checker
+        checker = self.problem.checker
         if not checker.pairs:
             return None
-        margin = self._problem.margins + self.padding
-        padding = self.padding / self._reach
-        return ClearanceConstraint(checker, margin, self._reach, padding=padding)
+        margin = self.problem.margins + self.padding
+        padding = self.padding / self.reach
+        return ClearanceConstraint(checker, margin, self.reach, padding=padding)
 
 
 @dataclass(frozen=True, eq=False)
