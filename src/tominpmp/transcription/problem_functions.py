@@ -63,8 +63,8 @@ class LazyClearanceRows:
 
     def passing(self, q: Array) -> LazyClearanceRows:
         """The clearance rows for a guess that passes configurations, shape (m, n)."""
-        known = np.isclose(q[:, None], self.passed).all(axis=2).any(axis=1)
-        more = q[~known]
+        same = np.all(np.isclose(q[:, None], self.passed), axis=2)
+        more = q[~np.any(same, axis=1)]
         if not len(more):
             return self
         passed = np.concatenate([self.passed, more])
