@@ -49,13 +49,13 @@ myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 autodoc_default_options = {"members": True}
-# Attributes are told of once, in the docstring of their class.
+# Attributes are documented once, in the docstring of their class.
 napoleon_use_ivar = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 
-# What napoleon would take for "type: text" in the first line of a property, and how it
-# would write the type of an array.
+# Text that napoleon would take for "type: text" in the first line of a property, and
+# its notation of the type of an array.
 COLON, ARRAY = "\N{RATIO}", "numpy.ndarray[tuple[Any, ...], numpy.dtype[numpy.float64]]"
 
 
@@ -89,7 +89,7 @@ def after_napoleon(*event: Any) -> None:
 
 
 def setup(app: Any) -> None:
-    """Connect what goes before and after napoleon, whose priority is 500."""
+    """Connect the handlers before and after napoleon, whose priority is 500."""
     for kind in PyObject.doc_field_types:
         if kind.name == "variable":
             kind.label = "Attributes"
@@ -97,14 +97,14 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-docstring", after_napoleon, priority=600)
 
 
-# Notebooks are run when the pages are built; what they print is in the page.
+# Notebooks are run when the pages are built; their output is in the page.
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(HERE / "build" / "notebooks")
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 
-# Links within the pages are checked by every build (warnings are errors); those to the
-# world by `make docs-links`, which needs a network.
+# Links within the pages are checked by every build (warnings are errors); external
+# links by `make docs-links`, which needs a network.
 linkcheck_timeout = 20
 linkcheck_retries = 2
 linkcheck_anchors = False

@@ -1,4 +1,4 @@
-"""Tables of what was measured as CSV files, each linked below its table."""
+"""Tables of measurements as CSV files, each linked below its table."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def with_files(page: str, text: str, folder: Path) -> str:
 
 
 def setup(app: Any) -> dict[str, Any]:
-    """Write them when pages are read."""
+    """Write the files when pages are read."""
 
     def begin(app: Any) -> None:
         app.config.html_extra_path = [*app.config.html_extra_path, str(FOLDER)]
@@ -65,7 +65,7 @@ def setup(app: Any) -> dict[str, Any]:
             source[0] = with_files(name, source[0], FOLDER / "csv")
 
     FOLDER.mkdir(parents=True, exist_ok=True)
-    # After the pages that play have said where theirs are.
+    # After the extension of playback pages has set its folders.
     app.connect("builder-inited", begin, priority=600)
     app.connect("source-read", read)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

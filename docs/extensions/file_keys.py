@@ -1,4 +1,4 @@
-"""Keys of scenario files, out of the code that reads them."""
+"""Keys of scenario files, from the code that reads them."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ from tominpmp.robot.robot import load_robot
 from tominpmp.scene.motion import Motion
 from tominpmp.scene.obstacles import Obstacle
 
-# What a file has in a table of its own, or says in another way than the code.
+# Keys that are tables in a file, or are described differently there than in the code.
 TABLES = {
     "robot": "Table: the robot, see `[robot]`.",
-    "start": "Table: where the motion starts, see `[start]`.",
-    "goal": "Table: its `type` and the keys of that, see `[goal]`.",
+    "start": "Table: the start of the motion, see `[start]`.",
+    "goal": "Table: its `type` and the keys of this type, see `[goal]`.",
     "scene": "Table with the list `obstacles`, see `[[scene.obstacles]]`.",
     "motion_limits": "Table, see `[motion_limits]`.",
-    "constraints": "List of tables: what holds at all times, see `[[constraints]]`.",
-    "segments": "List of tables in place of the goal, see `[[segments]]`.",
+    "constraints": "List of tables: path constraints, see `[[constraints]]`.",
+    "segments": "List of tables instead of the goal, see `[[segments]]`.",
     "options": "Table, see `[options]`.",
-    "tour": "Table: where a tour ends and what comes first, see `[tour]`.",
-    "stations": "List of tables in place of the goal, see `[[stations]]`.",
+    "tour": "Table: the end and the precedence of a tour, see `[tour]`.",
+    "stations": "List of tables instead of the goal, see `[[stations]]`.",
 }
 START = {
     "q": "Joint positions [rad or m], in order or by joint name.",
-    "state": "Name of a group state of the SRDF file, in place of `q`.",
+    "state": "Name of a group state of the SRDF file, instead of `q`.",
     "v": "Joint velocities [rad/s or m/s]; at rest if left out.",
 }
 ROBOT = {
     "name": "Name of a robot that `tominpmp robots` lists, or of one of the package "
     "robot_descriptions.",
-    "path": "Path of a URDF file, relative to that of the scenario.",
+    "path": "Path of a URDF file, relative to the folder of the scenario.",
     "joint_limits": "Path of a `joint_limits.yaml` of MoveIt.",
-    "motion_limits": "As the table `[motion_limits]`, but of the robot itself.",
-    "payloads": "List of tables, keys as in the table of payloads below.",
+    "motion_limits": "Like the table `[motion_limits]`, but for the robot itself.",
+    "payloads": "List of tables, with the keys of the table of payloads below.",
 }
 TOUR = {
     "end": '`"start"`, which is the default; `"last"` for the last station; or joint '
     "positions [rad or m], by joint name too.",
-    "precedence": "Pairs of stations, of which the first comes first.",
+    "precedence": "Pairs of stations; the first of each pair is visited first.",
 }
 
 
@@ -92,7 +92,7 @@ def scenario_example() -> list[str]:
 
 
 def tour_keys() -> list[str]:
-    """Every key of the file of a tour that other scenarios have not, and an example."""
+    """Every key that only files of tours have, and an example."""
     text = (tour_file.__doc__ or "").partition("::\n")[2]
     body = textwrap.dedent(text.split("\n\nScene, limits")[0]).strip("\n")
     told = entries(tm.plan_tour.__doc__, "Args") | TOUR

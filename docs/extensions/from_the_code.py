@@ -1,7 +1,7 @@
-"""Reference pages out of the code: what a page asks for is put in when it is read.
+"""Reference pages from the code: content is inserted when a page is read.
 
-A line ``<!-- from the code: NAME -->`` in a page is replaced by what the function of
-that name in ``CONTENTS`` writes. So there is no list that anybody copies by hand.
+A line ``<!-- from the code: NAME -->`` in a page is replaced by the output of the
+function of this name in ``CONTENTS``. So no list is copied by hand.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ DOCS = Path(__file__).parents[1]
 FAMILIES = (Goal, PathConstraint, Obstacle, tm.Motion)
 ALL_NAMES = "reference/examples"  # the page on which every public name is used
 
-# Pages of the reference of Python, each with its parts of the library in the order in
-# which one meets them; parts that are not here stand at the end of the last.
+# Pages of the Python reference, each with its parts of the library in the order of
+# their use; parts that are not listed are at the end of the last page.
 PARTS = {
     "task": (
         "robot",
@@ -68,7 +68,7 @@ def goals() -> list[str]:
 
 
 def obstacles() -> list[str]:
-    """All shapes of obstacles, and how they may move."""
+    """All shapes of obstacles, and their motions."""
     return [*kinds(classes(Obstacle), 2), "## Motions", "", *kinds(classes(Motion))]
 
 
@@ -78,7 +78,7 @@ def constraints() -> list[str]:
 
 
 def errors() -> list[str]:
-    """Every exception with its attributes and its cure."""
+    """Every exception with its attributes and its remedy."""
     lines: list[str] = []
     for name, kind in vars(exceptions).items():
         if not (inspect.isclass(kind) and kind.__module__ == exceptions.__name__):
@@ -94,13 +94,13 @@ def errors() -> list[str]:
 
 
 def statuses() -> list[str]:
-    """How planning may end."""
+    """Statuses of a plan."""
     rows = ["| status | what the message says |", "|---|---|"]
     return rows + [f"| `Status.{item.name}` | {item.value} |" for item in tm.Status]
 
 
 def command_line() -> list[str]:
-    """The help of every command, as a terminal shows it."""
+    """The help of every command, as shown in a terminal."""
     lines: list[str] = []
     for words in ([], *([name] for name in COMMANDS)):
         shown = io.StringIO()
@@ -121,7 +121,7 @@ def data_sheets() -> list[str]:
 
 
 def names_of(page: str) -> list[str]:
-    """Public names on a page of the reference of Python: functions before classes."""
+    """Public names on a page of the Python reference: functions before classes."""
     listed = {part for parts in PARTS.values() for part in parts} | {"exceptions"}
     parts = {name: getattr(tm, name).__module__.split(".")[1] for name in tm.__all__}
     found = [name for part in PARTS[page] for name in parts if parts[name] == part]
@@ -131,7 +131,7 @@ def names_of(page: str) -> list[str]:
 
 
 def public_names() -> list[str]:
-    """A table of all public names, with what each is and where it is used."""
+    """A table of all public names, with their descriptions and uses."""
     lines: list[str] = []
     for page in PARTS:
         heading = page_title(page)
@@ -145,7 +145,7 @@ def public_names() -> list[str]:
 
 
 def page_title(page: str) -> str:
-    """Title of a page of the reference of Python."""
+    """Title of a page of the Python reference."""
     text = (DOCS / "reference" / f"api_{page}.md").read_text("utf-8")
     return text.partition("\n")[0].removeprefix("# ")
 
@@ -166,9 +166,9 @@ def _codes() -> dict[str, tuple[str, str]]:
 
 
 def examples_of(name: str) -> list[tuple[str, str]]:
-    """Pages whose code uses a public name, two at most, with their titles.
+    """Pages whose code uses a public name, at most two, with their titles.
 
-    Those for newcomers come first, the page that has all names last.
+    Pages for newcomers come first, the page that uses all names last.
     """
     use = re.compile(rf"\btm\.{name}\b")
     pages = [(at, title) for at, (title, code) in _codes().items() if use.search(code)]
@@ -183,27 +183,27 @@ def examples_of(name: str) -> list[tuple[str, str]]:
 
 
 def names_of_task() -> list[str]:
-    """What describes a task."""
+    """Names that describe a task."""
     return _documented("task")
 
 
 def names_of_plan() -> list[str]:
-    """What plans, and what comes of it."""
+    """Names for planning and its results."""
     return _documented("plan")
 
 
 def names_of_proofs() -> list[str]:
-    """What judges."""
+    """Names for verification and proofs."""
     return _documented("proofs")
 
 
 def names_of_files() -> list[str]:
-    """What reads and writes."""
+    """Names for reading and writing files."""
     return _documented("files")
 
 
 def names_of_cells() -> list[str]:
-    """What plans many motions."""
+    """Names for planning many motions."""
     return _documented("cells")
 
 
@@ -221,14 +221,14 @@ def _documented(page: str) -> list[str]:
             and issubclass(value, FAMILIES)
             and value not in FAMILIES
         ):
-            # What all of a family have is told of once, where it is written.
+            # Members that a family inherits are documented once, in the base class.
             lines += ["   :no-members:"]
         lines += ["", f"   Example: {shown}.", ""]
     return [*lines, "```"]
 
 
 def further_pages() -> list[str]:
-    """A table of contents of the pages that no other one names."""
+    """A table of contents of the pages that no other table of contents names."""
     texts = [path.read_text("utf-8") for path in DOCS.rglob("*.md")]
     bodies = re.findall(r"```\{toctree\}\n(.*?)```", "\n".join(texts), re.DOTALL)
     named = {Path(line).name for body in bodies for line in body.split()} | {"index"}
@@ -262,7 +262,7 @@ CONTENTS: dict[str, Callable[[], list[str]]] = {
 
 
 def filled(text: str) -> str:
-    """Put in what a page asks for."""
+    """Insert the requested content into a page."""
     return PLACE.sub(lambda found: "\n".join(CONTENTS[found[1]]()), text)
 
 
@@ -273,7 +273,7 @@ def setup(app: Any) -> dict[str, Any]:
         source[0] = filled(source[0])
 
     def bars(*arguments: Any) -> None:
-        # Those of absolute values are no substitutions.
+        # Vertical bars of absolute values are not substitutions.
         lines: list[str] = arguments[-1]
         lines[:] = [line.replace("|", r"\|") for line in lines]
 

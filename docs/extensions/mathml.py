@@ -1,4 +1,4 @@
-"""Equations as MathML, which browsers show without a script or a font of ours."""
+"""Equations as MathML, which browsers show without additional scripts or fonts."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
 """Playback pages in the documentation: planned when it is built, shown in frames.
 
-A line ``<!-- playback: NAME -->`` in a page becomes the still of that motion, which
-plays when it is clicked, or as soon as it is seen with ``NAME when seen``; a line
-``<!-- playback: gallery -->`` becomes one section for each of the gallery. A page of
-stills opens at once, where ten pages that draw and move would keep a weak machine busy
-for minutes. Motions are planned once and kept in ``build/gallery`` until what they are
-made of changes.
+A line ``<!-- playback: NAME -->`` in a page becomes the still of this motion, which
+plays when it is clicked, or, with ``NAME when seen``, as soon as it is visible; a line
+``<!-- playback: gallery -->`` becomes one section for each motion of the gallery. A
+page of stills opens at once, where ten animated pages would keep a weak machine busy
+for minutes. Motions are planned once and kept in ``build/gallery`` until their sources
+change.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ FOLDER = DOCS / "build" / "gallery"
 def frame(name: str, title: str, root: str, *, when_seen: bool = False) -> str:
     """HTML of a still that ``static/own.js`` makes play.
 
-    Without scripts it is a link to the page that plays.
+    Without scripts it is a link to the playback page.
 
     Args:
         name: Name of the motion.
-        title: What it shows.
+        title: Title of the motion.
         root: Path from the page to the root of the site, empty or ending in a slash.
-        when_seen: Whether it plays as soon as it is seen, not when it is clicked.
+        when_seen: Whether it plays as soon as it is visible, instead of when clicked.
     """
     where, when = f"{root}playback/{name}", "seen" if when_seen else "clicked"
     return (
@@ -47,17 +47,17 @@ def frame(name: str, title: str, root: str, *, when_seen: bool = False) -> str:
 
 
 def copy_stills(names: list[str], folder: Path) -> None:
-    """Put the stills of motions beside their pages.
+    """Copy the stills of motions into the folder of their pages.
 
     Raises:
-        FileNotFoundError: If one was not taken (``tools/stills.py``).
+        FileNotFoundError: If a still is missing (``tools/stills.py`` takes it).
     """
     for name in names:
         shutil.copyfile(DOCS / "figures" / f"{name}.png", folder / f"{name}.png")
 
 
 def setup(app: Any) -> dict[str, Any]:
-    """Make the pages before anything is read."""
+    """Make the playback pages before pages are read."""
     gallery: Any = importlib.import_module("tools.gallery")
 
     def make(app: Any) -> None:

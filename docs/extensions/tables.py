@@ -1,4 +1,4 @@
-"""Tables of names, defaults and meanings, out of docstrings and fields."""
+"""Tables of names, defaults and meanings, from docstrings and fields."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ROLE = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`")
 
 
 def entries(text: str | None, heading: str) -> dict[str, str]:
-    """What a docstring says of its arguments or attributes, in one line each."""
+    """Descriptions of arguments or attributes in a docstring, in one line each."""
     body = inspect.cleandoc(text or "").partition(f"\n{heading}:\n")[2]
     body = re.split(r"^\S", body, maxsplit=1, flags=re.MULTILINE)[0]
     return {name: plain(words) for name, words in ENTRY.findall(body)}
 
 
 def plain(words: str) -> str:
-    """Turn what docstrings mark in their way into Markdown, on one line."""
+    """Convert the markup of docstrings to Markdown, on one line."""
     text = ROLE.sub(r"`\1`", " ".join(words.split()))
     text = re.sub(r"``docs/([\w/]+)\.md``", r"[\1](/\1.md)", text)
     return re.sub(r"``(.*?)``", r"`\1`", text).replace("|", r"\|")
@@ -36,7 +36,7 @@ def summary(kind: Any) -> str:
 
 
 def default(item: Any) -> str:
-    """Return the default of a field as code, or a word where there is none."""
+    """Return the default of a field as code, or a word if it has no default."""
     if item.default is MISSING and item.default_factory is MISSING:
         return "required"
     value = item.default if item.default is not MISSING else item.default_factory()
@@ -60,7 +60,7 @@ def field_rows(kind: type[Any], texts: Mapping[str, str] | None = None) -> list[
 
 
 def kinds(found: Mapping[str, type[Any]], level: int = 3) -> list[str]:
-    """A section for each class of a family, by what a file calls it."""
+    """A section for each class of a family, by its name in files."""
     lines: list[str] = []
     for name, kind in sorted(found.items()):
         lines += [f"{'#' * level} `{name}` — `{kind.__name__}`", "", summary(kind), ""]
