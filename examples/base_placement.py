@@ -1,7 +1,7 @@
-"""Where an arm should stand, so that three goals take it less time.
+"""Move the base of an arm so that three goals take less time.
 
-A planar arm reaches three points from one configuration. Its base is moved by the
-gradients of the durations; what held the motions before and after is written as bars.
+A planar arm reaches three points from one configuration. Its base is moved along the
+gradients of the durations; the sensitivities before and after are drawn as bar charts.
 
     python examples/base_placement.py [--out FOLDER]
 """
@@ -19,7 +19,7 @@ BOUNDS = {"x": (-0.5, 0.5), "y": (-0.5, 0.5), "yaw": (-0.3, 0.3)}
 
 
 def main() -> int:
-    """Move the base and show what is gained."""
+    """Move the base and show the gain."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--plans", type=int, default=40, help="at most")

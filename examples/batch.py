@@ -1,7 +1,7 @@
 """Two hundred plans of a planar arm, several at once, kept as a dataset.
 
-Random goals of its tip beside an obstacle. A second call reads what the first one has
-left, and plans what is missing. Writes the results to a folder of out/.
+Random goals of its tip next to an obstacle. A second call reads the results of the
+first call, and plans the missing problems. Writes the results to a folder of out/.
 
     python examples/batch.py [--out FOLDER] [--count 200] [--workers 2]
 """
@@ -23,8 +23,8 @@ OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.3, position=(4.2, 2.4, 0.0))])
 def problems(count: int, seed: int) -> Iterator[tuple[str, tm.Problem]]:
     """Random goals within reach, made one by one as they are needed.
 
-    What is wrong in itself, as a goal inside the obstacle, is drawn again: no problem
-    is made of it.
+    An invalid goal, such as a point inside the obstacle, is drawn again, before a
+    problem is made.
     """
     robot, rng = tm.load_robot("planar3r"), np.random.default_rng(seed)
     number = 0
@@ -41,7 +41,7 @@ def problems(count: int, seed: int) -> Iterator[tuple[str, tm.Problem]]:
 
 
 def main() -> int:
-    """Plan, and look at what was found."""
+    """Plan, and print a summary of the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--count", type=int, default=200)

@@ -1,9 +1,10 @@
 """Both arms of a Baxter move at once: 14 joints from one description.
 
-The left hand goes up, the right one down over a table. Where the hands end is given,
-the configurations are free: two goals for two frames are one goal for all joints. The
-arms share one duration T, and are kept from each other, from head and pedestal and from
-the table. Writes a figure, a page that plays offline and the motion to out/.
+The left hand moves up, the right hand down over a table. The final positions of the
+hands are given, the configuration is free: two goals for two frames are combined into
+one goal for all joints. The arms share one duration T, and avoid collisions with each
+other, head, pedestal and table. Writes a figure, a page that plays offline and the
+motion to out/.
 
     python examples/baxter.py [--out FOLDER] [--seed 0] [--intervals 20]
 """
@@ -18,13 +19,13 @@ import numpy as np
 import tominpmp as tm
 from tominpmp.viz.motion_plot import plot_motion
 
-# Head and fingers stay where they are.
+# Head and fingers do not move.
 LOCKED = {
     "head_pan": 0.0,
     "l_gripper_l_finger_joint": 0.0,
     "r_gripper_l_finger_joint": 0.0,
 }
-# The pose in which Baxter waits, of the left arm; the right one mirrors it [rad].
+# Waiting configuration of the left arm, mirrored for the right arm [rad].
 WAITING = {
     "s0": -0.08,
     "s1": -1.0,
@@ -39,7 +40,7 @@ TABLE = tm.Box("table", size=(0.6, 1.6, 0.04), position=(0.8, 0.0, -0.2))
 
 
 def problem() -> tm.Problem:
-    """Both hands at once, each to a point."""
+    """Both hands move at once, each to a point."""
     robot = tm.load_robot("baxter", locked_joints=LOCKED)
     waiting = {f"left_{joint}": angle for joint, angle in WAITING.items()} | {
         f"right_{joint}": -angle if joint in MIRRORED else angle
@@ -68,10 +69,10 @@ def main() -> int:
     print(solution.message)
     if solution.trajectory is None:
         return 1
-    print(f"{task.robot.n} joints, {len(task.checker.pairs)} pairs of bodies watched")
+    print(f"{task.robot.n} joints, {len(task.checker.pairs)} collision pairs checked")
     if solution.verification is not None:
         nearest = 1e3 * solution.verification.min_clearance
-        print(f"nearest to anything: {nearest:.1f} mm")
+        print(f"smallest clearance: {nearest:.1f} mm")
     arguments.out.mkdir(parents=True, exist_ok=True)
     figure, page, table = (
         arguments.out / f"baxter.{ending}" for ending in ("png", "html", "csv")

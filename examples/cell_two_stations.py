@@ -1,10 +1,10 @@
-"""A UR5 takes two parts from a conveyor to a tray, in the order that takes least time.
+"""A UR5 moves two parts from a conveyor to a tray, in the order that takes least time.
 
-The conveyor brings two parts at once and stands still; which one is taken first, and to
-which place of the tray each goes, is left to the planning. A part that was picked is
-brought to a place at once; on its way its mass and its shape count. Gripping and
-letting go take 0.15 s each. Writes to out/ the whole cycle as CSV, a Gantt picture and
-a page that plays offline.
+The conveyor brings two parts at once and stops; the planner chooses the order of the
+parts, and the position of each part on the tray. Each part is put down directly after
+it was picked up; while it is carried, its mass and shape are part of the problem.
+Gripping and releasing take 0.15 s each. Writes to out/ the whole cycle as CSV, a Gantt
+picture and a page that plays offline.
 
     python examples/cell_two_stations.py [--out FOLDER] [--seed 0]
 """
@@ -23,13 +23,13 @@ HOME = np.array([0.0, -1.7, 1.9, -1.8, -1.57, 0.0])
 TOOL = "tool0"
 # The tool points down.
 DOWN = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-# Tops of conveyor and tray, parts and where they stand [m].
+# Heights of conveyor and tray, size and positions of the parts [m].
 BELT_TOP, TRAY_TOP = 0.10, 0.05
 SIZE, MASS = (0.06, 0.06, 0.08), 1.0
 PICKS = {"pick left": (0.45, 0.35), "pick right": (0.60, 0.35)}
 PLACES = {"place left": (0.45, -0.35), "place right": (0.60, -0.35)}
 GRIP = 0.15
-# Between a part and what it stands on, where it is gripped [m].
+# Distance of a gripped part from the surface below it [m].
 GAP = 0.005
 
 
@@ -45,7 +45,7 @@ def part() -> tm.Payload:
 
 
 def goal(place: tuple[float, float], top: float) -> tm.Goal:
-    """The tool over a part, which is as wide as long: four ways to take it."""
+    """The tool over a square part: four grasps are possible."""
     position = np.array([*place, top + SIZE[2] + GAP])
     turns = [pin.exp3(np.array([0.0, 0.0, k * np.pi / 2.0])) for k in range(4)]
     return tm.AnyGoal(
@@ -54,7 +54,7 @@ def goal(place: tuple[float, float], top: float) -> tm.Goal:
 
 
 def stations() -> list[tm.Station]:
-    """Two places to take parts from, two to bring them to."""
+    """Two stations to pick up parts, two to put them down."""
     load = part()
     found = [
         tm.Station(
@@ -81,7 +81,7 @@ def scene() -> tm.Scene:
 
 
 def main() -> int:
-    """Plan, tell of the cycle, write the files."""
+    """Plan, report on the cycle, write the files."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)

@@ -1,8 +1,8 @@
-"""Certify motions: is this the fastest, to first order, and what holds it back?
+"""Certify motions: is a motion time-optimal to first order, which limits are active?
 
-Plans the paper's arm over an obstacle, asks for its certificate, then slows the motion
-down by 5 % and asks again. Certificates need nothing but a problem and a motion: those
-read from files can be certified as well.
+Plans a motion of the paper's arm over an obstacle, computes its certificate, then slows
+the motion down by 5 % and certifies it again. A certificate needs only a problem and a
+motion: motions read from files can be certified as well.
 
     python examples/certificate.py [--out FOLDER]
 """
@@ -19,7 +19,7 @@ from tominpmp.dynamics import RobotDynamics
 
 
 def slowed(problem: tm.Problem, motion: tm.Trajectory, factor: float) -> tm.Trajectory:
-    """The same path at a slower pace, with the torques that it takes."""
+    """The same path at lower speed, with the torques that it requires."""
     inverse = RobotDynamics(problem.robot).inverse
     t, v, a = factor * motion.t, motion.v / factor, motion.a
     u = inverse(motion.q, v, motion(motion.t).a / factor**2)
@@ -29,7 +29,7 @@ def slowed(problem: tm.Problem, motion: tm.Trajectory, factor: float) -> tm.Traj
 
 
 def main() -> None:
-    """Plan, certify, spoil, certify again."""
+    """Plan, certify, slow down, certify again."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"), help="folder")
     out = parser.parse_args().out

@@ -1,10 +1,9 @@
-"""A UR5 reaches across a belt on which a crate comes along.
+"""A UR5 reaches across a belt on which a crate passes.
 
-The arm moves its tool from this side of a conveyor to the other. A crate crosses the
-way at constant speed, and is gone soon after. The time of the motion counts from the
-start, so that letting the crate pass is part of it: the optimiser finds out how early
-the arm can set out and how closely it can follow. Writes a page that plays offline, the
-motion and a picture to out/.
+The arm moves its tool from this side of a conveyor to the other. A crate crosses its
+path at constant speed, and has passed soon after. The duration T includes the time for
+which the arm waits: the optimiser finds how early the arm can start and how closely it
+can follow. Writes a page that plays offline, the motion and a picture to out/.
 
     python examples/conveyor.py [--out FOLDER] [--seed 0] [--speed 1.0]
 """
@@ -22,7 +21,7 @@ from tominpmp.viz.motion_plot import plot_motion
 # The belt runs along y in front of the arm [m].
 BELT = tm.Box("belt", size=(0.25, 2.4, 0.08), position=(0.55, 0.0, -0.05))
 CRATE = (0.2, 0.3, 0.25)
-# Where the crate is at the start [m], and how fast the belt goes [m/s].
+# Position of the crate at the start [m], and speed of the belt [m/s].
 COMES_FROM, SPEED = -0.25, 1.0
 # The tool points down 12 cm above the floor, on this side of the belt and beyond it.
 NEAR = np.array([-0.028, -1.584, 2.503, -2.49, -1.571, 0.0])
@@ -30,7 +29,7 @@ FAR = np.array([-0.012, -0.697, 1.116, -1.99, -1.571, 0.0])
 
 
 def crate(speed: float) -> tm.Box:
-    """A crate that comes along on the belt."""
+    """A crate that moves with the belt."""
     return tm.Box(
         "crate",
         size=CRATE,
@@ -40,7 +39,7 @@ def crate(speed: float) -> tm.Box:
 
 
 def problem(speed: float | None = SPEED) -> tm.Problem:
-    """Across the belt, at rest at both ends; without the crate if it has no speed."""
+    """Across the belt, from rest to rest; without the crate if no speed is given."""
     obstacles = [BELT] if speed is None else [BELT, crate(speed)]
     robot = tm.load_robot("ur5", limits="urdf")
     return tm.Problem(robot, NEAR, tm.JointGoal(FAR), tm.Scene(obstacles), margin=0.01)

@@ -1,8 +1,8 @@
 """A UR5 drills 25 holes of a tilted plate, in the order that takes least time.
 
-Each hole is a station: the drill stands before it, along its axis, and may be turned
-about that axis in any way; the arm may reach it in several ways, too. It stays there
-for 0.3 s and goes on. Order, configurations and motions are found together, from home
+Each hole is a station: the drill is in front of it, along its axis, and may spin freely
+about this axis; the arm may reach it with several configurations, too. It stays there
+for 0.3 s. Order, configurations and motions are optimised together, from home
 to home. Writes to out/ the whole cycle as CSV, a Gantt picture and a page that plays
 offline.
 
@@ -20,16 +20,16 @@ import tominpmp as tm
 
 HOME = np.array([0.0, -1.8, 2.2, -2.0, -1.6, 0.0])
 TIP = "tool0"
-# The plate: its middle, how far it is tilted about y, and the distance of the holes.
+# The plate: its centre, its tilt about y, and the distance of the holes.
 MIDDLE, TILT, SPACING = np.array([0.6, 0.0, 0.25]), 0.5, 0.05
 THICKNESS = 0.02
-# The tip stops this far before the plate, and stays so long.
+# Distance of the tip from the plate at a stop, and duration of the stop.
 STANDOFF, DWELL = 0.01, 0.3
 ACCELERATION = 8.0
 
 
 def rotation() -> np.ndarray:
-    """Axes of the plate, the last one out of it."""
+    """Axes of the plate, the last one normal to it."""
     c, s = np.cos(TILT), np.sin(TILT)
     return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
@@ -48,7 +48,7 @@ def stations(rows: int) -> list[tm.Station]:
 
 
 def main() -> int:
-    """Plan, tell of the cycle, write the files."""
+    """Plan, report on the cycle, write the files."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)

@@ -1,10 +1,10 @@
-"""Two UR5s hand a bar over: the one brings it, the other takes it away.
+"""Two UR5s hand a bar over: one arm brings it, the other takes it away.
 
 One motion of two segments, for both arms together: the hands meet at the bar, where
-they stay for 0.1 s while the one gripper closes and the other opens; then the other arm
-carries it to its side, and the first goes home. The bar is part of the dynamics and of
-the collisions of the arm that carries it. Writes to out/ a figure, a page that plays
-offline, and one file for each arm.
+they stay for 0.1 s while one gripper closes and the other opens; then the second arm
+carries the bar to its side, and the first returns home. The bar is part of the dynamics
+and of the collision checks of the arm that carries it. Writes to out/ a figure, a page
+that plays offline, and one file for each arm.
 
     python examples/handing_over.py [--out FOLDER] [--seed 0]
 """
@@ -23,9 +23,9 @@ from tominpmp.viz.motion_plot import plot_motion
 
 APART = 0.6  # distance of the bases from the middle [m]
 LENGTH, WIDTH, MASS = 0.3, 0.04, 0.8  # of the bar [m, kg]
-GAP = 0.02  # between a flange and the end of the bar it holds [m]
-CLOSES = 0.1  # time that both grippers take [s]
-# Where the giver begins and ends, and the taker begins and ends [rad].
+GAP = 0.02  # distance of a flange from the end of the bar that it holds [m]
+CLOSES = 0.1  # time for both grippers [s]
+# Start and end of the giving arm, and start and end of the taking arm [rad].
 GIVES = np.array([0.9, -1.7, 1.9, -1.8, -1.57, 0.0])
 WAITS = np.array([0.6, -1.9, 2.1, -1.8, -1.57, 0.0])
 TAKES = np.array([-0.9, -1.7, 1.9, -1.8, -1.57, 0.0])
@@ -40,7 +40,7 @@ def workcell() -> tm.Workcell:
 
 
 def bar(arm: str) -> tm.Payload:
-    """The bar in the hand of an arm, which holds it by one end, along its axis."""
+    """The bar in the hand of an arm, which holds one end of it, along its axis."""
     middle = np.array([0.0, 0.0, GAP + 0.5 * LENGTH])
     shape = tm.Box("bar", size=(WIDTH, WIDTH, LENGTH), position=middle)
     long, thin = MASS / 12.0 * (LENGTH**2 + WIDTH**2), MASS / 6.0 * WIDTH**2
@@ -66,7 +66,7 @@ def hands_at_the_bar() -> dict[str, tm.Goal]:
 
 
 def problem(cell: tm.Workcell) -> tm.Problem:
-    """To the bar, and away from it."""
+    """A segment to the bar, and a segment away from it."""
     away = {"giver": tm.JointGoal(GIVES), "taker": tm.JointGoal(TAKES)}
     start = cell.stack({"giver": GIVES, "taker": WAITS})
     holding = [("bar", "giver/wrist_3_link"), ("bar", "taker/wrist_3_link")]
@@ -85,7 +85,7 @@ def problem(cell: tm.Workcell) -> tm.Problem:
 
 
 def main() -> int:
-    """Plan, tell of the segments, write the figure, the page and the motions."""
+    """Plan, report on the segments, write the figure, the page and the motions."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)
@@ -100,7 +100,7 @@ def main() -> int:
     print(f"  both at the bar after {brings.arrival:.3f} s, handed over", end=" ")
     print(f"at {brings.end:.3f} s, put away after {takes.duration:.3f} s more")
     room = solution.verification.min_clearance
-    print(f"  nothing comes nearer to anything than {1e3 * room:.1f} mm")
+    print(f"  the smallest clearance is {1e3 * room:.1f} mm")
     arguments.out.mkdir(parents=True, exist_ok=True)
     figure = arguments.out / "handing_over.png"
     plot_motion(task, {"both": solution.trajectory}, figure, instants=5)

@@ -1,7 +1,7 @@
-"""A Panda reaches into a shelf for a can, which takes one of several configurations.
+"""A Panda reaches into a shelf for a can, with one of several configurations.
 
-The goal is a pose of the hand: which configuration is best, and in which order the
-joints get there past the boards, is left to the library. It tries several and keeps the
+The goal is a pose of the hand: the library chooses the configuration, and the path past
+the boards. It tries several configurations and keeps the
 fastest verified motion. Writes to out/ a figure, a page that plays offline and the
 motion.
 
@@ -21,7 +21,7 @@ SCENARIO = Path(__file__).parent / "scenarios" / "panda_shelf.toml"
 
 
 def main() -> int:
-    """Plan, tell of the starts, write the figure, the page and the motion."""
+    """Plan, report on the starts, write the figure, the page and the motion."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""The paper's example by all methods: a table, the figures and a page to watch.
+"""The paper's example by all methods: a table, the figures and an animated page.
 
 Plans the planar three-joint arm from (0.5, 1.7, -1.7) to the point (4, 1), with control
 limits only and with joint limits and the obstacle, with gravity along -y and without,
@@ -32,12 +32,12 @@ from tominpmp.viz.plots import plot_controls, plot_convergence
 METHODS = ("adjoint", "collocation", "inverse", "penalty")
 CASES = ("control limits only", "joint limits + obstacle")
 GRAVITIES = {"along -y": (0.0, -9.81, 0.0), "none": (0.0, 0.0, 0.0)}
-# The paper's T* [s] of its method and of the penalty method.
+# T* [s] in the paper, for its method and for the penalty method.
 PAPER = {CASES[0]: (0.884, 0.983), CASES[1]: (1.207, 1.221)}
 START = (0.5, 1.7, -1.7)
 GOAL = tm.PositionGoal("tip", (4.0, 1.0, 0.0))
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4.0, 0.0, 0.0))])
-# Joint limits that never bind stand for none.
+# Joint limits wide enough never to be active stand for no limits.
 FREE = 20.0
 
 Key = tuple[str, str, str]  # case, gravity, method
@@ -52,7 +52,7 @@ def problem(case: str, gravity: str) -> tm.Problem:
     return tm.Problem(robot, START, GOAL, scene=OBSTACLE)
 
 
-# T^0 [s]: the paper's for the methods that begin with torques; the others begin at
+# T^0 [s]: that of the paper for methods that begin with torques; others begin at
 # rest.
 FIRST_DURATIONS = {"adjoint": 1.5, "penalty": 1.5, "collocation": 1.0, "inverse": 1.0}
 
@@ -68,7 +68,7 @@ def options(method: str, intervals: int, seconds: float) -> tm.Options:
         initial_duration=FIRST_DURATIONS[method],
         max_iterations=1000,
         max_planning_time=seconds,
-        # The penalty method ends outside the admissible set; this is near enough.
+        # The penalty method ends slightly outside the feasible set; this is accepted.
         feasibility=1e-3 if method == "penalty" else 1e-6,
     )
 
@@ -99,37 +99,37 @@ def plan_all(
     return solutions
 
 
-# How planning ends that more time would have let go on.
+# Statuses of plans that would have continued with more time.
 CUT_OFF = (tm.Status.TIME_LIMIT, tm.Status.ITERATION_LIMIT)
 
 
 def marks(solution: tm.Solution) -> str:
-    """What has to be said of a motion: * violates something, + was cut off."""
+    """Marks of a motion: * if it violates goal or limits, + if it was cut off."""
     return "*" * (not solution.success) + "+" * (solution.status in CUT_OFF)
 
 
 def label(method: str, solution: tm.Solution) -> str:
-    """Name of a motion in figures, with the same in words."""
+    """Name of a motion in figures, with its marks in words."""
     violates, cut = not solution.success, solution.status in CUT_OFF
     return method + ", goal or limits violated" * violates + ", cut off" * cut
 
 
 def row(solution: tm.Solution) -> list[str]:
     """Cells of one method: T, iterations, seconds."""
-    motion = solution.trajectory  # the best there is, also of what is no success
+    motion = solution.trajectory  # the best T so far, even without success
     duration = "none" if motion is None else f"{motion.duration:.4f}"
     cells = str(solution.iterations), f"{solution.planning_time:.2f}"
     return [duration + marks(solution), *cells]
 
 
-# Motions whose joints end so far apart are different local optima [rad].
+# Motions whose final positions differ by more than this are different optima [rad].
 APART = 0.5
 
 
 def local_optima(
     solutions: Sequence[tm.Solution],
 ) -> tuple[list[str], dict[str, np.ndarray]]:
-    """Letter of the local optimum that each motion is near.
+    """Letter of the local optimum of each motion.
 
     Returns:
         The letters, and the joint angles at the end by letters.
@@ -149,7 +149,7 @@ def local_optima(
 def print_table(
     console: Console, solutions: Mapping[Key, tm.Solution], limit: float
 ) -> None:
-    """Print T, iterations and seconds of every method beside the paper's numbers."""
+    """Print T, iterations and seconds of every method, and the paper's values of T."""
     table = Table(title="Planar three-joint arm: T in s (iterations, seconds)")
     for heading in ("case", "gravity", *METHODS, "paper", "paper, penalty"):
         numeric = heading not in ("case", "gravity")
@@ -172,7 +172,7 @@ def print_table(
             table.add_row(case, gravity, *cells, *(f"{t:.3f}" for t in PAPER[case]))
     console.print(table)
     if notes:
-        console.print("Letters tell local optima of one problem apart:")
+        console.print("Letters distinguish local optima of one problem:")
     for note in notes:
         console.print(f"  {note}", markup=False)
     failed = [s for s in solutions.values() if not s.success]
@@ -180,7 +180,7 @@ def print_table(
         worst = max(max(s.violations.values(), default=0.0) for s in failed)
         console.print(f"* ended with goal or limits violated, by {worst:.2g} at most")
     if any(s.status in CUT_OFF for s in solutions.values()):
-        console.print(f"+ was not done after {limit:g} s: more time leads to another T")
+        console.print(f"+ was cut off after {limit:g} s: T would change with more time")
 
 
 def write_table(path: Path, solutions: Mapping[Key, tm.Solution]) -> None:
@@ -216,7 +216,7 @@ def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
         motions = {label(m, s): s.trajectory for m, s in found.items()}
         plot_controls(found["adjoint"].problem, motions, path(f"{controls}.png"))
         plot_motion(found["adjoint"].problem, motions, path(f"{motion}.png"))
-    # Of the first start; what refines it afterwards begins to count anew.
+    # Only the first start: refinements count their iterations from zero.
     histories = {
         m: [r for r in solutions[CASES[1], gravity, m].history if r.start == 0]
         for m in METHODS

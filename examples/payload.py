@@ -1,9 +1,9 @@
-"""A motion with an empty hand, with a box in it, and what forgetting the box costs.
+"""Motions with an empty hand and with a box in it, and the effect of a forgotten box.
 
 A Panda carries a box of 2.5 kg over a board. Mass, centre of mass, inertia and shape of
-the box are part of dynamics and collisions. Then the motion planned for the empty hand
-is judged with the box in it: it asks for more torque than the motors have, or the box
-hits the board. Writes a page that plays offline and the motions to out/.
+the box are part of dynamics and collision checks. Then the motion planned for the empty
+hand is verified with the box in it: it needs more torque than the motors have, or the
+box hits the board. Writes a page that plays offline and the motions to out/.
 
     python examples/payload.py [--out FOLDER] [--seed 0]
 """
@@ -19,7 +19,7 @@ import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 
 MASS, SIZE = 2.5, (0.12, 0.08, 0.16)  # [kg, m]
-# In the axes of the hand, of which z points out of it [m].
+# In the axes of the hand, whose z axis points out of it [m].
 PLACE = (0.0, 0.0, 0.2)
 START = np.array([0.6, 0.35, 0.0, -2.1, 0.0, 2.45, 0.785])
 GOAL = np.array([-0.6, -0.1, 0.0, -1.9, 0.0, 1.8, 0.785])
@@ -27,7 +27,7 @@ BOARD = tm.Box("board", size=(0.5, 0.04, 0.45), position=(0.5, 0.0, 0.225))
 
 
 def box() -> tm.Payload:
-    """A full box, of even density."""
+    """A box of uniform density."""
     x, y, z = SIZE
     inertia = MASS / 12.0 * np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2])
     shape = tm.Box("box", size=SIZE, position=PLACE)
@@ -42,7 +42,7 @@ def problem(robot: tm.Robot) -> tm.Problem:
 
 
 def main() -> int:
-    """Plan with and without the box, and judge one by the other."""
+    """Plan with and without the box, and verify the empty motion with the box."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)
@@ -70,7 +70,7 @@ def main() -> int:
     load = np.abs(RobotDynamics(loaded).inverse(q, v, a)) / loaded.limits.effort_upper
     joint = int(np.argmax(load.max(axis=0)))
     print(
-        "The motion of the empty hand with the box in it takes "
+        "The motion of the empty hand with the box in it needs "
         f"{100 * load.max():.0f} % of the torque that {loaded.joint_names[joint]} has,"
     )
     contact = problem(loaded).checker.distances(np.asarray(q)).min(axis=0)

@@ -1,10 +1,10 @@
-"""A Panda puts a box from one side of a wall to the other, as one motion.
+"""A Panda moves a box from one side of a wall to the other, in one motion.
 
 Seven goals in a row: over the box, at the box, where the gripper closes for 50 ms, up
-with it, over the wall, down to the table, where the gripper opens, up, and home. The
-arm stops where it grips and nowhere else. While it carries the box, its mass is part of
-the dynamics and its shape of the collisions; box and table may touch where it is lifted
-and put down. Writes to out/ a figure, a page that plays
+with the box, over the wall, down to the table, where the gripper opens, up, and home.
+The arm stops only where it grips and releases. While it carries the box, its mass is
+part of the dynamics and its shape of the collision checks; box and table may touch
+while it is lifted and put down. Writes to out/ a figure, a page that plays
 offline and the motion.
 
     python examples/pick_and_place.py [--out FOLDER] [--seed 0]
@@ -25,23 +25,23 @@ import tominpmp as tm
 
 HOME = np.array([0.0, -0.6, 0.0, -2.2, 0.0, 1.6, 0.785])
 TCP = "panda_hand_tcp"
-TOP, LIFT = 0.2, 0.12  # of the table, and above where the box stands [m]
+TOP, LIFT = 0.2, 0.12  # of the table, and above the positions of the box [m]
 MASS, SIZE = 1.0, (0.04, 0.04, 0.1)  # of the box [kg, m]
 PICK, PLACE = (0.5, 0.25), (0.5, -0.25)  # [m]
 # The hand points down, its fingers close along y.
 DOWN = np.diag([1.0, -1.0, -1.0])
-GRIP = 0.05  # time that the gripper takes [s]
+GRIP = 0.05  # time for the gripper [s]
 OPTIONS = tm.Options(intervals=12, control="constant")
 
 
 def pose(place: tuple[float, float], above: float = 0.0) -> tm.PoseGoal:
-    """The hand at the box on a place of the table, or above it."""
+    """The hand at the box at a position on the table, or above it."""
     height = TOP + 0.5 * SIZE[2] + 0.002 + above
     return tm.PoseGoal(TCP, pin.SE3(DOWN, np.array([*place, height])))
 
 
 def box() -> tm.Payload:
-    """A box of even density, held in its middle."""
+    """A box of uniform density, gripped at its centre."""
     x, y, z = SIZE
     inertia = MASS / 12.0 * np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2])
     shape = tm.Box("box", size=SIZE)
@@ -49,7 +49,7 @@ def box() -> tm.Payload:
 
 
 def problem() -> tm.Problem:
-    """Over the wall with the box, and home without."""
+    """Over the wall with the box, and home without it."""
     robot = tm.load_robot(
         "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
     )
@@ -70,7 +70,7 @@ def problem() -> tm.Problem:
 
 
 def main() -> int:
-    """Plan, tell of the segments, write the figure, the page and the motion."""
+    """Plan, report on the segments, write the figure, the page and the motion."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)

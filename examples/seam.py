@@ -1,11 +1,11 @@
 """A UR5 follows a seam at constant speed: an S of two arcs, with a nozzle.
 
 From home to the seam, along it within 1 mm, and home again, as one motion: the nozzle
-arrives at the seam with the speed that it goes along it, and runs out beyond its end
+arrives at the seam with the speed at which it follows it, and runs out beyond the end
 before it brakes. On the seam it points down within 10 degrees and may spin, so that the
-arm chooses its orientation; a speed limit alone makes the speed constant, as nothing is
-faster than to go along at the limit. Writes to out/ a figure of the speed, a page that
-plays offline, and the motion.
+planner chooses its orientation. A speed limit is enough to make the speed constant, as
+the fastest motion follows the seam at the limit. Writes to out/ a figure of the speed,
+a page that plays offline, and the motion.
 
     python examples/seam.py [--out FOLDER] [--seed 0]
 """
@@ -29,8 +29,8 @@ from tominpmp.kinematics import RobotKinematics
 HOME = np.array([-0.4, -1.6, 1.9, -1.9, -1.57, 0.0])
 NOZZLE = "tool0"
 HEIGHT, RADIUS = 0.15, 0.12  # of the seam, and of each of its arcs [m]
-BEGIN = np.array([0.45, -2.0 * RADIUS, HEIGHT])  # where it begins [m]
-SPEED, WITHIN = 0.25, 1e-3  # along it [m/s], and how near to it [m]
+BEGIN = np.array([0.45, -2.0 * RADIUS, HEIGHT])  # its beginning [m]
+SPEED, WITHIN = 0.25, 1e-3  # along it [m/s], and tolerated distance from it [m]
 CONE = np.deg2rad(10.0)
 RUN_OUT = 0.3  # beyond the end of the seam, along its last arc [rad]
 SAMPLES = 1000
@@ -47,7 +47,7 @@ def seam() -> list[tm.ToolArc]:
 
 
 def problem() -> tm.Problem:
-    """To the seam, along its two halves, out beyond it, home."""
+    """Segments to the seam, along its two halves, out beyond it, and home."""
     robot = tm.load_robot("ur5", limits="urdf")
     plate = tm.Box("plate", size=(0.4, 0.8, 0.02), position=(0.5, 0.0, HEIGHT - 0.04))
     down = tm.KeepUpright(NOZZLE, axis=(0, 0, -1), tolerance=CONE)
@@ -77,7 +77,7 @@ def speeds(solution: tm.Solution) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def tell(solution: tm.Solution) -> None:
-    """Say what the nozzle does on the seam."""
+    """Report times, speeds and distances of the nozzle on the seam."""
     times, speed = speeds(solution)
     begin, end = solution.segments[1].begin, solution.segments[2].end
     on_seam = (times >= begin) & (times <= end)
@@ -88,7 +88,7 @@ def tell(solution: tm.Solution) -> None:
     print(f"({length:.3f} m at {SPEED} m/s are {length / SPEED:.3f} s)", end=", ")
     print(f"home {solution.T - end:.3f} s")
     print(f"  speed on the seam {slowest:.4f} to {fastest:.4f} m/s", end=", ")
-    print(f"at most {1e3 * (WITHIN + worst.amount):.2f} mm beside it")
+    print(f"at most {1e3 * (WITHIN + worst.amount):.2f} mm away from it")
 
 
 def plot(solution: tm.Solution, path: Path) -> None:
@@ -106,7 +106,7 @@ def plot(solution: tm.Solution, path: Path) -> None:
 
 
 def main() -> int:
-    """Plan, tell of the seam, write the figure, the page and the motion."""
+    """Plan, report on the seam, write the figure, the page and the motion."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)

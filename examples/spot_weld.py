@@ -1,11 +1,11 @@
 """UR5s set spot welds on the frame of a door, in the order that takes least time.
 
-The electrode stands on each spot along the normal of the sheet, and may be turned about
-its own axis in any way; it stays there for the time of the weld. Order, configurations,
-spins and motions are found together, from home to home, with the mass and the shape of
-the gun in every motion. With two arms side by side each spot is for either of them:
-which arm sets which weld is found, too, and they keep clear of each other. Writes to
-out/ the whole cycle as CSV, a Gantt picture and a page that plays offline.
+The electrode is on each spot along the normal of the sheet, and may spin freely about
+its axis; it stays there for the duration of the weld. Order, configurations,
+spins and motions are optimised together, from home to home, with the mass and the shape
+of the gun in every motion. With two arms side by side each spot can be set by either
+arm: the planner also chooses the arm for each weld, and the arms do not collide. Writes
+to out/ the whole cycle as CSV, a Gantt picture and a page that plays offline.
 
     python examples/spot_weld.py [--out FOLDER] [--seed 0] [--spots 12] [--arms 2]
 """
@@ -21,15 +21,15 @@ import tominpmp as tm
 
 HOME = np.array([0.0, -2.0, 2.0, -0.0, 1.57, 0.0])
 FLANGE = "tool0"
-# The door stands before the arm: its plane, its middle and half of its width [m].
+# The door in front of the arm: its plane, its centre and half of its width [m].
 DOOR_X, MIDDLE, HALF = 0.66, 0.42, 0.25
 THICKNESS, RAIL = 0.02, 0.06
 # The gun: an electrode of this length, in the axis of the flange, and its transformer.
 LENGTH, MASS = 0.20, 1.8
-# Between electrode and sheet while the gun closes, and how long a weld takes.
+# Distance of electrode and sheet while the gun closes, and duration of a weld.
 STANDOFF, WELD = 0.004, 0.35
 ACCELERATION = 8.0
-# Two arms stand so far to either side of the middle [m].
+# Distance of each of two arms from the middle [m].
 ASIDE = 0.34
 
 
@@ -53,7 +53,7 @@ def gun() -> tm.Payload:
 
 
 def spots() -> list[np.ndarray]:
-    """Places of the twelve welds in the plane of the door: y and z, along the frame."""
+    """Positions of the twelve welds in the plane of the door: y, z, along the frame."""
     rim = HALF - 0.5 * RAIL
     sill = [(y, MIDDLE - rim) for y in np.linspace(-rim, rim, 4)]
     belt = [(y, MIDDLE) for y in np.linspace(-rim, rim, 4)]
@@ -64,7 +64,7 @@ def spots() -> list[np.ndarray]:
 def stations(count: int, frames: tuple[str, ...] = (FLANGE,)) -> list[tm.Station]:
     """The welds: the electrode along the normal of the sheet (x), in any spin.
 
-    Of several arms any may set a weld.
+    Any of several arms may set a weld.
     """
     found = []
     for number, (y, z) in enumerate(spots()[:count], 1):
@@ -96,7 +96,7 @@ def door() -> tm.Scene:
 
 
 def welders(arms: int) -> tuple[tm.Robot, np.ndarray, tuple[str, ...]]:
-    """One arm or two side by side, where they begin, and their flanges."""
+    """One arm or two side by side, their start configurations, and their flanges."""
     arm = tm.load_robot("ur5", limits="urdf").with_payload(gun())
     if arms == 1:
         return arm, HOME, (FLANGE,)
@@ -121,7 +121,7 @@ def tour(count: int = 12, seed: int = 0, arms: int = 1) -> tm.Tour:
 
 
 def main() -> int:
-    """Plan, tell of the cycle, write the files."""
+    """Plan, report on the cycle, write the files."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)

@@ -1,9 +1,9 @@
 """A UR5 lifts a heavy carton by a suction cup and sets it down on the other side.
 
-The cup pulls with 150 N at most; the carton of 3 kg hangs from it, and its middle is
-0.1 m below. What the motion asks for at the cup must stay within what it holds: across
-it by friction, along it by its pull, and about its rim, over which the carton would
-tear itself off. A weaker vacuum is a slower motion. Writes a page to out/.
+The cup pulls with at most 150 N; the carton of 3 kg hangs from it, and its centre is
+0.1 m below. The wrench at the cup must not exceed its holding capacity: the friction
+across it, its pull along the axis, and the moment about its rim, over which the carton
+could be torn off. A weaker vacuum requires a slower motion. Writes a page to out/.
 
     python examples/suction_carton.py [--out FOLDER] [--seed 0]
 """
@@ -42,7 +42,7 @@ def problem(pull: float) -> tm.Problem:
 
 
 def main() -> int:
-    """Plan with both vacuums, tell of them, write the page of the first."""
+    """Plan with both vacuums, report both, write the page of the first."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)

@@ -1,9 +1,9 @@
 """The paper's planar arm passes a gate that swings open.
 
-The gate bars the way from below to above. It begins to turn about its hinge at 1.5 s
+The gate blocks the path from below to above. It begins to turn about its hinge at 1.5 s
 and is open at 2.5 s. The time of the motion counts from the start, so that waiting is
-part of it: the arm sets out before the gate is open, and follows it as closely as its
-motors let it. Writes a page with the motion to out/, which plays offline.
+part of it: the arm starts before the gate is open, and follows it as closely as its
+motors permit. Writes a page with the motion to out/, which plays offline.
 
     python examples/swinging_gate.py [--out FOLDER] [--seed 0]
 
@@ -39,7 +39,7 @@ def gate() -> tm.Box:
 
 
 def problem() -> tm.Problem:
-    """From below the gate to above it, at rest at both ends."""
+    """From below the gate to above it, from rest to rest."""
     return tm.Problem(
         tm.load_robot("planar3r"),
         [0.2, 0.0, 0.0],

@@ -1,9 +1,9 @@
 """Two UR5s with crates that exchange places over a table: one problem, one duration.
 
 The robots stand on opposite sides of a table. Each holds a crate over one half of it
-and has to bring it to exactly where the other one's is, so that straight motions would
-collide. Writes to out/ a figure, a page that plays offline and one file with the motion
-of each robot in the names of its own joints.
+and has to move it exactly to the position of the other crate, so that straight motions
+would collide. Writes to out/ a figure, a page that plays offline and, for each robot,
+one file with its motion and its joint names.
 
     python examples/two_ur5.py [--out FOLDER] [--seed 0]
 """
@@ -23,10 +23,10 @@ from tominpmp.viz.motion_plot import plot_motion
 # Distance of the bases from the middle of the table [m].
 APART = 0.51
 # A UR5 that holds its hand over the table, pointing down, on its left and its right
-# [rad]. For two that face each other these are the same two places.
+# [rad]. For two robots that face each other these are the same two positions.
 LEFT = np.array([0.2284, -1.35, 1.75, -1.971, -1.571, 0.0])
 RIGHT = np.array([-0.6208, -1.35, 1.75, -1.971, -1.571, 0.0])
-# What each of them holds [m].
+# Size of the crate in each hand [m].
 CRATE = tm.Box("crate", size=(0.16, 0.16, 0.16), position=(0.0, 0.0, 0.09))
 
 
@@ -39,7 +39,7 @@ def workcell() -> tm.Workcell:
 
 
 def problem(cell: tm.Workcell) -> tm.Problem:
-    """Each crate goes to where the other one was."""
+    """Each crate moves to the start position of the other."""
     table = tm.Box("table", size=(0.7, 1.2, 0.04), position=(0.0, 0.0, -0.03))
     return cell.problem(
         start={"near": LEFT, "far": LEFT},
@@ -63,11 +63,9 @@ def main() -> int:
     if solution.trajectory is None:
         return 1
     if solution.verification is not None:
-        print(
-            f"nearest to anything: {1e3 * solution.verification.min_clearance:.1f} mm"
-        )
+        print(f"smallest clearance: {1e3 * solution.verification.min_clearance:.1f} mm")
     alone = tm.plan(tm.Problem(cell.alone("near"), LEFT, tm.JointGoal(RIGHT)), options)
-    print(f"one of them, with nothing in its way: T = {alone.T:.4f} s")
+    print(f"a single arm without obstacles: T = {alone.T:.4f} s")
     arguments.out.mkdir(parents=True, exist_ok=True)
     figure = arguments.out / "two_ur5.png"
     plot_motion(task, {"both": solution.trajectory}, figure, instants=5)

@@ -1,8 +1,8 @@
-"""A UR5 swings a tool around a post that stands in its way.
+"""A UR5 swings a tool around a post between start and goal.
 
 The straight line between start and goal passes 7 cm deep through the post. The library
-begins with that line all the same, and the linear programs push it out. The detour
-costs next to nothing: the first joint rules the time, the others have some to spare.
+nevertheless begins with this line, and the linear programs push it out. The detour
+costs next to nothing: the first joint determines T, the others have time to spare.
 Writes to out/ a figure, a page that plays offline and the motion.
 
     python examples/ur5_post.py [--out FOLDER] [--seed 0]

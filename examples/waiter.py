@@ -1,8 +1,8 @@
 """A UR5 carries a glass on a tray from one side to the other: level, and tilting.
 
 The glass is not fixed to the tray. It must neither slip (friction 0.3) nor tip over (a
-foot of 35 mm, its centre of mass 80 mm up). Level, friction is what there is to speed
-up with; with the tray tilted into the motion, gravity helps, as every waiter knows.
+foot of 35 mm, its centre of mass 80 mm up). On a level tray only friction accelerates
+the glass; if the tray is tilted into the motion, gravity helps, as every waiter knows.
 Writes to out/ a figure of both motions and a page of each that plays offline.
 
     python examples/waiter.py [--out FOLDER] [--seed 0]
@@ -20,20 +20,20 @@ import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
 
 FRAME = "tool0"
-# The tray is level in both, its middle on either side of the arm.
+# The tray is level in both configurations, its centre on either side of the arm.
 START = (-0.95776306, -1.19076644, 1.4913508, -1.87138069, 1.57079633, -0.61303327)
 GOAL = (0.61303327, -1.19076644, 1.4913508, -1.87138069, 1.57079633, -2.1838296)
 FRICTION, FOOT, HEIGHT = 0.3, 0.035, 0.08
 TRAY, GLASS = 0.4, 0.3  # [kg]
-LEVEL = 0.02  # what a level tray may tilt [rad]
-# One grid from the start: motions that slip all along gain little by refining a coarse
-# one, and it takes ten times as long.
+LEVEL = 0.02  # tolerated tilt of a level tray [rad]
+# The final grid from the start: motions on the verge of slipping gain little from the
+# refinement of a coarse grid, which takes ten times as long.
 OPTIONS = tm.Options(intervals=40, control="linear", effort="quick", refine=None)
 
 
 def robot() -> tm.Robot:
-    """The arm with tray and glass, which count in its dynamics and its collisions."""
-    # The top of the tray is where the frame is, which is where the glass stands.
+    """The arm with tray and glass as parts of its dynamics and collision checks."""
+    # The origin of the frame is the top of the tray, on which the glass stands.
     tray = tm.Cylinder("tray", radius=0.14, length=0.01, position=(0, 0, -0.005))
     glass = tm.Cylinder(
         "glass", radius=FOOT, length=2.0 * HEIGHT, position=(0, 0, HEIGHT)
@@ -47,7 +47,7 @@ def robot() -> tm.Robot:
 
 
 def problem(*, level: bool) -> tm.Problem:
-    """From one side to the other, the glass in its place."""
+    """From one side to the other, with the glass held on the tray."""
     glass = tm.StableContact(FRAME, (0, 0, HEIGHT), FRICTION, FOOT, mass=GLASS)
     held: list[tm.PathConstraint] = [glass]
     if level:
@@ -67,7 +67,7 @@ def tilts(solution: tm.Solution, times: np.ndarray) -> np.ndarray:
 
 
 def draw(solutions: dict[str, tm.Solution], path: Path) -> None:
-    """Tilt of the tray, and the share of its grip that the glass uses, over time."""
+    """Tilt of the tray, and the used share of the friction limit, over time."""
     figure = Figure(figsize=(6.0, 4.5), layout="constrained")
     angle, grip = figure.subplots(2, sharex=True)
     for name, solution in solutions.items():
@@ -90,7 +90,7 @@ def draw(solutions: dict[str, tm.Solution], path: Path) -> None:
 
 
 def main() -> int:
-    """Plan both, tell of them, write the figure and the pages."""
+    """Plan both motions, report them, write the figure and the pages."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)

@@ -75,4 +75,4 @@ def test_the_marks_are_explained(
     assert "*" not in capsys.readouterr().out
     paper_demo.print_table(console, dict.fromkeys(keys, cut), 20.0)
     said = capsys.readouterr().out
-    assert "not done after 20 s" in said and "violated" in said
+    assert "cut off after 20 s" in said and "violated" in said
