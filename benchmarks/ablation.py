@@ -4,11 +4,11 @@
     python -m benchmarks.ablation --data DIR --every 3 --variants "no certificate;quick"
     python -m benchmarks.ablation --table out/ablation.csv
 
-Each problem is planned with the planner as it is and with every variant, in processes
-of their own (see ``golden.py``, whose options choose problems). A variant is a few
-options, and parts of the planner that are replaced; who changes the planner changes the
-table :data:`VARIANTS` with it. The printed table has T over that of the planner as it
-is, and programs over its programs, for each group of problems.
+Each problem is planned with the unchanged planner and with every variant, in separate
+processes (see ``golden.py``, whose options choose problems). A variant consists of
+options, and of replacements for parts of the planner; a change of the planner may
+require a change of the table :data:`VARIANTS`. The printed table has the ratios of T
+and of the number of programs to the unchanged planner, for each group of problems.
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -42,18 +42,18 @@ FUNCTIONS = "tominpmp.transcription.problem_functions.ProblemFunctions"
 
 @dataclass(frozen=True)
 class Variant:
-    """What is different.
+    """Differences of a variant from the unchanged planner.
 
     Attributes:
         options: Options of the plan.
-        parts: What stands for parts of the planner, by their dotted names.
+        parts: Replacements for parts of the planner, by their dotted names.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
     parts: Mapping[str, Any] = field(default_factory=dict)
 
     def __or__(self, other: Variant) -> Variant:
-        """Both."""
+        """The combination of two variants."""
         options = {**self.options, **other.options}
         return Variant(options, {**self.parts, **other.parts})
 
@@ -72,7 +72,7 @@ def _none(*_: Any, **__: Any) -> None:
 
 
 def _without(*names: str) -> Variant:
-    """The best motion of a search is not improved in these ways."""
+    """The planner without these improvements of the best motion."""
     left = {name: one for name, one in IMPROVEMENTS.items() if name not in names}
     return Variant(parts={f"{PLANNER}.improvements.IMPROVEMENTS": left})
 
@@ -125,10 +125,10 @@ VARIANTS: dict[str, Variant] = {
 
 @contextmanager
 def switched(name: str, task: Task) -> Iterator[Task]:
-    """The task with the options of a variant, while the planner is that variant.
+    """The task with the options of a variant, while the planner is replaced by it.
 
     Args:
-        name: Name of the variant; empty for the planner as it is.
+        name: Name of the variant; empty for the unchanged planner.
         task: The task.
     """
     if name == BASE:
@@ -143,7 +143,7 @@ def switched(name: str, task: Task) -> Iterator[Task]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """T and programs of each variant over those of the planner as it is, in Markdown.
+    """T and programs of each variant relative to the unchanged planner, in Markdown.
 
     Args:
         rows: Rows of all variants.
@@ -168,7 +168,7 @@ def _cell(
     other: Mapping[tuple[str, str], Row],
     names: Sequence[tuple[str, str]],
 ) -> str:
-    """T: mean (most) in per cent / programs, and what is lost."""
+    """T: mean (largest) in per cent / programs, and the number of lost motions."""
     good = [n for n in names if base[n]["success"] == "True"]
     both = [n for n in good if other[n]["success"] == "True"]
     if not both:
@@ -182,7 +182,7 @@ def _cell(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what is missing and print the table."""
+    """Run the missing problems and print the table."""
     from benchmarks.golden import add_problems, check, show
 
     parser = argparse.ArgumentParser(
@@ -192,7 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add_problems(parser)
     parser.add_argument(
-        "--variants", help="names, parted by semicolons; all by default"
+        "--variants", help="names, separated by semicolons; all by default"
     )
     parser.add_argument("--csv", type=Path, default=Path("out/ablation.csv"))
     parser.add_argument("--jobs", type=int, default=1)
@@ -214,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     version = revision()
     rows = Rows(given.csv, version)
     chosen = list(items(given.part, given.groups, given.data, given.seed, given.every))
-    # Variant by variant, so that an interrupted run has whole ones.
+    # Variant by variant, so that an interrupted run has complete variants.
     wanted = [
         dataclasses.replace(item, variant=name)
         for name in (BASE, *names)
@@ -231,7 +231,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             show=show,
         )
     except KeyboardInterrupt:
-        print(f"interrupted; {given.csv} has what is known")
+        print(f"interrupted; {given.csv} has the results so far")
     print(table(list(rows.rows.values())))
     return 0
 

@@ -1,11 +1,11 @@
-"""Batches: speed of several workers, warm starts, memory, and what a large one costs.
+"""Batches: speed of several workers, warm starts, memory, and cost of a large batch.
 
 Random joint goals of a planar arm and of a UR5, planned by `tm.plan_many` in one
-process, on several, and with warm starts. The ideal of several workers is the time that
-their plans took, over their number; on a machine that others use, too, what all
-processes together have computed beside that of one process tells more. Memory is that
-of this process and its workers, after a quarter of the plans and in the end. What ten
-million plans would cost follows from the measured means.
+process, on several, and with warm starts. The ideal time of several workers is the time
+of all plans divided by their number; on a machine with other load, the processor time
+of all processes compared with that of one process is more reliable. Memory is that of
+this process and its workers, after a quarter of the plans and at the end. The cost of
+ten million plans follows from the measured means.
 
     python -m benchmarks.batch
     python -m benchmarks.batch --count 2000 --robots ur5 --how several
@@ -50,7 +50,7 @@ HOURS = 3600.0
 
 
 def problems(name: str, count: int, seed: int) -> list[tm.Problem]:
-    """Random joint goals of an arm, of which nothing but the ends differs."""
+    """Random joint goals of an arm, which differ only in start and goal."""
     robot = load_arm(name)
     return [
         tm.Problem(robot, start, tm.JointGoal(end), self_collision=False)
@@ -59,7 +59,7 @@ def problems(name: str, count: int, seed: int) -> list[tm.Problem]:
 
 
 def processes() -> list[int]:
-    """This process and those below it, where the system tells."""
+    """This process and its descendants, if the system lists them."""
     found, parents = [os.getpid()], {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -73,7 +73,7 @@ def processes() -> list[int]:
 
 
 def used() -> tuple[float, float]:
-    """Processor time [s] and memory [MB] of this process and those below it."""
+    """Processor time [s] and memory [MB] of this process and its descendants."""
     seconds = memory = 0.0
     tick, page = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
     for pid in processes():
@@ -123,7 +123,7 @@ def measure(
 
 
 def table(sheet: Sheet, workers: int) -> str:
-    """What was measured, and what a large batch would cost."""
+    """The measurements, and the cost of a large batch."""
     lines = []
     for row in sheet.rows:
         several = 1 if row["how"] == "one" else workers

@@ -1,15 +1,15 @@
-"""How far plans are above the best motions that are known of random joint goals.
+"""T of plans compared with the best known motions, for random joint goals.
 
 The goals of ``benchmarks.random_goals``, without dry friction. Each is planned with
-default options; what is known besides comes from four times the intervals, from twenty
-starts, from the greatest effort, and from IPOPT on four times the intervals, as far as
+default options; other motions come from four times the intervals, from twenty
+starts, from the greatest effort, and from IPOPT on four times the intervals, if
 its torques keep their limits between the nodes too.
 
     python -m benchmarks.best_known --seed 12
     python -m benchmarks.best_known --seed 12 --speed-factor 4 --robots ur5 --goals 2
 
-The table says for each way to plan by how much T is above the best of all. Rows are in
-a CSV file as soon as they are known.
+The table has the excess of T over the best of all, for each variant of planning. Rows
+are in a CSV file as soon as they are known.
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -40,15 +40,15 @@ WAYS: dict[str, dict[str, Any]] = {
 }
 RIVAL = "IPOPT, N = 160"
 RIVAL_INTERVALS, RIVAL_POINTS = 160, 1
-# IPOPT's motions whose torques are beyond their limits by more than this share between
-# its nodes are none of this robot.
+# IPOPT's motions whose torques exceed their limits by more than this share between its
+# nodes count as infeasible.
 EXCESS = 0.005
-# What plans are to stay within of the best one.
+# Target for the excess of T over the best motion.
 SHARE = 0.003
 
 
 def rival(contest: Contest, q_start: Any, q_goal: Any) -> dict[str, Any]:
-    """Columns of IPOPT's row: its motion has to keep the limits between its nodes."""
+    """Columns of IPOPT's row; its motion must keep limits between its nodes, too."""
     row = contest.run("ipopt", q_start, q_goal)
     found = row["ipopt_success"] == "True"
     keeps = found and float(row["ipopt_torque_excess"]) <= EXCESS
@@ -61,7 +61,7 @@ def rival(contest: Contest, q_start: Any, q_goal: Any) -> dict[str, Any]:
 
 
 def best_of(sheet: Sheet) -> dict[tuple[str, int], float]:
-    """The least T of every problem that somebody has solved [s]."""
+    """The least T of every problem that any variant has solved [s]."""
     best: dict[tuple[str, int], float] = {}
     for row in sheet.rows:
         if row["success"]:

@@ -1,4 +1,4 @@
-"""Motions with something asked of them between start and goal, beside those without.
+"""Motions with constraints between start and goal, compared with motions without.
 
     python -m benchmarks.between                      # 40 problems
     python -m benchmarks.between --numbers 0-11 --seed 3
@@ -6,8 +6,8 @@
 Panda, UR5 and xArm7 among six obstacles, random starts and goals, and in turn a tool
 that stays upright within 10 degrees, a tool speed of 0.5 m/s, or two goals on the way
 that are passed (positions, poses, configurations). Each problem is planned with default
-options, and once more without what holds between, in the same run. What is found is
-exported as CSV and judged by ``benchmarks/between_judge.py`` in a process of its own,
+options, and once more without these constraints, in the same run. The motions are
+exported as CSV and checked by ``benchmarks/between_judge.py`` in a separate process,
 which shares no code with the planner.
 
 Rows go to a CSV file as soon as they are known; a table is printed at the end. Exits
@@ -46,14 +46,14 @@ STEP = 0.00025  # of the table of a motion [s]
 
 
 def planned(problem: tm.Problem, limit: float) -> tuple[tm.Solution, float]:
-    """A plan, and the processor time that it took [s]."""
+    """A plan, and its processor time [s]."""
     begin = time.process_time()
     solution = tm.plan(problem, max_planning_time=limit)
     return solution, time.process_time() - begin
 
 
 def judged(case: dict[str, Any], solution: tm.Solution, folder: Path) -> dict[str, Any]:
-    """What the judge says of the exported motion."""
+    """Verdict of the judge on the exported motion."""
     folder.mkdir(parents=True, exist_ok=True)
     name = str(case["number"])
     files = folder / f"{name}.json", folder / f"{name}.csv"

@@ -1,4 +1,4 @@
-"""Random problems about what holds between start and goal, drawn as plain data."""
+"""Random problems with constraints between start and goal, drawn as plain data."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from tominpmp.kinematics import RobotKinematics
 ARMS = ("panda", "ur5", "xarm7")
 KINDS = ("upright", "tool_speed", "via")
 CONE, SPEED = float(np.deg2rad(10.0)), 0.5  # [rad], [m/s]
-# Axes of the tool that point up: away from what it grips, or across it, as a hand does
-# that holds a cup.
+# Axes of the tool that point up: away from the gripped object, or across it, as for a
+# hand that holds a cup.
 AXES = ((0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
 OBSTACLES = 6
-# A step of the tool on its way to a goal that keeps it upright, and its ways [m, rad].
+# A step of the tool towards a goal that keeps it upright, and displacements [m, rad].
 STEP, WAY, TURN = 0.02, (0.5, 1.2), 1.8
 VIA_GOALS = ("position", "pose", "joint")
 
@@ -36,8 +36,8 @@ def draw(seed: int, number: int) -> tuple[Case, tm.Problem, tm.Problem]:
     """One of the problems.
 
     Returns:
-        What is asked for as plain data, the problem, and that without what holds
-        between start and goal.
+        The specification as plain data, the problem, and the problem without the
+        constraints between start and goal.
     """
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
@@ -68,10 +68,10 @@ def draw(seed: int, number: int) -> tuple[Case, tm.Problem, tm.Problem]:
 def _problems(
     robot: tm.Robot, case: Case, states: list[Array]
 ) -> tuple[tm.Problem, tm.Problem]:
-    """The problem, and that without what holds between.
+    """The problem, and the problem without the constraints between start and goal.
 
     Raises:
-        TominpmpError: If one of the states will not do.
+        TominpmpError: If one of the states is invalid.
     """
     common: dict[str, Any] = {
         "scene": tm.Scene([build_obstacle(item) for item in case["obstacles"]]),
@@ -97,7 +97,7 @@ def _problems(
 
 
 def _goal(robot: tm.Robot, case: Case, q: Array) -> tm.Goal:
-    """A goal that a configuration meets: itself, or where its tool is."""
+    """A goal that a configuration meets: itself, or the position of its tool."""
     frame, known = case["frame"], case.setdefault("goals_drawn", [])
     kind = "joint" if case["number"] % 2 else "pose"
     if case["kind"] == "via":
@@ -122,7 +122,7 @@ def _goal(robot: tm.Robot, case: Case, q: Array) -> tm.Goal:
 
 
 def _free_ends(rng: np.random.Generator, robot: tm.Robot, count: int) -> list[Array]:
-    """Configurations, each on the way from the one before it to a random one."""
+    """Configurations, each between the preceding one and a random one."""
     found = [draw_configuration(rng, robot)]
     for _ in range(count):
         other = draw_configuration(rng, robot)
@@ -141,7 +141,7 @@ def _via(rng: np.random.Generator, robot: tm.Robot, case: Case) -> list[Array]:
 def _upright(
     rng: np.random.Generator, robot: tm.Robot, case: Case
 ) -> list[Array] | None:
-    """Start and goal with the tool upright; with nothing in the way there is a path."""
+    """Start and goal with the tool upright; without obstacles there is a path."""
     axis = np.array(AXES[int(rng.integers(len(AXES)))])
     case["axis"] = axis.tolist()
     kinematics, frame = RobotKinematics(robot), case["frame"]
@@ -181,7 +181,7 @@ def _tilted(rng: np.random.Generator, most: float) -> Array:
 def _moved(
     kinematics: RobotKinematics, frame: str, q: Array, target: pin.SE3, steps: int
 ) -> Array | None:
-    """A configuration near q whose tool is at a target; None if none was found."""
+    """A configuration near q whose tool is at a target; None if not found."""
     limits = kinematics.robot.limits
     margin = 0.02
     low, high = limits.position_lower + margin, limits.position_upper - margin

@@ -1,16 +1,17 @@
-"""Judging a file of a motion by what holds between start and goal.
+"""Judging a file of a motion, including the constraints between start and goal.
 
     python benchmarks/between_judge.py CASE.json MOTION.csv
 
-A program of its own: nothing of the library is imported. The arm is built from its URDF
-file by Pinocchio, links are the triangle meshes of the description. It reads what was
-asked for and the table of the motion (times, positions, velocities, accelerations,
-torques), prints what it finds as JSON, and exits with 1 if it refutes the motion:
+A separate program, which imports no code of the library. The arm is built from its URDF
+file by Pinocchio, links are the triangle meshes of the description. It reads the
+specification and the table of the motion (times, positions, velocities, accelerations,
+torques), prints its findings as JSON, and exits with 1 if it refutes the motion. It
+checks:
 
 - start, goal and the goals on the way, in their order;
 - positions follow from the velocities, and these from the accelerations;
-- limits of positions, velocities and torques; torques are worked out anew, at every
-  sample and, from positions and velocities alone, halfway between two;
+- limits of positions, velocities and torques; torques are computed anew, at every
+  sample and, from positions and velocities alone, halfway between samples;
 - the cone of the tool, or its speed;
 - distances to obstacles and between links, by exact meshes.
 """
@@ -37,9 +38,9 @@ from benchmarks.exact_geometry import Array
 from benchmarks.verdicts import judge_named
 
 GOAL, REST, LIMIT = 1.1e-3, 1.1e-2, 5.5e-3
-TORQUE = 1e-5  # of the limit: how well torques are those of the movement
-SLOW = 1e-6  # a joint stands or turns [rad/s]
-CONTACT = 1e-5  # by which a margin may be missed [m]
+TORQUE = 1e-5  # of the limit: tolerated difference of torques from the inverse dynamics
+SLOW = 1e-6  # speed below which a joint rests or reverses [rad/s]
+CONTACT = 1e-5  # tolerated violation of a margin [m]
 
 
 class Table:
@@ -72,11 +73,11 @@ class Table:
 
 
 class Judge:
-    """What is found about one motion.
+    """Findings on one motion.
 
     Attributes:
-        faults: What refutes it, in short sentences.
-        figures: What was measured.
+        faults: Reasons that refute it, in short sentences.
+        figures: Measured values.
     """
 
     def __init__(self, case: Mapping[str, Any], table: Table) -> None:
@@ -91,7 +92,7 @@ class Judge:
             raise ValueError(f"the file is about the joints {table.joints}")
 
     def check(self, value: float, most: float, name: str) -> None:
-        """Note a figure, and a fault; figures that are no numbers are faults."""
+        """Note a figure, and a fault if it exceeds its limit; NaN is a fault."""
         self.figures[name] = max(self.figures.get(name, -np.inf), float(value))
         if not value <= most:
             self.faults.append(f"{name} {value:.3e} > {most:.1e}")
@@ -111,17 +112,17 @@ class Judge:
         self.clearance()
 
     def consistency(self) -> None:
-        """Whether positions, velocities and accelerations belong together."""
+        """Whether positions, velocities and accelerations are consistent."""
         t, q, v, a = self.table.t, self.table.q, self.table.v, self.table.a
         h = np.diff(t)[:, None]
         mean = np.diff(v, axis=0) / h
         low, high = np.minimum(a[1:], a[:-1]), np.maximum(a[1:], a[:-1])
-        # Where accelerations are smooth their mean is between those at both ends but
-        # for what they bend; where they jump it is so but for what they change by.
+        # The mean of smooth accelerations is between the values at both ends up to
+        # their curvature; where accelerations jump, up to the size of the jump.
         room = 0.02 * (high - low) + 1e-3 * np.abs(a).max(axis=0) + 1e-9 / h
         off = np.maximum(low - mean, mean - high) / room
         self.check(np.percentile(off, 99.0), 1.0, "velocities off accelerations")
-        # The trapezoidal rule errs by an eighth of what accelerations jump by.
+        # The error of the trapezoidal rule is an eighth of the jump of accelerations.
         off = np.abs(np.diff(q, axis=0) - 0.5 * h * (v[1:] + v[:-1]))
         off /= 0.126 * h**2 * (high - low + 0.01 * np.abs(a).max(axis=0)) + 1e-9
         self.check(off.max(), 1.0, "positions off velocities")
@@ -140,7 +141,7 @@ class Judge:
         speed = np.abs(np.vstack([table.v, fastest])) / model.velocityLimit
         self.check(speed.max() - 1.0, LIMIT, "speed over limit")
         left = table.u - inverse([self.member], table.q, table.v, table.a)
-        # Dry friction is against the movement; of joints that stand or turn, any share.
+        # Dry friction opposes movement; if joints rest or reverse it is any share.
         dry, way = self.member.friction, np.sign(table.v)
         stands = np.abs(table.v) < SLOW
         low, high = np.where(stands, -dry, dry * way), np.where(stands, dry, dry * way)
@@ -155,9 +156,9 @@ class Judge:
         self.check(excess.max(), 2.0 * LIMIT, "torque between samples")
 
     def _where_they_jump(self) -> tuple[NDArray[np.bool_], Array]:
-        """Where accelerations jump between two samples, and the velocities there.
+        """Times of jumps of accelerations between samples, and the velocities there.
 
-        A cubic overshoots there; the velocity has a corner between two slopes.
+        A cubic overshoots there; the velocity has a kink between two slopes.
         """
         t, v, a = self.table.t, self.table.v, self.table.a
         h = np.diff(t)[:, None]
@@ -197,7 +198,7 @@ class Judge:
             begin = found
 
     def _miss(self, goal: Mapping[str, Any]) -> Callable[[float], float]:
-        """How far the motion is from a goal, as a function of time."""
+        """Distance of the motion from a goal, as a function of time."""
         if goal["kind"] == "joint":
             target = np.array(goal["q"])
             return lambda t: float(np.abs(self.table.at(t)[0] - target).max())
@@ -221,7 +222,7 @@ class Judge:
         return self.data.oMf[self.frame]
 
     def constraint(self) -> None:
-        """The cone of the tool, or its speed, ten times a sample."""
+        """The cone of the tool, or its speed, at ten instants per sample."""
         times = np.linspace(0.0, self.table.t[-1], 10 * len(self.table.t))
         if self.case["kind"] == "upright":
             axis, worst = np.array(self.case["axis"]), 0.0
@@ -260,7 +261,7 @@ class Judge:
 
 
 def main() -> int:
-    """Judge the motion that the command line names."""
+    """Judge the motion named on the command line."""
     return judge_named(__doc__, lambda case, path: Judge(case, Table(path)))
 
 

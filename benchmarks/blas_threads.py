@@ -3,8 +3,8 @@
 python -m benchmarks.blas_threads [--goals 12] [--rounds 2] [--busy 2]
 
 Random goals of a Panda, each planned and replayed in both ways, one after the other in
-one process, first as the machine is and then beside programs that keep cores busy. Not
-with the number of threads set to one, as all other benchmarks.
+one process, first on the machine as found and then with programs that keep cores busy.
+Unlike all other benchmarks, this one does not set the number of threads to one.
 """
 
 # ruff: noqa: E402 (BLAS loads before other benchmarks leave it one thread)
@@ -34,12 +34,12 @@ from tominpmp import blas_threads
 
 COLUMNS = ("busy", "problem", "round", "threads", "plan", "replay")
 BUSY = "while True: pass"
-# What the library would have without its limit, beside its limit.
+# Number of threads without the limit of the library, and with it.
 WAYS = ("all", "one")
 
 
 class _NoLimit:
-    """In place of libraries whose threads are limited."""
+    """Replacement for the controller that limits threads of libraries."""
 
     def limit(self, **settings: Any) -> contextlib.nullcontext[None]:
         """Limit nothing."""
@@ -48,7 +48,7 @@ class _NoLimit:
 
 @contextlib.contextmanager
 def threads(way: str) -> Iterator[None]:
-    """Calls of the library take so many threads within."""
+    """Context in which calls of the library use a number of threads."""
     usual = blas_threads.blas
     limited = {"all": _NoLimit, "one": usual}[way]
     vars(blas_threads)["blas"] = limited
@@ -60,7 +60,7 @@ def threads(way: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def busy_cores(count: int) -> Iterator[None]:
-    """Programs beside this one that do not pause."""
+    """Other processes that compute without pause."""
     others = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(count)]
     try:
         yield
@@ -71,7 +71,7 @@ def busy_cores(count: int) -> Iterator[None]:
 
 
 def seconds(act: Callable[[], Any]) -> tuple[float, Any]:
-    """Time by the clock on the wall [s], and the result."""
+    """Wall-clock time [s], and the result."""
     begin = time.perf_counter()
     found = act()
     return time.perf_counter() - begin, found

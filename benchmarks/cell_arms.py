@@ -20,7 +20,7 @@ class Member:
 
     Attributes:
         arm: Model and exact links, in the axes of its base; gravity is turned.
-        base: Where the base is in the world.
+        base: Pose of the base in the world.
         friction: Dry friction [N m or N], shape (n,).
     """
 
@@ -91,7 +91,7 @@ def read_member(item: Mapping[str, Any], gravity: Sequence[float]) -> Member:
             setattr(model, key, np.array(values, dtype=float))
     disabled = set(arm.disabled)
     if load:
-        # What holds the load touches it, and so do neighbours of what holds it.
+        # The link that holds the load touches it, and so may its neighbours.
         carrier = model.frames[model.getFrameId(load["frame"])].parentJoint
         near = {carrier, model.parents[carrier]}
         disabled |= {frozenset((b.name, "payload")) for b in links if b.joint in near}
@@ -104,7 +104,7 @@ def read_member(item: Mapping[str, Any], gravity: Sequence[float]) -> Member:
 
 
 def inverse(members: Sequence[Member], q: Array, v: Array, a: Array) -> Array:
-    """Torques of all arms but for dry friction, shape (m, n)."""
+    """Torques of all arms without dry friction, shape (m, n)."""
     out = np.empty_like(q)
     begin = 0
     for member in members:

@@ -47,7 +47,7 @@ def has_friction() -> bool:
 
 
 def draw_arm(rng: np.random.Generator, name: str, kind: str) -> Case:
-    """An arm as the judge reads it, at the origin."""
+    """An arm in the form that the judge reads, at the origin."""
     robot = tm.load_robot(name, limits="urdf", locked_joints=LOCKED.get(name, {}))
     arm: Case = {
         "robot": name,
@@ -160,7 +160,7 @@ def build_obstacle(item: Case) -> tm.Obstacle:
 
 
 def draw_case(rng: np.random.Generator, kind: str) -> Case:
-    """What is asked for, but for start and goal."""
+    """The specification without start and goal."""
     names = [str(rng.choice(ARMS))]
     if kind == "torque_methods":
         names = [str(rng.choice(["ur5", "kinova", "panda"]))]
@@ -188,7 +188,7 @@ def draw_problem(rng: np.random.Generator, case: Case) -> tm.Problem:
     """Add start and goal to a case.
 
     Raises:
-        TominpmpError: If these will not do.
+        TominpmpError: If they are invalid.
     """
     robots = [build_arm(arm) for arm in case["arms"]]
     kind = case["kind"]

@@ -13,13 +13,13 @@ import pinocchio as pin
 from benchmarks.cell_arms import Member, configuration
 from benchmarks.exact_geometry import Array, Body, Surroundings
 
-# Links that overlap at more than this share of random configurations always do.
+# Links that overlap at more than this share of random configurations may always touch.
 MOSTLY = 0.3
 SAMPLES = 30
 
 
 class Cell(Surroundings):
-    """Room beyond the margin between arms, within them and to moving obstacles."""
+    """Clearance beyond the margin between arms, within arms and to obstacles."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class Cell(Surroundings):
         self._measure_boxes()
 
     def _distance(self, pair: int, rotation: Array, position: Array) -> float:
-        """Distance less the margin, which links of one arm need not keep."""
+        """Distance minus the margin, which does not apply to links of the same arm."""
         return super()._distance(pair, rotation, position) - self._margins[pair]
 
     def _lower_bounds(self, rotations: Array, positions: Array) -> Array:
@@ -77,7 +77,7 @@ class Cell(Surroundings):
         if a == b == -1:
             return False
         if a != b:
-            # What stands on the floor stays where it is.
+            # Fixed obstacles do not move.
             fixed = [
                 owner != -1 and body.joint == 0
                 for owner, body in ((a, one), (b, other))
@@ -89,7 +89,7 @@ class Cell(Surroundings):
         return names not in self._always[a]
 
     def _always_touching(self, number: int) -> frozenset[frozenset[str]]:
-        """Pairs of links that may touch: those of the SRDF, neighbours, and mostly."""
+        """Pairs that may touch: by the SRDF, neighbours, mostly overlapping links."""
         arm = self.members[number].arm
         allowed = set(arm.disabled)
         if not any("payload" not in names for names in arm.disabled):
@@ -137,7 +137,7 @@ class Cell(Surroundings):
         return bool(found)
 
     def at(self, times: Array) -> Cell:
-        """Say when the configurations that are asked for next are taken."""
+        """Set the times of the configurations of the next query."""
         self._times = times
         return self
 

@@ -1,4 +1,4 @@
-"""How the arms of a cell move under torques, without the library."""
+"""Dynamics of the arms of a cell under torques, without the library."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from benchmarks.cell_arms import Member, inverse
 from benchmarks.cell_movement import Movement
 from benchmarks.exact_geometry import Array
 
-# Slower joints go where their piece of the motion does; where they accelerate by less
-# than STANDING too [rad/s and rad/s^2], dry friction is what keeps them there.
+# Slower joints have the direction of their piece of the motion; if their acceleration
+# is below STANDING too [rad/s and rad/s^2], dry friction holds them.
 SLOW, STANDING = 1e-9, 2e-6
-# Joints that are slower than STANDING for as long as this stand all the time [s]: they
-# have gone by some 1e-9 rad, which rounding may do.
+# Joints slower than STANDING for at least this time count as at rest [s]: they have
+# moved by some 1e-9 rad, which may be rounding.
 PAUSE = 1e-3
-# Where a joint turns within this time of an instant, its dry friction is that of either
-# way, or in between, as it is of a joint at rest [s].
+# If a joint reverses within this time of an instant, its dry friction is that of either
+# direction, or in between, like that of a joint at rest [s].
 ASIDE = 1e-7
 
 
 class Plant:
-    """All arms of a cell on a movement, whose way tells the sign of dry friction.
+    """All arms of a cell on a movement, whose direction sets the sign of dry friction.
 
     Attributes:
         members: The arms.
-        movement: What they are to do.
+        movement: Their planned movement.
         friction: Dry friction of all joints, shape (n,) [N m or N].
-        way: Which way the joints go in each piece of the movement, shape (P, n).
+        way: Direction of the joints in each piece of the movement, shape (P, n).
     """
 
     def __init__(self, members: Sequence[Member], movement: Movement) -> None:
@@ -39,7 +39,7 @@ class Plant:
         self.way = np.array([self._goes(p) for p in movement.pieces])
         self._scratch = [member.arm.model.createData() for member in members]
         self.rests = self._rests()
-        # Faster joints do not turn within ASIDE.
+        # Faster joints do not reverse within ASIDE.
         s = np.linspace(0.0, 1.0, 21)
         fastest = [np.abs(movement.state(p, s)[2]).max(0) for p in movement.pieces]
         self._close = SLOW + 2.0 * ASIDE * np.max(fastest, axis=0)
@@ -60,7 +60,7 @@ class Plant:
         return out
 
     def _goes(self, p: int) -> Array:
-        """Which way joints go in a piece; where it is too short, in its interval."""
+        """Direction of joints in a piece; if it is too short, in its interval."""
         move, s = self.movement, np.linspace(0.0, 1.0, 21)
         own = _way(move.state(p, s)[1])
         v = move.between(move.interval(p), s)[1]
@@ -72,8 +72,8 @@ class Plant:
     ) -> Array:
         """Dry friction at shares s of a piece.
 
-        That of the way it goes, or what holds joints that stand; where a joint turns,
-        what the torques leave of the range between the one and the other.
+        It opposes the movement, or holds joints at rest; where a joint reverses, it is
+        the value between the two that the torques require.
         """
         _, v, a = state
         way = np.where(np.abs(v) > SLOW, np.sign(v), self.way[p])
@@ -94,7 +94,7 @@ class Plant:
         return np.asarray(dry)
 
     def mass_times(self, q: Array, pull: Array) -> Array:
-        """What it takes to accelerate the arms."""
+        """Product of the mass matrix of the arms and a vector."""
         out, begin = np.empty_like(pull), 0
         for member, data in zip(self.members, self._scratch, strict=True):
             part = slice(begin, begin + member.n)
@@ -105,7 +105,7 @@ class Plant:
         return out
 
     def forward(self, x: Array, left: Array, pull: Array, planned: Array) -> Array:
-        """Accelerations by what dry friction leaves of the torques."""
+        """Accelerations by the torques minus dry friction."""
         n, begin = len(left), 0
         force = left + self.mass_times(x[:n], pull)
         out = np.empty(n)

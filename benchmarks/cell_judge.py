@@ -1,25 +1,25 @@
-"""Judging the motion of a cell, without the library: a program of its own.
+"""Judging the motion of a cell, without the library: a separate program.
 
     python benchmarks/cell_judge.py CASE.json MOTION.npz
 
-It reads what was asked for (``CASE.json``) and the motion that is said to do it
-(``MOTION.npz``), prints what it finds as JSON, and exits with 1 if it refutes the
-motion. Nothing of the library is imported: the arms are built from their URDF files by
-Pinocchio, links are the triangle meshes of the descriptions, dry friction, payloads,
-the placements of the bases and obstacles that move are worked out here.
+It reads the specification (``CASE.json``) and the motion planned for it
+(``MOTION.npz``), prints its findings as JSON, and exits with 1 if it refutes the
+motion. No code of the library is imported: the arms are built from their URDF files by
+Pinocchio, links are the triangle meshes of the descriptions; dry friction, payloads,
+the placements of the bases and moving obstacles are computed here.
 
 A motion is refuted if
 
 - it does not begin at the start, or has a jump in position or velocity;
-- its torques are not those that the movement takes (to 1e-5 of their range), with dry
-  friction against it to a tenth of a microsecond, or, where torques are what is given,
-  do not lead along the movement;
-- torques integrated from the start, with a feedback of 0.2 % of their range at most,
-  miss the goal, or leave a movement they were computed for by more than 1 mrad;
-- a position, velocity or torque limit, or one of acceleration or jerk that was asked
-  for, is passed by more than 0.5 %;
-- links come closer to an obstacle, to links of the same or of another arm than the
-  margin, by exact distances every millisecond and, where it is tight, in between.
+- its torques differ from the inverse dynamics of the movement (by 1e-5 of their range),
+  with dry friction against the movement to a tenth of a microsecond, or, if the torques
+  are given, do not lead along the movement;
+- torques integrated from the start, with a feedback of at most 0.2 % of their range,
+  miss the goal, or deviate from their movement by more than 1 mrad;
+- a limit of position, velocity or torque, or a specified limit of acceleration or jerk,
+  is exceeded by more than 0.5 %;
+- links come closer to an obstacle or to links of the same or another arm than the
+  margin, by exact distances every millisecond and, where clearance is small, between.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from benchmarks.exact_geometry import Array
 from benchmarks.verdicts import judge_named
 
 GOAL, SPEED, LIMIT = 1.1e-3, 1.1e-2, 5.5e-3
-TORQUE = 1e-5  # of the range: how well torques must be those of the movement
+TORQUE = 1e-5  # of the range: tolerated difference of torques from the inverse dynamics
 JUMP = 1e-6  # of positions and velocities at the nodes
 DEVIATION = 1e-3  # [rad or m] from the movement
 FEEDBACK = 2e-3  # of the range of the torque
@@ -53,11 +53,11 @@ TIME_STEP = 1e-3
 
 
 class Judge:
-    """What is found about one motion.
+    """Findings on one motion.
 
     Attributes:
-        faults: What refutes it, in short sentences.
-        figures: What was measured.
+        faults: Reasons that refute it, in short sentences.
+        figures: Measured values.
     """
 
     def __init__(self, case: Mapping[str, Any], movement: Movement) -> None:
@@ -72,7 +72,7 @@ class Judge:
         self.plant = Plant(self.members, movement)
 
     def check(self, ok: bool, sentence: str) -> None:
-        """Note a fault; figures that are no numbers make ``ok`` false."""
+        """Note a fault; NaN makes ``ok`` false."""
         if not ok:
             self.faults.append(sentence)
 
@@ -85,7 +85,7 @@ class Judge:
         self.clearance(t, q)
 
     def ends_and_jumps(self) -> None:
-        """The start, and whether the pieces fit together."""
+        """The start, and the continuity of the pieces."""
         move, case = self.movement, self.case
         off = np.abs(move.q[0] - np.array(case["q_start"])).max()
         slow = np.abs(move.v[0] - np.array(case["v_start"])).max()
@@ -135,7 +135,7 @@ class Judge:
     def _residual(
         self, p: int, s: Array, state: tuple[Array, Array, Array], u: Array
     ) -> Array:
-        """Torque given less torque needed."""
+        """Given torque minus required torque."""
         need = inverse(self.members, *state)
         return np.asarray(np.abs(u - need - self.plant.dry(p, s, state, u)))
 
@@ -156,9 +156,9 @@ class Judge:
                 q, v, a, _ = move.state(k, s)
                 pull = RATE * (RATE * (q[0] - x[:n]) + 2 * (v[0] - x[n:]))
                 u = move.torque(k, s)
-                # The sign of dry friction is that of the movement: this is what makes
-                # the integration one of smooth functions; the feedback answers for the
-                # rest.
+                # The sign of dry friction is that of the movement, which makes the
+                # integrated functions smooth; the feedback compensates for the
+                # difference.
                 left = u - self.plant.dry(k, s, (q, v, a), u)
                 return left[0], pull, v[0]
 
@@ -195,7 +195,7 @@ class Judge:
         )
         away = float(np.abs(path[:, :n] - plan).max())
         self.figures["deviation"] = away
-        # Between the nodes torques that are given lead somewhat beside the polynomials.
+        # Between the nodes given torques deviate somewhat from the polynomials.
         near = away <= DEVIATION or move.held
         self.check(near, f"replay leaves the movement by {away:.1e}")
         return t, path[:, :n], path[:, n:]
@@ -236,7 +236,7 @@ class Judge:
         self.check(found.distance > least, text)
         if found.distance > 2e-3:
             return
-        # Where it is tight, look twenty times as closely.
+        # Where clearance is small, inspect twenty times as densely.
         k = found.sample
         first, last = max(k - 3, 0), min(k + 3, len(t) - 1)
         near = np.linspace(t[first], t[last], 121)
@@ -247,7 +247,7 @@ class Judge:
 
 
 def main() -> int:
-    """Judge the motion that the command line names."""
+    """Judge the motion named on the command line."""
     return judge_named(__doc__, lambda case, path: Judge(case, read_movement(path)))
 
 

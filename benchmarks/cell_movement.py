@@ -15,9 +15,9 @@ from benchmarks.exact_geometry import Array
 class Movement:
     """The motion of a file, as polynomials between its nodes.
 
-    Torques are polynomials between breaks of their own, which the nodes are among: a
-    joint with dry friction may turn a hair beside a node, and polynomials of positions
-    over that hair would be made of rounding.
+    Torques are polynomials between separate breaks, which include the nodes: a joint
+    with dry friction may reverse very close to a node, and polynomials of positions on
+    this short interval would consist of rounding errors.
 
     Attributes:
         t: Times of the nodes, shape (N + 1,).
@@ -25,9 +25,9 @@ class Movement:
         v: Velocities there.
         a: Accelerations of the intervals (N, n) or at the nodes (N + 1, n), or none.
         breaks: Times between which torques are smooth, shape (P + 1,).
-        share: Shares of such a piece at which torques are given, shape (k,).
+        share: Shares of a piece at which torques are given, shape (k,).
         u: Torques there, shape (P, k, n).
-        held: Whether torques are what is given, constant on the intervals.
+        held: Whether the torques are given, constant on the intervals.
     """
 
     t: Array
@@ -45,7 +45,7 @@ class Movement:
         return range(len(self.breaks) - 1)
 
     def interval(self, p: int) -> int:
-        """The interval between nodes that a piece is in."""
+        """The interval between nodes that contains a piece."""
         middle = 0.5 * (self.breaks[p] + self.breaks[p + 1])
         return int(np.searchsorted(self.t, middle)) - 1
 
@@ -57,7 +57,7 @@ class Movement:
         return self.between(k, first + s * (last - first))
 
     def velocity(self, times: Array) -> Array:
-        """Velocities at times, those of the ends beyond them, shape (m, n)."""
+        """Velocities at times, constant beyond the ends, shape (m, n)."""
         times = np.clip(times, self.t[0], self.t[-1])
         at = np.searchsorted(self.t, times, side="right") - 1
         at = np.minimum(at, len(self.t) - 2)
@@ -79,7 +79,7 @@ class Movement:
 
     @cached_property
     def _derivatives(self) -> dict[int, list[Array]]:
-        """Coefficients of intervals that were asked for, by derivative."""
+        """Coefficients of some intervals, by derivative."""
         return {}
 
     def _differentiated(self, k: int) -> list[Array]:
@@ -112,7 +112,7 @@ class Movement:
         return np.asarray(np.linalg.solve(matrix, ends))
 
     def torque(self, p: int, s: Array) -> Array:
-        """Torques at shares s of piece p, through those that are given."""
+        """Torques at shares s of piece p, interpolated from the given ones."""
         if len(self.share) == 1:
             return np.repeat(self.u[p], len(s), axis=0)
         x = self.share

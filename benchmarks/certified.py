@@ -1,16 +1,16 @@
-"""Whether what planning calls converged keeps the first-order conditions, in clutter.
+"""Whether converged motions satisfy the first-order conditions, in clutter.
 
 Problems of the MotionBenchMaker set, and boxes, balls and capsules at random around a
 UR5, an xArm7 and a Panda, with default options. Each motion is certified, and planned
-again from itself: what that gains is what "converged" had left.
+again with a warm start from itself: this gain was left by the converged plan.
 
     python -m benchmarks.certified --data DIR
     python -m benchmarks.certified --data DIR --problems 1-4 --clutter 12 --again
     python -m benchmarks.certified --against out/former.csv
 
 A motion is *contradicted* if its status is CONVERGED and its certificate refuses it.
-Rows are in a CSV file as soon as they are known; a table is printed at the end, beside
-an earlier run if there is one.
+Rows are in a CSV file as soon as they are known; a table is printed at the end, with
+an earlier run for comparison if there is one.
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -39,9 +39,9 @@ from benchmarks.random_goals import load_arm
 from tominpmp.collision.checker import CollisionChecker
 
 CLUTTERED = ("ur5", "xarm7", "panda")
-# Of what random things are, and how many: half extents or radii [m].
+# Numbers of random obstacles, and their half extents or radii [m].
 SIZES, COUNTS = (0.05, 0.2), (8, 16)
-# What starts and goals keep away from them at least [m].
+# Least distance of starts and goals from them [m].
 ROOM = 0.005
 COLUMNS = (
     "problem",
@@ -62,7 +62,7 @@ COLUMNS = (
 
 
 def draw_clutter(name: str, number: int) -> tm.Problem:
-    """A joint goal of an arm among random things, which are in the way of its line."""
+    """A joint goal of an arm among random obstacles near its straight line."""
     rng = np.random.default_rng([zlib.crc32(name.encode()), number])
     robot = load_arm(name)
     while True:
@@ -131,7 +131,7 @@ def problems(
 def measure(
     name: str, problem: tm.Problem, options: tm.Options, again: bool
 ) -> dict[str, Any]:
-    """Plan, certify, plan again from there; a row."""
+    """Plan, certify, plan again with a warm start; a row."""
     CollisionChecker.distances(problem.checker, problem.q_start[None])  # loads meshes
     begin = time.process_time()
     try:

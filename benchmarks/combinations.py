@@ -6,15 +6,15 @@
 
 Two to four segments of a Panda, UR5, xArm7 or KUKA iiwa14, with or without dry
 friction, a load and a grasp that must not slip, stops, and times of arrival
-(``golden_fresh.combined_case``). Each is drawn around a slow motion that does all that
-is asked for, so that every miss is a miss. Motions are judged by ``golden_judge.py``.
+(``golden_fresh.combined_case``). Each is drawn around a slow motion that satisfies all
+requirements, so that a plan without a motion is a failure of the planner. Motions are
+checked by ``golden_judge.py``.
 
-A plan may take 10 % and 0.2 s more than its limit, by the clock on the wall; the time
-of the processor stands beside it, which tells a slow planner from a busy machine. With
-``--processor`` all clocks are the processor's, and what else a machine does matters no
-more.
-Results go to a CSV file, a row as soon as it is known. The exit code is 1 if fewer than
-``--share`` are found and not refuted, or a plan was late.
+A plan may take 10 % and 0.2 s more than its limit, in wall-clock time; the processor
+time is listed as well, to distinguish a slow planner from a busy machine. With
+``--processor`` all times are processor times, and other load does not matter.
+Results go to a CSV file, a row as soon as it is known. The exit code is 1 if less than
+``--share`` of the motions are found and not refuted, or a plan was late.
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -59,7 +59,7 @@ KINDS = ("load", "grasp", "friction", "dwell", "window", "deadline")
 
 
 def kinds_of(case: Asked) -> list[str]:
-    """What of :data:`KINDS` a problem has."""
+    """Those of :data:`KINDS` that a problem has."""
     legs = case["legs"]
     windows = [leg["arrival"] for leg in legs if "arrival" in leg]
     has = {
@@ -100,7 +100,7 @@ def row(seed: int, number: int, effort: str, limit: float) -> dict[str, Any]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Counts and times, all together and by kind, and T beside the slow motion's."""
+    """Counts and times, in total and by kind, and T relative to the slow motion."""
 
     def line(name: str, part: list[dict[str, Any]]) -> tuple[object, ...]:
         seconds = [one["seconds"] for one in part]

@@ -1,9 +1,9 @@
-"""T by default beside T on a grid four times finer, in every mode of the planner.
+"""T by default compared with T on a grid four times finer, in every planner mode.
 
-Each random problem is planned by default; on four times the intervals; and on those
-once more, beginning with the default's motion. The excess is that of the default above
-the fastest of the three. Where the fastest is another motion than the default's, and
-not the same on a finer grid, the row says so: that is a local optimum, not the grid.
+Each random problem is planned with default options, on four times the intervals, and on
+these once more with a warm start from the default motion. The excess is that of the
+default T over the fastest of the three. If the fastest motion is not the default motion
+on a finer grid, the row says so: it is another local optimum.
 
     python -m benchmarks.continuum
     python -m benchmarks.continuum --modes "jerk;obstacles" --robots ur5
@@ -28,7 +28,7 @@ import tominpmp as tm
 from benchmarks.continuum_cases import MODES, problems
 
 FINER = 4
-# Motions that are farther apart than this somewhere are different ones [rad or m].
+# Motions that differ by more than this at any time are different motions [rad or m].
 APART = 0.3
 COLUMNS = (
     "mode",
@@ -47,7 +47,7 @@ COLUMNS = (
 
 
 def apart(one: tm.Solution, other: tm.Solution) -> float:
-    """How far two motions are from each other at equal shares of their durations."""
+    """Largest distance of two motions at equal shares of their durations."""
     if one.trajectory is None or other.trajectory is None:
         return float("inf")
     shares = np.linspace(0.0, 1.0, 101)
@@ -119,7 +119,7 @@ def table(sheet: Sheet) -> str:
     header = (
         "mode",
         "verified",
-        "T to 4 x finer, same motion: median",
+        "T relative to 4 x finer, same motion: median",
         "largest",
         "any motion: largest",
         "another motion is faster",
@@ -132,7 +132,9 @@ def table(sheet: Sheet) -> str:
 def main() -> int:
     """Measure, write the CSV file, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--modes", help="names, parted by semicolons; all by default")
+    parser.add_argument(
+        "--modes", help="names, separated by semicolons; all by default"
+    )
     parser.add_argument("--robots", default="planar3r,ur5,panda,z1")
     parser.add_argument("--count", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)

@@ -1,7 +1,7 @@
 """Random problems of every mode of the planner, for benchmarks/continuum.py.
 
-Obstacles are put where the arm would go without them, and those that move are there
-when it passes: they matter in nearly all problems.
+Obstacles are placed on the path of the arm without them, and moving obstacles are there
+when it passes: they influence the motion in nearly all problems.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SPEEDS, SIZES = (0.1, 0.4), (0.03, 0.08)
 # Draws of one problem.
 DRAWS = 60
 
-# Robot, start and goal, and what draws the rest; None where that cannot be.
+# Robot, start and goal, and the generator of the rest; None if it is impossible.
 Draw = Callable[[tm.Robot, str, Array, Array, np.random.Generator], tm.Problem | None]
 
 
@@ -35,7 +35,7 @@ def free(
 
 
 def limited(*names: str) -> Draw:
-    """With motion limits that matter, drawn for all joints."""
+    """With active motion limits, drawn for all joints."""
 
     def draw(
         robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
@@ -61,7 +61,7 @@ def limited(*names: str) -> Draw:
 
 
 def obstructed(moving: bool) -> Draw:
-    """With a box and a ball where the tool would pass, at rest or on their way."""
+    """With a box and a ball on the path of the tool, fixed or moving."""
 
     def draw(
         robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
@@ -91,7 +91,7 @@ def obstructed(moving: bool) -> Draw:
 
 
 def segmented(kind: str) -> Draw:
-    """By way of two places: passed, stopped at, or with a load between them."""
+    """With two via points: passed, with stops, or with a load between them."""
 
     def draw(
         robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
@@ -125,7 +125,7 @@ def segmented(kind: str) -> Draw:
 def tool_speed(
     robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
 ) -> tm.Problem:
-    """With a limit on the speed of the tool below what it would have."""
+    """With a limit on the speed of the tool below its speed without the limit."""
     T, motion = _quick(free(robot, name, q, q_goal, rng))
     kinematics = RobotKinematics(robot)
     times = np.linspace(0.0, T, 200)
@@ -142,7 +142,7 @@ def tool_speed(
 def upright(
     robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
 ) -> tm.Problem | None:
-    """With an axis of the tool that leans no farther than at both ends, nearly."""
+    """With an axis of the tool that leans hardly farther than at both ends."""
     if name == "planar3r":
         return None
     kinematics = RobotKinematics(robot)
@@ -160,14 +160,14 @@ def upright(
 
 
 def _quick(problem: tm.Problem) -> tuple[float, tm.Trajectory]:
-    """A motion on few intervals, to put limits and obstacles where they matter."""
+    """A motion on few intervals, to choose limits and obstacles that influence it."""
     solution = tm.plan(problem, intervals=16, refine=None, effort="quick")
     if solution.trajectory is None:
         raise tm.ProblemError("no motion without obstacles", "q_start")
     return solution.T, solution.trajectory
 
 
-# Mode: what draws its problems, changes of the robot, and options of the plan.
+# Mode: the generator of its problems, changes of the robot, and options of the plan.
 Mode = tuple[Draw, dict[str, Any], dict[str, Any]]
 MODES: dict[str, Mode] = {
     "auto": (free, {}, {}),
@@ -209,7 +209,7 @@ def load(name: str, speed_factor: float = 1.0, datasheet: bool = False) -> tm.Ro
 def problems(
     mode: str, robots: str, count: int, seed: int
 ) -> Iterator[tuple[str, tm.Problem]]:
-    """Random problems of a mode: names, and what is to be planned."""
+    """Random problems of a mode: names and problems."""
     draw, changes, _ = MODES[mode]
     for name in robots.split(","):
         if changes.get("datasheet") and name in ("planar3r", "z1"):
@@ -220,7 +220,7 @@ def problems(
             rng = np.random.default_rng([seed, salt, number])
             try:
                 problem = draw(robot, name, *ends, rng)
-            except tm.TominpmpError:  # something touches at an end, or cannot be
+            except tm.TominpmpError:  # a collision at an end, or an impossible problem
                 continue
             if problem is None:
                 continue

@@ -1,11 +1,11 @@
-"""Motions on the clock of a controller: exports that hold, time and planning time.
+"""Motions on the clock of a controller: verified exports, time and planning time.
 
-Random joint goals of three arms, drawn as in benchmarks/random_goals.py (those that
-touch themselves at an end are left out), with the limits of the makers' data sheets.
-Each is planned without a clock and for controllers of several periods. What is planned
-for a period is written at that period, as a ROS 2 message and as CSV, and judged by
-`tominpmp verify` as written. Planning times are the least of a few repetitions, as a
-machine that is busy with other things makes single ones longer.
+Random joint goals of three arms, drawn as in benchmarks/random_goals.py (goals with a
+self-collision at an end are left out), with the limits of the makers' data sheets.
+Each is planned without a clock and for controllers of several periods. A motion planned
+for a period is written at this period, as a ROS 2 message and as CSV, and checked by
+`tominpmp verify` as written. Planning times are the minimum of a few repetitions, as
+other load makes single plans longer.
 
     python -m benchmarks.control_period
     python -m benchmarks.control_period --goals 3 --periods 0.01 --robots ur5
@@ -44,7 +44,7 @@ COLUMNS = (
     "seconds",
     "verified",
 )
-# Problems that are drawn for each that is wanted: some touch themselves at an end.
+# Problems drawn for each one needed: some have self-collisions at an end.
 DRAWN = 4
 
 
@@ -67,7 +67,7 @@ def problems(name: str, count: int, seed: int) -> Iterator[tm.Problem]:
 def timed(
     problem: tm.Problem, period: float | None, repeats: int
 ) -> tuple[tm.Solution, float]:
-    """Plan; returns the solution and the least processor time it took [s]."""
+    """Plan repeatedly; returns the solution and the least processor time [s]."""
     least = float("inf")
     for _ in range(repeats):
         begin = time.process_time()

@@ -1,8 +1,8 @@
 """Arms with the limits of their data sheets: accelerations, jerks, torque rates.
 
-Random joint goals, drawn as in benchmarks/random_goals.py, without those that touch
-themselves. Each is planned with ``limits="datasheet"`` and without; what the motions do
-is computed anew from their positions, by differences.
+Random joint goals, drawn as in benchmarks/random_goals.py, without those in
+self-collision. Each is planned with ``limits="datasheet"`` and without; accelerations,
+jerks and torque rates are computed from the positions, by finite differences.
 
     python -m benchmarks.controller_limits
     python -m benchmarks.controller_limits --robots panda,ur5 --goals 5 --seed 1
@@ -76,7 +76,7 @@ def problems(name: str, count: int, seed: int) -> Iterator[tuple[tm.Problem, ...
         goal = tm.JointGoal(q_goal)
         try:
             pair = tuple(tm.Problem(robot, q_start, goal) for robot in (limited, free))
-        except ProblemError:  # it touches itself there
+        except ProblemError:  # a self-collision
             continue
         yield pair
         made += 1
@@ -85,7 +85,7 @@ def problems(name: str, count: int, seed: int) -> Iterator[tuple[tm.Problem, ...
 
 
 def measure(name: str, number: int, pair: tuple[tm.Problem, ...]) -> list[object]:
-    """Plan both, and say what the motions do: a row of the sheet."""
+    """Plan both, and measure the motions: a row of the sheet."""
     found, seconds = [], []
     for problem in pair:
         begin = time.process_time()
@@ -132,7 +132,7 @@ def summary(rows: list[dict[str, object]], name: str) -> tuple[object, ...]:
         statistics.median(slower),
         most("peak_free"),
         most("peak"),
-        # Nothing is published where the share of the limit is none.
+        # The data sheet has no limit where the share is NaN.
         *(most(key) or "–" for key in ("acceleration", "jerk", "effort_rate")),
         median("seconds_free"),
         median("seconds"),

@@ -1,4 +1,4 @@
-"""One problem, three parameterisations of the control: T, time and torque compared.
+"""Three parameterisations of the control: T, planning time and torques compared.
 
 Random joint goals as in benchmarks/random_goals.py, with the speed limits of the
 description and four times those.
@@ -81,7 +81,7 @@ def main() -> int:
                         statistics.median(sheet.column("roughness", **part)),
                     )
                 )
-    header = ("problem", "control", "verified", "T to constant", "median s")
+    header = ("problem", "control", "verified", "T relative to constant", "median s")
     print(markdown((*header, "roughness"), lines))
     return 0
 

@@ -1,11 +1,11 @@
-"""Drilling tasks of RoboTSP: durations, bounds and times of computing as a table.
+"""Drilling tasks of RoboTSP: durations, bounds and planning times as a table.
 
     git clone https://github.com/crigroup/raveutils
     python benchmarks/drilling.py raveutils [--holes 25 50 ...] [--out drilling.csv]
 
-The published durations are the best ones of benchmarks.hdf5 in github.com/crigroup/
-robotsp, of any of their methods; each task has the holes drawn there, the same limits
-of speed and acceleration, stops before all holes, and goes from home to home.
+The published durations are the shortest of all methods in benchmarks.hdf5 of
+github.com/crigroup/robotsp; each task has the holes drawn there, the same limits
+of speed and acceleration, stops in front of all holes, and leads from home to home.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Suárez-Ruiz, Lembono, Pham: RoboTSP, a fast solution to the robotic task sequencing
 problem, ICRA 2018. The cell is that of github.com/crigroup/raveutils (BSD-3-Clause,
-CRI Group, 2017): kinematics, limits and sizes are its own, links are boxes around its
-meshes. The holes are read from a copy of that repository.
+CRI Group, 2017): kinematics, limits and sizes are taken from it, links are boxes around
+its meshes. The holes are read from a copy of that repository.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ PANEL = Path("data/objects/airbus_panel.kinbody.xml")
 VELOCITY = [1.0, 0.7, 0.7, 1.0, 0.7, 1.57]
 ACCELERATION = [5.0, 4.25, 4.25, 5.25, 6.0, 8.0]
 HOME = np.deg2rad([0.0, -20.0, 130.0, 0.0, 70.0, 0.0])
-# The drill stops this far before each hole [m].
+# Distance of the drill from each hole at a stop [m].
 STANDOFF = 0.01
-# Distance that everything keeps [m].
+# Margin of all collision pairs [m].
 MARGIN = 0.001
 # The panel's frame is at this point of the world, its x along -y, its y along -z.
 CORNER = np.array([0.57, 0.25, 0.445])
 INTO_PANEL = (1.0, 0.0, 0.0)
-# How many holes, and the best published durations [s]: home to home, with stops.
+# Numbers of holes, and the shortest published durations [s]: home to home, with stops.
 PUBLISHED = {25: 17.69, 50: 25.03, 100: 39.26, 150: 52.96, 200: 64.54, 245: 74.74}
 
-# Joints: where on the link before, axis, position limits [deg].
+# Joints: position on the preceding link, axis, position limits [deg].
 JOINTS = [
     ((0.0, 0.0, 0.182), "z", -170.0, 170.0),
     ((0.0, 0.0, 0.163), "y", -120.0, 120.0),
@@ -76,7 +76,7 @@ TIP = (0.0, 0.12, 0.16155)
 def robot() -> tm.Robot:
     """The arm with the drill; its frame ``tip`` is at the end of the bit, z along it.
 
-    Torques do not limit it, as in the benchmark.
+    Its torques are not limited, as in the benchmark.
     """
     where = np.cumsum([np.zeros(3), *(offset for offset, *_ in JOINTS)], axis=0)
     parts = ['<robot name="vs060_drill">']
@@ -118,7 +118,7 @@ def limits() -> tm.MotionLimits:
 
 
 def scene() -> tm.Scene:
-    """Panel, its jig, and what the arm stands on."""
+    """Panel, its jig, and the support of the arm."""
     boxes = {
         "base": ((-0.1825, -0.15, -0.426), (0.1175, 0.15, -0.006)),
         "panel": ((0.570001, -0.35, 0.095), (0.624001, 0.35, 0.795)),
@@ -144,7 +144,7 @@ def scene() -> tm.Scene:
 
 
 def holes(folder: Path) -> np.ndarray:
-    """Places of all holes, shape (245, 3) [m], from a copy of raveutils."""
+    """Positions of all holes, shape (245, 3) [m], from a copy of raveutils."""
     found = []
     for body in ET.parse(folder / PANEL).getroot().findall("body"):
         if str(body.get("name")).startswith("hole"):
@@ -155,7 +155,7 @@ def holes(folder: Path) -> np.ndarray:
 
 
 def subsets(count: int) -> dict[int, list[int]]:
-    """The holes of each task of the benchmark, drawn as there."""
+    """The holes of each task, drawn as in the published benchmark."""
     random = np.random.RandomState(1)
     return {
         number: random.choice(count, size=number, replace=False).tolist()
@@ -164,7 +164,7 @@ def subsets(count: int) -> dict[int, list[int]]:
 
 
 def stations(places: np.ndarray) -> dict[str, tm.Goal]:
-    """The drill in front of the holes, turned about its axis in any way."""
+    """The drill in front of the holes, with a free spin about its axis."""
     return {
         f"hole {number}": tm.AxisGoal(
             "tip", (0, 0, 1), INTO_PANEL, place - STANDOFF * np.array(INTO_PANEL)

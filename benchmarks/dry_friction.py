@@ -1,11 +1,11 @@
-"""Dry friction: random goals with and without it, and how exact replays are.
+"""Dry friction: random goals with and without it, and accuracy of replays.
 
-Joint goals of several arms, drawn as in benchmarks/random_goals.py (those that touch
-themselves at an end are left out), are planned without dry friction, with friction of
-some shares of the torque limits, and with that of the robot description where it has
-any. For each: whether the motion was found and verified, T, how many joints turn on the
-way, processor time. Then the torques of some of the motions are replayed with
-integrators of several makes: where the motion ends.
+Joint goals of several arms, drawn as in benchmarks/random_goals.py (goals with a
+self-collision at an end are left out), are planned without dry friction, with friction
+of some shares of the torque limits, and with the friction of the robot description, if
+any. For each: whether the motion was found and verified, T, the number of joints that
+reverse, processor time. Then the torques of some of the motions are replayed with
+several integrators, to compare the ends of the motions.
 
     python -m benchmarks.dry_friction
     python -m benchmarks.dry_friction --robots ur5 --goals 3 --shares 0.1
@@ -62,7 +62,7 @@ def problems(name: str, count: int, seed: int) -> Iterator[tm.Problem]:
 
 
 def with_friction(problem: tm.Problem, name: str, kind: str) -> tm.Problem:
-    """The same problem with a share of the torque limits, or the description's own."""
+    """The same problem with friction as a share of the torque limits, or its own."""
     friction = load_arm(name).friction
     if kind != "own":
         friction = float(kind) * problem.robot.limits.effort_upper

@@ -1,12 +1,12 @@
 """Every description in a folder: loaded, moved a little, verified, in a table.
 
-All files below the folder that are URDF, xacro or MJCF are loaded as they are: included
-parts (xacro files without a robot of their own, MJCF files without bodies) are left
-out. What loads is moved by a tenth of a radian, as by ``benchmarks.every_robot``.
-What a file does not say has to be given for all at once, or is the reason why it does
-not load: MJCF files have no limits of speed, so ``--velocity`` is theirs, and with
-``--acceleration`` what has no dynamics is planned without torques. Run it on your own
-collection:
+All URDF, xacro and MJCF files below the folder are loaded; included parts (xacro files
+that define no robot, MJCF files without bodies) are left out. Each loaded robot is
+moved by a tenth of a radian, as by ``benchmarks.every_robot``.
+Data missing from a file must be given for all files at once, or else are the reason why
+it does not load: MJCF files have no limits of speed, so ``--velocity`` sets them; with
+``--acceleration`` files without dynamics are planned without torques. Run it on your
+own collection:
 
     python -m benchmarks.every_description FOLDER
     python -m benchmarks.every_description FOLDER --package-dir FOLDER --limit 60
@@ -38,11 +38,11 @@ ENDINGS = (".urdf", ".xacro", ".xml")
 
 
 def kind_of(path: Path) -> str:
-    """What a file is: urdf, xacro, mjcf; empty if it is no robot, or a part of one."""
+    """Format of a file: urdf, xacro, mjcf; empty for a part, or without a robot."""
     try:
         root = read_xml(path)
     except TominpmpError:
-        # A URDF file that is broken counts; other XML files are not ours.
+        # A broken URDF file counts; other XML files are ignored.
         return "urdf" if path.suffix.lower() == ".urdf" else ""
     if root.tag == "mujoco":
         moves = root.find(".//joint") is not None or root.find(".//include") is not None
@@ -68,12 +68,12 @@ def measure(
 
     Args:
         path: The file.
-        folder: The folder that it is named from.
+        folder: The folder to which its name is relative.
         limit: Longest time of planning [s].
         given: Arguments of ``load_robot`` for all files.
-        speed: Speed of joints of files that cannot have any [rad/s or m/s].
-        acceleration: Acceleration of those without dynamics [rad/s^2 or m/s^2]; None if
-            they are not to load.
+        speed: Speed limit for file formats without speed limits [rad/s or m/s].
+        acceleration: Limit for files without dynamics [rad/s^2 or m/s^2]; None to
+            refuse these files.
     """
     kind = kind_of(path)
     if not kind:
@@ -97,7 +97,7 @@ def measure(
             if kind == "xacro" and "has no <link>" in str(error):
                 return None  # macros only: a part of others
             return row | {"why": " ".join(str(error).split())[:300]}
-        except Exception as error:  # a defect, which is to be seen in the table
+        except Exception as error:  # a defect, which the table must show
             return row | {"why": f"DEFECT {type(error).__name__}: {error}"[:300]}
     kept = "joints", "verified", "T", "seconds", "load_seconds", "status"
     return row | {

@@ -1,11 +1,11 @@
 """Every robot of example-robot-data: a small joint goal, verified within a time limit.
 
-Each description that is known by name is loaded as it is, with all joints that have
-limits, and moved by a tenth of a radian (or a tenth of its range) of every joint from a
-configuration near the middle of the ranges, links of the robot itself in the way.
-Joints whose motors are no stronger than their own dry friction, as those of TALOS'
-grippers (1 N m each), cannot be moved by them: they are locked. All times are those of
-the processor, and so is the limit: what else a machine does is not measured.
+Each description known by name is loaded with all joints that have limits; every joint
+is moved by a tenth of a radian (or a tenth of its range) from a
+configuration near the middle of the ranges, with self-collision.
+Joints whose motors are no stronger than their dry friction, like those of TALOS'
+grippers (1 N m each), cannot be moved: they are locked. All times and the limit are
+processor times: other load of the machine is not measured.
 
     python -m benchmarks.every_robot
     python -m benchmarks.every_robot --robots icub_reduced,g1 --limit 60
@@ -46,17 +46,17 @@ COLUMNS = (
     "program_seconds",
     "message",
 )
-# How far each joint goes: at most, and as a share of its range [rad or m].
+# Displacement of each joint: at most, and as a share of its range [rad or m].
 STEP, SHARE = 0.1, 0.1
 # Where to begin, as shares of the ranges, one after another until links are clear; near
 # zero first.
 PLACES = (None, 0.5, 0.45, 0.55, 0.4, 0.6, 0.3, 0.7)
-# Ranges beyond this are no ranges.
+# Larger ranges count as unlimited.
 WIDE = 10.0
 
 
 def count_processor_time() -> None:
-    """Let clocks and limits, the planner's too, count what this process computes."""
+    """Let clocks and limits, also of the planner, count processor time."""
     time.perf_counter = time.process_time
 
 
@@ -74,7 +74,7 @@ def ends(robot: Any, place: float | None) -> tuple[np.ndarray, np.ndarray]:
 
 
 def load(name: str | Path, **given: Any) -> Any:
-    """A robot, joints locked that its motors cannot move."""
+    """A robot whose joints are locked if their motors cannot move them."""
     given = {"limits": "urdf", **given}
     robot = tm.load_robot(name, **given)
     most = np.minimum(robot.limits.effort_upper, -robot.limits.effort_lower)
@@ -91,16 +91,16 @@ def load(name: str | Path, **given: Any) -> Any:
 
 
 def pose(robot: Any, acceleration: float | None = None) -> tm.Problem:
-    """The first problem whose start and goal touch nothing and can be held.
+    """The first problem whose start and goal are collision-free and can be held.
 
-    Where links touch at all places, they are let.
+    If links touch at all candidates, self-collision is switched off.
 
     Args:
         robot: The robot.
-        acceleration: Limit of all joints [rad/s^2 or m/s^2]; None for those it has.
+        acceleration: Limit of all joints [rad/s^2 or m/s^2]; None for the robot's own.
 
     Raises:
-        TominpmpError: If there is none.
+        TominpmpError: If there is no such problem.
     """
     limits: dict[str, Any] = {}
     if acceleration is not None:
@@ -125,16 +125,16 @@ def measure(name: str, limit: float) -> dict[str, object]:
 def plan_little(
     name: str | Path, limit: float, acceleration: float | None = None, **given: Any
 ) -> dict[str, object]:
-    """Load a robot and move it a little: what became of it.
+    """Load a robot and move it a little: the columns of its row.
 
     Args:
-        name: What ``load_robot`` takes.
+        name: First argument of ``load_robot``.
         limit: Longest time of planning [s].
         acceleration: As for :func:`pose`.
         **given: Further arguments of ``load_robot``.
 
     Raises:
-        TominpmpError: If it does not load. Where there is no problem, the row says so.
+        TominpmpError: If it does not load. If there is no problem, the row says so.
     """
     row: dict[str, object] = dict.fromkeys(COLUMNS[1:], "")
     begin = time.perf_counter()

@@ -1,6 +1,6 @@
 """The exact geometry of an arm and its surroundings, read without the library.
 
-Links are the triangle meshes of the description as they are; scenes are MoveIt's.
+Links are the unmodified triangle meshes of the description; scenes are MoveIt's.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# To this the smallest clearance is found, if it is not about contact or none [m].
+# Accuracy of the smallest clearance, except near contact [m].
 CLEARANCE_TOLERANCE = 1e-4
-# Distances beyond this are how Coal says that an algorithm failed [m].
+# Larger distances are Coal's sign that an algorithm failed [m].
 FAILED = 1e100
 # A motion in deep contact is not measured to the end.
 MAX_CONTACTS = 2000
@@ -37,7 +37,7 @@ class Body:
         name: Name of the link or of the obstacle.
         joint: Joint that carries it; 0 for the world.
         shape: Coal's shape: a triangle mesh or a primitive.
-        placement: Where it is on the joint, or in the world.
+        placement: Its pose relative to the joint, or in the world.
     """
 
     name: str
@@ -48,10 +48,10 @@ class Body:
 
 @dataclass(frozen=True)
 class ExactArm:
-    """An arm as its description has it.
+    """An arm according to its description.
 
     Attributes:
-        model: Pinocchio model of the joints that move.
+        model: Pinocchio model of the movable joints.
         names: Their names.
         links: Shapes of the links, meshes as triangles.
         disabled: Pairs of links that may touch, each as a frozen set.
@@ -69,7 +69,7 @@ class ExactArm:
         """Read an arm.
 
         Args:
-            urdf: Its URDF file; meshes are looked for in the folders above it.
+            urdf: Its URDF file; meshes are searched in the folders above it.
             srdf: Its SRDF file.
             locked: Positions of the joints that do not move [rad or m].
         """
@@ -115,7 +115,7 @@ def read_obstacles(path: Path, root: str = "") -> list[Body]:
 
     Args:
         path: The scene.
-        root: Link in which poses may be given, beside the world.
+        root: Link in whose frame poses may be given, in addition to the world.
 
     Raises:
         ValueError: If there is anything but boxes, cylinders and spheres, or they are
@@ -154,14 +154,14 @@ def _primitive(shape: Mapping[str, Any], sizes: Sequence[float]) -> Any:
 
 @dataclass(frozen=True)
 class Clearance:
-    """The closest that a motion comes to anything.
+    """The closest approach of a motion.
 
     Attributes:
-        distance: In [m]; zero or negative in contact.
+        distance: Distance [m]; zero or negative in contact.
         first: Name of one body.
         second: Name of the other.
         sample: Number of the configuration.
-        queries: Exact distances that it took.
+        queries: Number of exact distances that were measured.
     """
 
     distance: float
@@ -234,10 +234,10 @@ class Surroundings:
         return bounds
 
     def _travel(self, rotations: Array, positions: Array) -> Array:
-        """How far the points of each body have moved at most, shape (m, bodies).
+        """Largest displacement of the points of each body, shape (m, bodies).
 
         The displacement of a rigid body is affine in the point, so that a corner of
-        the box about it moves farthest.
+        the box about it has the largest one.
         """
         corners = self._centres[:, None] + self._signs * self._halves[:, None]
         world = positions[:, :, None] + np.einsum("kbij,bcj->kbci", rotations, corners)
@@ -260,9 +260,9 @@ class Surroundings:
     def closest(self, q: Array) -> Clearance:
         """Find the smallest distance of all pairs over a motion.
 
-        A distance at one configuration bounds those before and after it by how far
-        the bodies have moved since; where the bound is above the smallest distance
-        found so far, nothing is measured.
+        A distance at one configuration, minus the displacement of the bodies since,
+        is a lower bound at the configurations before and after it; where the bound
+        exceeds the smallest distance so far, no distance is measured.
 
         Args:
             q: Configurations along the motion, shape (m, n).
@@ -293,13 +293,13 @@ class Surroundings:
         return Clearance(best, *names, where[1], queries)
 
     def is_free(self, q: Array) -> bool:
-        """Whether nothing touches at one configuration, shape (n,)."""
+        """Whether a configuration of shape (n,) is collision-free."""
         return not pin.computeCollisions(
             self._arm.model, self._data, self._manager, q, True
         )
 
     def _build_manager(self) -> None:
-        """Make what answers yes or no for all pairs at once, in microseconds."""
+        """Make the collision test of all pairs at once, which takes microseconds."""
         geometry = pin.GeometryModel()
         for index, body in enumerate(self._bodies):
             item = pin.GeometryObject(

@@ -1,9 +1,9 @@
-"""Random motions with nothing in the way: whether links touch, and what it costs.
+"""Random motions without obstacles: self-collisions, and the cost of avoiding them.
 
-Start and goal are drawn as in benchmarks/random_goals.py, clear of self-collision by
-the exact meshes. Each motion is planned twice in turn in one process, with the links
-watched against each other and without, and judged with the triangle meshes of the
-description, every millisecond, by code that knows nothing of the library
+Start and goal are drawn as in benchmarks/random_goals.py, without self-collision by
+the exact meshes. Each motion is planned twice in turn in one process, with and without
+self-collision, and checked with the triangle meshes of the
+description, every millisecond, by code independent of the library
 (benchmarks/exact_geometry.py).
 
     python -m benchmarks.free_space
@@ -47,14 +47,14 @@ COLUMNS = (
     "clearance_blind",
     "ok_blind",
 )
-# Links that overlap at this share of random configurations are made to.
+# Links that overlap at this share of random configurations do so by design.
 ALWAYS, SAMPLES = 0.95, 100
 
 
 def widened(model: Any, angles: Array) -> Array:
-    """Configuration of a model from an angle a joint.
+    """Configuration of a model from one angle for each joint.
 
-    What turns without end has a cosine and a sine.
+    Continuous joints have a cosine and a sine.
     """
     q = pin.neutral(model)
     for joint in range(1, model.njoints):
@@ -65,7 +65,7 @@ def widened(model: Any, angles: Array) -> Array:
 
 
 def judge_of(name: str, robot: Any) -> Surroundings:
-    """The exact meshes of an arm, and which of them may touch, told from the files."""
+    """The exact meshes of an arm, and the pairs that may touch, from the files."""
     urdf, srdf = Path(robot.urdf_path), Path(robot.srdf.path)
     arm = ExactArm.load(urdf, srdf, LOCKED_JOINTS.get(name, {}))
     free = set(arm.disabled) or neighbours(urdf, arm)
@@ -117,7 +117,7 @@ def overlap(data: Any, one: Body, other: Body) -> bool:
 
 
 def timed(robot: Any, ends: tuple[Array, Array], own: bool) -> tuple[Any, float]:
-    """Plan a motion; the time is that of the processor, problem included."""
+    """Plan a motion; the processor time includes making the problem."""
     begin = time.process_time()
     problem = tm.Problem(robot, ends[0], tm.JointGoal(ends[1]), self_collision=own)
     solution = tm.plan(problem)
@@ -125,7 +125,7 @@ def timed(robot: Any, ends: tuple[Array, Array], own: bool) -> tuple[Any, float]
 
 
 def taken(robot: Any, ends: tuple[Array, Array]) -> bool:
-    """Whether the library takes start and goal for clear, too."""
+    """Whether the library also accepts start and goal as collision-free."""
     try:
         tm.Problem(robot, ends[0], tm.JointGoal(ends[1]))
     except tm.ProblemError:
@@ -181,7 +181,7 @@ def main() -> int:
 
 
 def table(sheet: Sheet, robots: list[str]) -> str:
-    """What came of the motions of each robot."""
+    """Results of the motions of each robot."""
     lines = []
     for name in robots:
         rows = [row for row in sheet.rows if row["robot"] == name]

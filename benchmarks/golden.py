@@ -1,4 +1,4 @@
-"""The golden set: two commits beside each other on problems of every kind.
+"""The golden set: comparison of two commits on problems of every kind.
 
     python -m benchmarks.golden --data DIR --csv before.csv
     python -m benchmarks.golden --data DIR --csv after.csv       # in the other tree
@@ -7,20 +7,20 @@
     python -m benchmarks.golden --part fresh --seed 20261125 --data DIR --csv fresh.csv
     python -m benchmarks.golden list
 
-The part ``tuned`` has the same problems always (``golden_cases.py``), ``fresh`` those
-that nobody has tuned anything on, most of them drawn from ``--seed`` (take another one
+The part ``tuned`` always has the same problems (``golden_cases.py``), ``fresh`` has
+problems not used for tuning, most of them drawn from ``--seed`` (take another seed
 for each comparison, and the same for both commits; ``golden_fresh.py``). Each problem
-has a process of its own with one thread. A row has the status, T, what the certificate
-promises, the largest excess and the least clearance by a judge that shares nothing with
-the library's verification (``golden_judge.py``), programs, iterations and processor
-time. Rows are written as they come; a second run with the same file plans only what is
-missing, unless the library is of another revision. Groups whose data are not there are
-left out with a line.
+has a separate process with one thread. A row has the status, T, the gain predicted by
+the certificate, the largest excess and the least clearance by a judge that shares no
+code with the library's verification (``golden_judge.py``), programs, iterations and
+processor time. Rows are written as they come; a second run with the same file plans
+only missing problems, unless the library has another revision. Groups without their
+data are left out, with a line.
 
-``compare`` prints a table by groups and exits with 1 where the second run is worse than
-the limits that are given. Motions that are lost count, unless ``--lost`` says how many
-may be, and so do problems that are missing or not the same (their fingerprints differ),
-unless ``--changed`` does; these are named and not compared.
+``compare`` prints a table by groups and exits with 1 if the second run exceeds the
+given limits. Lost motions count, unless ``--lost`` permits a number of them,
+and so do missing or changed problems (with different fingerprints),
+unless ``--changed`` permits them; these are named and not compared.
 
 NOISE
 """
@@ -90,7 +90,7 @@ def _run(words: Sequence[str]) -> int:
     try:
         run(chosen, rows, version, show=show, **how)
     except KeyboardInterrupt:
-        print(f"interrupted; {given.csv} has what is known", file=sys.stderr)
+        print(f"interrupted; {given.csv} has the results so far", file=sys.stderr)
         return 130
     return 0
 
@@ -104,7 +104,10 @@ def add_problems(parser: argparse.ArgumentParser) -> None:
         "--groups", type=lambda text: text.split(","), help="A,B; all by default"
     )
     parser.add_argument(
-        "--every", type=int, default=1, help="only the first of so many of each group"
+        "--every",
+        type=int,
+        default=1,
+        help="only the first of this many problems of each group",
     )
     parser.add_argument(
         "--data",
@@ -131,7 +134,7 @@ def check(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
 
 
 def show(row: Row) -> None:
-    """Tell of a row."""
+    """Print a row."""
     parts = [f"{row['group']}: {row['name']}", row.get("status", "")]
     if row.get("T"):
         parts.append(f"T {float(row['T']):.5f} s")
@@ -149,15 +152,15 @@ def _compare(words: Sequence[str]) -> int:
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)
     for name, text in (
-        ("t-median", "median of T over T, less one"),
+        ("t-median", "median of the ratio of T, minus one"),
         ("t-max", "the largest of them"),
         ("t-group", "the largest median of a group"),
-        ("objective-max", "the same as --t-max of what is least instead of T"),
-        ("programs", "sum of programs over sum of programs"),
+        ("objective-max", "like --t-max, for objectives other than T"),
+        ("programs", "ratio of the sums of programs"),
         ("programs-95", "what 95 %% do not pass over the same"),
         ("seconds", "sum of processor time over the same"),
         ("seconds-95", "what 95 %% do not pass over the same"),
-        ("promise", "rise of what a certificate promises, as a share of T"),
+        ("promise", "rise of the gain predicted by a certificate, as a share of T"),
     ):
         parser.add_argument(f"--{name}", type=float, help=f"most: {text}")
     parser.add_argument("--lost", type=int, default=0, help="most motions lost")
@@ -165,7 +168,7 @@ def _compare(words: Sequence[str]) -> int:
         "--changed",
         type=int,
         default=0,
-        help="most problems that are missing or others",
+        help="largest number of missing or changed problems",
     )
     parser.add_argument("--largest", type=int, default=10, help="changes of T named")
     given = parser.parse_args(words)

@@ -1,9 +1,9 @@
-"""The golden set: problems of every kind that a user can ask for, always the same.
+"""The golden set: a fixed set of problems of every kind that a user can pose.
 
-Each group is a function that yields names and what makes their tasks. Random starts and
-goals are those of ``random_goals.py``, by their numbers, without those at which links
-touch; obstacles, limits and rules are put where a straight motion would go, so that
-nothing here depends on the planner. Numbers and options are fixed: whoever changes one
+Each group is a function that yields names and the functions that make their tasks.
+Random starts and goals are those of ``random_goals.py``, by their numbers, without
+self-collisions; obstacles, limits and rules are placed along a straight motion, so that
+no problem depends on the planner. Numbers and options are fixed: whoever changes one
 changes the fingerprint of its problem, and comparisons say so.
 """
 
@@ -49,7 +49,7 @@ from two_link_cases import CASES
 Maker = Callable[[], Task]
 Made = Iterator[tuple[str, Maker]]
 SEED, DRAWN = 2026, 12
-# Numbers of random goals at which no links touch, see :func:`ends`.
+# Numbers of random goals without self-collision, see :func:`ends`.
 GOALS = {
     "ur3": (0, 1, 4, 5),
     "ur5": (0, 1, 2, 3),
@@ -65,19 +65,19 @@ TOOL = {**TOOLS, "ur3": "tool0", "ur10": "tool0"}
 
 @dataclass(frozen=True)
 class Source:
-    """Where problems come from.
+    """Sources of problems.
 
     Attributes:
         data: Folder of MotionBenchMaker, with ``panda`` and ``fetch`` in it or the
             scenes themselves; None without.
-        seed: Of a fresh part.
+        seed: Seed of a fresh part.
     """
 
     data: Path | None = None
     seed: int = 0
 
     def folder(self, robot: str) -> Path | None:
-        """The folder of the scenes of a robot, if it is there."""
+        """The folder of the scenes of a robot, if it exists."""
         if self.data is None:
             return None
         own = self.data / robot
@@ -89,7 +89,7 @@ class Source:
 
 @functools.cache
 def ends(name: str, count: int = DRAWN, seed: int = SEED) -> list[tuple[Array, Array]]:
-    """Random starts and goals of an arm, some of which touch themselves."""
+    """Random starts and goals of an arm, some of them in self-collision."""
     robot = tm.load_robot(name, limits="urdf", locked_joints=LOCKED.get(name, {}))
     return sample_problems(robot, count, seed)
 
@@ -113,7 +113,7 @@ def optima(source: Source) -> Made:
 
 
 def optimum(family: str, name: str, **options: Any) -> Task:
-    """A problem whose minimum time is known, judged by equations written by hand."""
+    """A problem whose minimum time is known, judged by hand-written equations."""
     case = CASES[family][name]
     known = case.task
 
@@ -147,7 +147,7 @@ def goals(source: Source, factor: float = 1.0) -> Made:
 
 
 def fast_goals(source: Source) -> Made:
-    """The same with four times the speeds: torques rule."""
+    """The same with four times the speeds: torques are the active limits."""
     return goals(source, 4.0)
 
 
@@ -212,20 +212,20 @@ class Setting:
 
     @property
     def seconds(self) -> float:
-        """About how long a motion takes whose speeds rule [s]."""
+        """Approximate duration of a motion limited by its speeds [s]."""
         way = np.abs(self.end - self.start)
         return float(1.3 * np.max(way / np.array(self.own["velocity"])))
 
     def at(self, share: float) -> Array:
-        """A configuration on the straight way."""
+        """A configuration on the straight line."""
         return self.start + share * (self.end - self.start)
 
     def tool_at(self, share: float) -> pin.SE3:
-        """Where the tool is there."""
+        """Position of the tool at this configuration."""
         return placement(self.member, self.at(share), self.tool)
 
     def asked(self, **more: Any) -> Asked:
-        """A joint goal, with more."""
+        """A joint goal, with further keys."""
         return asked(self.own, self.start, joint(self.end), **more)
 
 
@@ -268,14 +268,14 @@ def frame_goal(kind: str, name: str, number: int) -> Task:
 
 
 def obstacles(source: Source) -> Made:
-    """Shapes where the tool would pass."""
+    """Shapes on the path of the tool."""
     for name, number in (("ur5", 2), ("kinova", 0), ("xarm7", 4), ("z1", 2)):
         yield f"{name} {number}", functools.partial(obstructed, name, number)
     yield "ur5 between table and post", ur5_post
 
 
 def moving(source: Source) -> Made:
-    """Shapes that are where the tool would pass when it would."""
+    """Shapes that are on the path of the tool when it passes."""
     for name, number, factor in (
         ("ur5", 1, 1.0),
         ("panda", 0, 1.0),
@@ -288,7 +288,7 @@ def moving(source: Source) -> Made:
 
 
 def obstructed(name: str, number: int, speed: float = 0.0, factor: float = 1.0) -> Task:
-    """A box and a ball in the way of the tool, on their way across it maybe."""
+    """A box and a ball on the path of the tool, fixed or crossing it."""
     own = Setting.of(name, number, speed_factor=factor)
     rng = np.random.default_rng([number, len(name)])
     reach = 2.5 if name == "planar3r" else 0.8
@@ -319,7 +319,7 @@ FAR = np.array([-0.012, -0.697, 1.116, -1.99, -1.571, 0.0])
 
 
 def conveyor() -> Task:
-    """The example of that name: a crate crosses the way."""
+    """The example of this name: a crate crosses the path."""
     crate = shape(
         "box", (0.2, 0.3, 0.25), name="crate",
         position=(0.55, -0.25, 0.125), velocity=(0.0, 1.0, 0.0),
@@ -333,7 +333,7 @@ def conveyor() -> Task:
 
 
 def segments(source: Source) -> Made:
-    """Goals on the way, with loads, stops, times to stay and times of arrival."""
+    """Via points, with loads, stops, dwells and times of arrival."""
     for kind, name, number, factor in (
         ("passing", "ur5", 0, 1.0),
         ("passing a place", "panda", 0, 1.0),
@@ -349,7 +349,7 @@ def segments(source: Source) -> Made:
 
 
 def segmented(kind: str, name: str, number: int, factor: float) -> Task:
-    """By way of two places beside the straight way."""
+    """With two via points next to the straight line."""
     own = Setting.of(name, number, speed_factor=factor)
     aside = 0.15 * np.abs(own.end - own.start)
     signs = np.where(np.arange(len(aside)) % 2, -1.0, 1.0)
@@ -439,7 +439,7 @@ def rules(source: Source) -> Made:
 
 
 def ruled(kind: str, name: str, number: int) -> Task:
-    """A random goal with a rule that matters."""
+    """A random goal with an active rule."""
     own = Setting.of(name, number)
     points = np.array([own.tool_at(s).translation for s in np.linspace(0, 1, 50)])
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
@@ -467,7 +467,7 @@ def ruled(kind: str, name: str, number: int) -> Task:
 
 
 def straight(kind: str) -> Task:
-    """The tool of a UR5 goes away from it, pointing down."""
+    """The tool of a UR5 moves away from the base, pointing down."""
     own = Setting("ur5", arm("ur5"), member_of(arm("ur5")), NEAR, FAR)
     begin, end = own.tool_at(0.0), own.tool_at(1.0)
     corners = np.array([begin.translation, end.translation])
@@ -489,7 +489,7 @@ TRAY = (-0.95776306, -1.19076644, 1.4913508, -1.87138069, 1.57079633, -0.6130332
 ACROSS = (0.61303327, -1.19076644, 1.4913508, -1.87138069, 1.57079633, -2.1838296)
 CUP = (-0.7, -1.5, 1.7, -1.7708, -1.5708, 0.0)
 BEYOND = (0.8, -1.5, 1.7, -1.7708, -1.5708, 0.0)
-# Motions that slip all along gain little by refining, and it takes ten times as long.
+# Motions on the verge of slipping gain little from refining, in ten times the time.
 ONCE = {"intervals": 40, "control": "linear", "effort": "quick", "refine": None}
 
 
@@ -583,7 +583,7 @@ def clock(source: Source) -> Made:
 
 
 def ticking_segments() -> Task:
-    """A goal on the way and a stop, on a clock."""
+    """A via point and a stop, on a clock."""
     own = Setting.of("ur5", 1, sheet=True)
     legs: list[Asked] = [
         {"goal": joint(own.at(0.4))},
@@ -611,7 +611,7 @@ def limits(source: Source) -> Made:
 
 
 def limited(kind: str, name: str, number: int) -> Task:
-    """A limit for all joints that matters."""
+    """An active limit for all joints."""
     own = Setting.of(name, number)
     way = float(np.max(np.abs(own.end - own.start)))
     most = {
@@ -697,7 +697,7 @@ def crates() -> Task:
 
 
 def side_by_side(names: tuple[str, str], apart: float) -> Task:
-    """Two arms of which each has a random goal."""
+    """Two arms, each with a random goal."""
     arms = [
         arm(name, base=(0.0, side * 0.5 * apart, 0.0))
         for name, side in zip(names, (-1.0, 1.0), strict=True)
@@ -711,7 +711,7 @@ def side_by_side(names: tuple[str, str], apart: float) -> Task:
 
 
 def methods(source: Source) -> Made:
-    """Other transcriptions and controls than those that are taken by themselves."""
+    """Transcriptions and controls other than the automatic ones."""
     for name, number, options in (
         ("ur5", 0, {"method": "collocation"}),
         ("panda", 2, {"method": "collocation"}),
@@ -743,7 +743,7 @@ def paper(method: str) -> Task:
         "max_iterations": 300,
     }
     if method == "penalty":
-        # It ends outside of the admissible set, which is what it is compared for.
+        # The penalty method ends outside of the feasible set, which is to be compared.
         options["feasibility"] = 1e-3
     return task(case, **options)
 
@@ -778,7 +778,7 @@ def choices(source: Source) -> Made:
 
 
 def warm(source: Source) -> Made:
-    """Plans that begin with a former motion."""
+    """Plans with a warm start."""
     for name, number in (("ur5", 0), ("panda", 2), ("xarm7", 3)):
         make = functools.partial(warm_task, name, number)
         yield f"goal moved {name} {number}", make
@@ -789,7 +789,7 @@ def warm(source: Source) -> Made:
 def warm_task(
     name: str, number: int, *, obstacle: bool = False, samples: bool = False
 ) -> Task:
-    """A goal that is a little aside, or an obstacle that was not there before."""
+    """A slightly displaced goal, or an additional obstacle."""
     own = Setting.of(name, number)
     low, high = np.array(own.own["position"])
     end = np.clip(own.end + 0.05 * np.where(own.end > 0.0, -1.0, 1.0), low, high)

@@ -1,4 +1,4 @@
-"""Two runs of the golden set beside each other, and whether they agree well enough."""
+"""Comparison of two runs of the golden set with limits for their differences."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Allowed:
-    """What the second run may be worse by; None for anything.
+    """Limits for the second run relative to the first; None for no limit.
 
     Attributes:
-        t_median: Median of T over T, less one, of all problems.
-        t_max: The largest.
-        t_group: Median in any group.
-        objective_max: Largest of what is least instead of T, where that is not T.
-        programs: Sum of programs over sum of programs.
-        programs_95: What 95 % of the problems do not pass, over the same.
-        seconds: The same as ``programs`` of processor time.
-        seconds_95: The same as ``programs_95`` of it.
-        promise: Largest rise of what the certificate promises, as a share of T.
-        lost: Number of motions that are found no more, or refuted now.
-        changed: Number of problems that the second run has not, or has others for.
+        t_median: Median of the ratio of T, minus one, over all problems.
+        t_max: Largest ratio of T, minus one.
+        t_group: Largest median of a group.
+        objective_max: Largest ratio of the objective, minus one, where it is not T.
+        programs: Ratio of the sums of programs.
+        programs_95: Ratio of the 95th percentiles of programs.
+        seconds: Ratio of the sums of processor time.
+        seconds_95: Ratio of the 95th percentiles of processor time.
+        promise: Largest rise of the gain predicted by the certificate, as a share of T.
+        lost: Number of motions that are no longer found, or refuted now.
+        changed: Number of problems that the second run lacks, or has changed.
     """
 
     t_median: float | None = None
@@ -63,7 +63,7 @@ class Allowed:
 
 
 class Comparison:
-    """Problems that both runs have.
+    """Problems that are in both runs.
 
     Args:
         before: Rows of the first run by group and name.
@@ -94,10 +94,10 @@ class Comparison:
         return _number(self.before[name], column), _number(self.after[name], column)
 
     def ratios(self, column: str, names: Sequence[Name]) -> dict[Name, float]:
-        """A column of the second run over that of the first, where motions are found.
+        """Ratio of a column of the second run to the first, where motions are found.
 
         Args:
-            column: Such as "T".
+            column: Name of the column, such as "T".
             names: Problems.
         """
         pairs = {
@@ -112,7 +112,7 @@ class Comparison:
         }
 
     def work(self, column: str, names: Sequence[Name]) -> tuple[float, float]:
-        """Sum over sum and 95 % over 95 % of what all problems took."""
+        """Ratios of the sums and of the 95th percentiles over all problems."""
         pairs = [self._pair(name, column) for name in names]
         known = np.array([pair for pair in pairs if all(map(math.isfinite, pair))])
         if not len(known) or not known[:, 0].sum():
@@ -123,13 +123,13 @@ class Comparison:
         return float(second.sum() / first.sum()), float(share)
 
     def promises(self, names: Sequence[Name]) -> dict[Name, float]:
-        """By how much the certificate promises more, as a share of T."""
+        """Rise of the gain predicted by the certificate, as a share of T."""
         pairs = {name: self._pair(name, "promise") for name in names}
         found = {name: second - first for name, (first, second) in pairs.items()}
         return {name: x for name, x in found.items() if math.isfinite(x)}
 
     def verdicts(self, names: Sequence[Name]) -> list[str]:
-        """Problems of which anything else is said, a line each."""
+        """Problems with a changed verdict, a line each."""
         lines = []
         for name in names:
             a, b = _verdict(self.before[name]), _verdict(self.after[name])
@@ -138,7 +138,7 @@ class Comparison:
         return lines
 
     def lost(self, names: Sequence[Name]) -> list[Name]:
-        """Problems whose motion is found no more, or refuted now."""
+        """Problems whose motion is no longer found, or refuted now."""
         return [n for n in names if good(self.before[n]) and not good(self.after[n])]
 
     def table(self) -> str:
@@ -169,7 +169,7 @@ class Comparison:
         ]
 
     def beyond(self, allowed: Allowed) -> list[str]:
-        """What is worse by more than is allowed, a sentence each."""
+        """Differences that exceed their limits, a sentence each."""
         T, other = self.ratios("T", self.names), self.ratios("objective", self.names)
         programs = self.work("programs", self.names)
         seconds = self.work("seconds", self.names)

@@ -1,9 +1,9 @@
-"""The fresh half of the golden set: problems that nobody has tuned anything on.
+"""The fresh half of the golden set: problems not used for tuning.
 
-All but the clutter are drawn anew from a seed, which is chosen for each comparison;
-both commits get the same draw. That a motion exists is known by construction, without
-the planner: obstacles keep clear of a path, by exact distances, and combinations are
-built around a slow motion that does all that is asked for.
+All problems except the clutter are drawn anew from a seed, which is chosen for each
+comparison; both commits get the same draw. A motion exists by construction, without
+the planner: obstacles are clear of a path, by exact distances, and combinations are
+built around a slow motion that satisfies all requirements.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ TOOLS = {**TOOL, "iiwa14": "flange"}
 # of some arms are always near their neighbours; at how many configurations; draws.
 RESERVE, APART, MARGIN, SAMPLES, DRAWS = 0.02, 0.004, 0.005, 40, 300
 OBSTACLES = 7
-# Share of the torque that may be used at rest, and by the slow motion.
+# Usable shares of the torque at rest, and during the slow motion.
 HOLDS, SLOW = 0.66, 0.8
 
 # Published numbers of the KUKA LBR iiwa 14: heights of the joints and of the centres of
@@ -68,7 +68,7 @@ FLANGE, THICKNESS = 1.306, (0.075, 0.07, 0.07, 0.065, 0.06, 0.05, 0.04)
 
 @functools.cache
 def _folder() -> tempfile.TemporaryDirectory[str]:
-    """A folder for as long as this process lasts."""
+    """A folder that exists as long as this process."""
     return tempfile.TemporaryDirectory()
 
 
@@ -103,7 +103,7 @@ def iiwa14() -> str:
 
 
 def _link(name: str, mass: float, centre: float, length: float, radius: float) -> str:
-    """A link with a cylinder from its joint on, of even density."""
+    """A link with a cylinder of uniform density that begins at its joint."""
     across = mass * (3.0 * radius**2 + length**2) / 12.0
     tensor = f'ixx="{across}" iyy="{across}" izz="{0.5 * mass * radius**2}"'
     return (
@@ -115,7 +115,7 @@ def _link(name: str, mass: float, centre: float, length: float, radius: float) -
 
 
 def source_of(name: str) -> str:
-    """What ``load_robot`` takes for an arm."""
+    """Argument of ``load_robot`` for an arm."""
     return iiwa14() if name == "iiwa14" else name
 
 
@@ -147,7 +147,7 @@ def _room(rooms: Rooms, q: Array) -> float:
 
 
 def clutter(source: Source) -> Made:
-    """MotionBenchMaker: the problems that nothing is tuned on."""
+    """MotionBenchMaker: the problems not used for tuning."""
     folder = source.folder("panda")
     if folder is None:
         return
@@ -222,7 +222,7 @@ def _rng(*words: object) -> np.random.Generator:
 def _configurations(
     rng: np.random.Generator, own: Asked, member: Member, load: Any = None
 ) -> Iterator[Array]:
-    """Configurations that motors hold, away from limits, without end."""
+    """Endless random configurations that motors can hold, away from limits."""
     low, high = np.array(own["position"])
     low, high = np.maximum(low, -np.pi), np.minimum(high, np.pi)
     middle, half = 0.5 * (low + high), 0.45 * (high - low)
@@ -243,7 +243,7 @@ def _holds(member: Member, q: Array, effort: Array) -> bool:
 def _path(
     rng: np.random.Generator, own: Asked, member: Member
 ) -> tuple[Array, Callable[[Array], Array]]:
-    """A path by way of a third configuration, on which links stay apart."""
+    """A path via a third configuration, without self-collision."""
     rooms = Rooms({"obstacles": [], "margin": 0.0}, [member], 0.0)
     drawn = _configurations(rng, own, member)
     effort = np.array(own["effort"])
@@ -263,7 +263,7 @@ def _path(
 
 
 def scene_task(seed: int, name: str, number: int) -> Task:
-    """An arm among shapes that keep clear of a path, some of them not by much."""
+    """An arm among shapes that are clear of a path, some of them only just."""
     rng = _rng("scene", seed, name, number)
     own = arm(source_of(name), locked=LOCKED.get(name, {}))
     member = member_of(own)
@@ -288,7 +288,7 @@ def _thing(
     tool: str,
     number: int,
 ) -> Asked:
-    """A shape beside where the tool passes."""
+    """A shape next to the path of the tool."""
     q = at(np.array([rng.uniform(0.1, 0.9)]))[0]
     aside = rng.normal(size=3)
     aside *= rng.uniform(0.05, 0.35) / np.linalg.norm(aside)
@@ -317,17 +317,17 @@ def combinations(source: Source) -> Made:
 
 
 def combined_task(seed: int, number: int) -> Task:
-    """A random combination, done by a slow motion that stops at every goal."""
+    """A random combination, feasible for a slow motion that stops at every goal."""
     return task(combined_case(seed, number)[0])
 
 
 def combined_case(seed: int, number: int) -> tuple[Asked, float]:
-    """What a random combination asks for, and how long its slow motion takes [s]."""
+    """Specification of a random combination, and duration of its slow motion [s]."""
     rng = _rng("combination", seed, number)
     name = str(rng.choice(["panda", "ur5", "xarm7", "iiwa14"]))
     friction = float(rng.choice([0.0, 0.05, 0.1]))
     source, locked = source_of(name), LOCKED.get(name, {})
-    # Arms that are known by their names have data sheets.
+    # Arms given by name have data sheets.
     own = arm(source, locked=locked, sheet=source == name, friction=friction)
     member = member_of(own)
     mass = float(rng.uniform(0.3, 1.5))
@@ -357,11 +357,11 @@ def combined_case(seed: int, number: int) -> tuple[Asked, float]:
 def _apart(
     rng: np.random.Generator, own: Asked, member: Member, load: Asked, count: int
 ) -> list[Array]:
-    """Goals between which straight ways keep links apart, with the load held."""
+    """Goals with straight lines between them without self-collision, with the load."""
     rooms = Rooms({"obstacles": [], "margin": 0.0}, [member], 0.0)
     carrying = read_arm(own, own["gravity"], load)
     drawn, effort = _configurations(rng, own, member, load), np.array(own["effort"])
-    # No way leads out of where links touch.
+    # No path leads out of a self-collision.
     found = [next(q for q in drawn if _room(rooms, q[None]) >= APART)]
     s = np.linspace(0.0, 1.0, SAMPLES)[:, None]
     for _ in range(DRAWS):
@@ -374,7 +374,7 @@ def _apart(
 
 
 def _grasp(mass: float, frame: str) -> Asked:
-    """Two fingers that use 0.6 of their grip to hold a load at rest, at worst."""
+    """Two fingers that hold a load at rest with at most 0.6 of their grip."""
     radius, lever, friction = 0.02, 0.03, 0.5
     worst = mass * 9.81 * np.hypot(1.0, lever / radius)
     return {
@@ -390,7 +390,7 @@ def _grasp(mass: float, frame: str) -> Asked:
 
 
 def _slow_time(own: Asked, leg: Asked, start: Array, end: Array) -> float:
-    """How long a straight motion from rest to rest takes that keeps all limits [s]."""
+    """Duration of a straight motion from rest to rest that keeps all limits [s]."""
     member = read_arm(own, own["gravity"], leg.get("load"))
     s = np.linspace(0.0, 1.0, SAMPLES)
     way = end - start

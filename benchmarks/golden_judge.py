@@ -1,10 +1,10 @@
 """Judging motions of the golden set without the library's verification.
 
-What was asked for is plain data, as in ``cell_cases.py``, with some more keys (see
-:func:`judge`). A motion is cut at the ends of its segments, and each part is judged by
-``cell_judge.py`` with what is carried on it: torques of the movement, their replay,
-limits, the goal, exact distances. Here is what that does not know: other goals than
-joints and positions, torque rates, tool constraints, held loads, times of segments.
+The specification is plain data, as in ``cell_cases.py``, with further keys (see
+:func:`judge`). A motion is divided at the ends of its segments, and each part is
+checked by ``cell_judge.py`` with its load: torques of the movement, their replay,
+limits, the goal, exact distances. This module adds goals other than joints and
+positions, torque rates, tool constraints, held loads, and times of segments.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from benchmarks.exact_geometry import Array, Body
 from benchmarks.random_cells import write_motion
 
 Asked = dict[str, Any]
-# Times of segments may be off by this [s].
+# Tolerance of the times of segments [s].
 INSTANT = 1e-6
 # Half of what a margin may be missed by [m]; what excesses over regions and sums of
 # joints are relative to [m or rad].
 PLACE, REACH = 1e-5, 0.1
-# Where it is tight, distances are measured at so many instants between samples.
+# Number of instants between samples at which small distances are measured.
 CLOSE, FINER = 2e-3, 121
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is found about one motion.
+    """Findings on one motion.
 
     Attributes:
-        excess: Largest excess over a limit, relative to it; negative where all are
-            kept.
+        excess: Largest excess over a limit, relative to it; negative if all limits
+            are kept.
         clearance: Least distance beyond the margin [m]; infinite without pairs.
-        faults: What refutes the motion, in short sentences.
+        faults: Reasons that refute the motion, in short sentences.
     """
 
     excess: float
@@ -62,8 +62,8 @@ def read_arm(item: Mapping[str, Any], gravity: Sequence[float], load: Any) -> Me
     Args:
         item: The arm as :func:`~benchmarks.cell_arms.read_member` reads it; its
             position limits may be given.
-        gravity: In the world [m/s^2].
-        load: What it carries on this segment beside its own payload; or None.
+        gravity: Gravity in the world [m/s^2].
+        load: Its load on this segment in addition to its own payload; or None.
     """
     loads = [x for x in (item.get("payload"), load) if x]
     member = read_member({**item, "payload": None}, gravity)
@@ -80,7 +80,7 @@ def read_arm(item: Mapping[str, Any], gravity: Sequence[float], load: Any) -> Me
             place = frame.placement * solid.placement
             links.append(Body("payload", frame.parentJoint, solid.shape, place))
         near = {frame.parentJoint, model.parents[frame.parentJoint]}
-        # What holds a load touches it, and so do the neighbours of what holds it.
+        # The link that holds a load touches it, and so may its neighbours.
         disabled |= {frozenset((b.name, "payload")) for b in links if b.joint in near}
     if item.get("position") is not None:
         for joint in list(model.joints)[1:]:
@@ -93,13 +93,13 @@ def read_arm(item: Mapping[str, Any], gravity: Sequence[float], load: Any) -> Me
 
 
 class Rooms(Cell):
-    """Distances of a cell but for those of pairs that may touch."""
+    """Distances of a cell, except those of pairs that may touch."""
 
     def __init__(self, asked: Asked, members: Sequence[Member], begin: float) -> None:
         self._may_touch = {frozenset(pair) for pair in asked.get("may_touch", ())}
         self._own = asked.get("self_collision", True)
         obstacles = [read_obstacle(item) for item in asked["obstacles"]]
-        # What moves is where it is when the segment begins.
+        # Moving obstacles have the positions of the beginning of the segment.
         placed = [
             (
                 dataclasses.replace(
@@ -123,12 +123,12 @@ class Rooms(Cell):
 
     @property
     def watched(self) -> int:
-        """How many pairs are watched."""
+        """Number of checked pairs."""
         return len(self._pairs)
 
 
 class Turning(Plant):
-    """Arms whose slow joints may turn by rounding: dry friction holds them then."""
+    """Arms whose slow joints may reverse by rounding, as dry friction holds them."""
 
     def dry(
         self, p: int, s: Array, state: tuple[Array, Array, Array], u: Array
@@ -146,10 +146,10 @@ class Leg(Judge):
     """The judge of one segment.
 
     Args:
-        asked: What is asked for, the segment's own things among it.
+        asked: The specification, including that of the segment.
         movement: Its part of the motion, from time 0.
-        begin: When it begins [s].
-        last: Whether it is the last one.
+        begin: Time at which it begins [s].
+        last: Whether it is the last segment.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class Leg(Judge):
         self.plant = Turning(self.members, movement)
 
     def limits_and_torques(self) -> None:
-        """Those of every judge, torque rates, and the rules."""
+        """Limits of every judge, torque rates, and the rules."""
         super().limits_and_torques()
         if self.case.get("effort_rate") is not None:
             excess = self._steepest() - 1.0
@@ -190,8 +190,8 @@ class Leg(Judge):
     def _steepest(self) -> float:
         """Largest torque rate over a millisecond, as a share of its limit.
 
-        Dry friction jumps where a joint turns, which no rate of a motor can follow; it
-        is left out.
+        Dry friction is left out, as it jumps where a joint reverses, which no torque
+        with a finite rate can follow.
         """
         move, s = self.movement, np.linspace(0.0, 1.0, 21)
         times, motors = [], []
@@ -207,10 +207,10 @@ class Leg(Judge):
         return float(np.max(rates / np.array(self.case["effort_rate"])))
 
     def replay(self) -> tuple[Array, Array, Array]:
-        """The torques integrated; without feedback where they do not follow the nodes.
+        """Replay of the torques; without feedback if they do not follow the nodes.
 
-        Torques that are given, constant on long intervals, lead beside the cubics
-        between the nodes, and feedback would pull back to these.
+        Given torques that are constant on long intervals deviate from the cubics
+        between the nodes, and feedback would pull the motion back to the cubics.
         """
         found = super().replay()
         if not self.movement.held or self.figures["feedback"] <= FEEDBACK:
@@ -220,7 +220,7 @@ class Leg(Judge):
             return super().replay()
 
     def place(self, frame: str, q: Array) -> pin.SE3:
-        """Where a frame is in the world; "1/tool0" is one of the second arm."""
+        """Pose of a frame in the world; "1/tool0" is a frame of the second arm."""
         number, _, own_name = frame.rpartition("/")
         arm = int(number or 0)
         member = self.members[arm]
@@ -231,7 +231,7 @@ class Leg(Judge):
         return member.base * data.oMf[model.getFrameId(own_name)]
 
     def goal(self, q: Array, v: Array) -> None:
-        """Where the replay ends, after the time that it stays there."""
+        """End of the replay, after its dwell."""
         goal = self.case["goal"]
         miss = self.miss(goal, q)
         self.figures["goal_error"] = miss
@@ -244,7 +244,7 @@ class Leg(Judge):
         self.check(speed <= SPEED, f"{speed:.1e} too fast at the goal")
 
     def miss(self, goal: Mapping[str, Any], q: Array) -> float:
-        """How far a configuration is from a goal [rad or m]."""
+        """Distance of a configuration from a goal [rad or m]."""
         kind = goal["kind"]
         if kind == "any":
             return min(self.miss(one, q) for one in goal["goals"])
@@ -252,7 +252,7 @@ class Leg(Judge):
             return max(self.miss(one, q) for one in goal["goals"])
         if kind == "joint":
             off = np.abs(q - np.array(goal["q"]))
-            # Joints without limits are angles: any number of turns will do.
+            # Joints without limits are angles: any number of whole turns is accepted.
             turned = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
             off = np.where(np.isinf(self.high), turned, off)
             return float(np.max(off - np.array(goal.get("tolerance", 0.0))))
@@ -272,7 +272,7 @@ class Leg(Judge):
         return off
 
     def clearance(self, t: Array, q: Array) -> None:
-        """Exact distances every millisecond, and closer where it is tight."""
+        """Exact distances every millisecond, and more densely where they are small."""
         cell = Rooms(self.case, self.members, self.begin)
         if not cell.watched:
             return
@@ -298,7 +298,7 @@ def _angle(one: Any, other: Any) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
-# -- rules: what holds at all times ----------------------------------------------------
+# -- rules: constraints at all times ---------------------------------------------------
 
 # Of a judge, a rule and states at some instants: the excess, and what of it is let
 # pass.
@@ -379,7 +379,7 @@ def _coupling(leg: Leg, rule: Any, q: Array, v: Array, a: Array) -> Any:
 
 
 def _wrenches(leg: Leg, rule: Any, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-    """Forces and moments that move a load, about the frame, in its axes."""
+    """Forces and moments that accelerate a load, about the frame, in its axes."""
     gravity = np.array(leg.case["gravity"], dtype=float)
     inertia = np.array(rule.get("inertia") or np.zeros((3, 3)))
     centre, forces, moments = np.array(rule["center"], dtype=float), [], []
@@ -439,7 +439,7 @@ def judge(asked: Asked, solution: Any) -> Verdict:
             dictionary with ``goal`` and maybe ``load``, ``rules``, ``obstacles``,
             ``may_touch``, ``acceleration``, ``stop``, ``dwell`` and ``arrival``. Beside
             them ``rules`` for all, ``effort_rate``, ``self_collision`` and ``period``.
-        solution: The solution, of which its segments are used.
+        solution: The solution, whose segments are used.
     """
     faults: list[str] = []
     figures: dict[str, float] = {}
@@ -468,7 +468,7 @@ def judge(asked: Asked, solution: Any) -> Verdict:
 
 
 def _movement(trajectory: Any, friction: Array) -> Movement:
-    """The motion as it is written to a file and read without the library."""
+    """The motion, written to a file and read without the library."""
     robot = SimpleNamespace(friction=friction)
     part = SimpleNamespace(trajectory=trajectory, problem=SimpleNamespace(robot=robot))
     with tempfile.TemporaryDirectory() as folder:
@@ -478,7 +478,7 @@ def _movement(trajectory: Any, friction: Array) -> Movement:
 
 
 def _times(leg: Mapping[str, Any], part: Any, movement: Movement) -> list[str]:
-    """What is wrong with when a goal is met, and how long the arm stays there."""
+    """Faults of the arrival at a goal, and of the dwell there."""
     found = []
     dwell = leg.get("dwell", 0.0)
     if dwell:
@@ -498,7 +498,7 @@ def _times(leg: Mapping[str, Any], part: Any, movement: Movement) -> list[str]:
 
 
 def _joints(parts: Sequence[Any]) -> list[str]:
-    """Whether the segments fit together."""
+    """Whether the motion is continuous from segment to segment."""
     found = []
     for one, other in itertools.pairwise(parts):
         a, b = one.trajectory, other.trajectory
@@ -517,7 +517,7 @@ def _ticks(period: float | None, trajectory: Any) -> list[str]:
 
 
 def shape(kind: str, size: Sequence[float], **place: Any) -> Asked:
-    """A shape as plain data, at the origin where nothing else is said."""
+    """A shape as plain data, by default at the origin."""
     return {
         "name": place.get("name", kind),
         "shape": kind,

@@ -1,8 +1,9 @@
 """Problems as plain data, and the same for the library.
 
-What is asked for is drawn and written down without the planner, so that every commit
-gets the same problems, and the judge (``golden_judge.py``) reads it without the
-library. :func:`build` makes a problem of the library from it, by its public interface.
+Specifications are drawn and written down without the planner, so that every commit
+gets the same problems, and the judge (``golden_judge.py``) reads them without the
+library. :func:`build` makes a problem of the library from a specification, by the
+public interface.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from benchmarks.exact_geometry import Array
 from benchmarks.golden_judge import Asked, Verdict, judge, read_arm
 from benchmarks.random_goals import LOCKED_JOINTS
 
-# Joints that do not move unless it is said otherwise [rad or m].
+# Joints that are locked by default [rad or m].
 LOCKED = {**LOCKED_JOINTS, "z1": {"jointGripper": 0.0}}
-# Numbers are compared to so many digits.
+# Number of digits in which numbers are compared.
 DIGITS = 9
 # Which problems a fingerprint is of, not where files lie.
 PLACES = ("urdf", "srdf", "source")
@@ -40,12 +41,12 @@ class Task:
     Attributes:
         problem: The problem.
         judged: The judge.
-        numbers: What it is made of; its fingerprint tells whether two commits had the
-            same one.
-        options: Options that are not the default.
+        numbers: Its plain data; the fingerprint shows whether two commits had the
+            same problem.
+        options: Options that differ from the default.
         start: Makes the former motion of a warm start; it is not measured.
-        slack: Share of T to be given away by ``tm.smooth`` afterwards; None for none.
-        measure: What is least, if that is not T.
+        slack: Share of T that ``tm.smooth`` may add afterwards; None for no smoothing.
+        measure: The objective, if it is not T.
     """
 
     problem: tm.Problem
@@ -58,13 +59,13 @@ class Task:
 
     @property
     def fingerprint(self) -> str:
-        """A short name of the numbers that the problem is made of."""
+        """A short hash of the plain data of the problem."""
         words = json.dumps(_rounded([self.numbers, dict(self.options)]), sort_keys=True)
         return hashlib.sha256(words.encode()).hexdigest()[:12]
 
 
 def _rounded(value: Any) -> Any:
-    """Plain data whose numbers have few digits, without places of files."""
+    """Plain data whose numbers have few digits, without paths of files."""
     if isinstance(value, Mapping):
         return {str(k): _rounded(v) for k, v in value.items() if k not in PLACES}
     if isinstance(value, np.ndarray):
@@ -93,7 +94,7 @@ def arm(
     load: Asked | None = None,
     **place: Sequence[float],
 ) -> Asked:
-    """An arm as plain data, its limits among it.
+    """An arm as plain data, including its limits.
 
     Args:
         source: Name of the robot, or its URDF file.
@@ -102,8 +103,8 @@ def arm(
         sheet: Whether limits are those of the maker's data sheet.
         friction: Dry friction as a share of the torque limits; None for that of the
             description.
-        load: What it always carries.
-        **place: ``base`` and ``base_rpy``, where it stands.
+        load: Its permanent load.
+        **place: ``base`` and ``base_rpy``, the pose of its base.
     """
     fixed = LOCKED.get(source, {}) if locked is None else dict(locked)
     limits = "datasheet" if sheet else "urdf"
@@ -133,7 +134,7 @@ def arm(
 
 
 def _published(robot: tm.Robot) -> dict[str, list[float]]:
-    """Limits of accelerations and the like that a robot comes with."""
+    """Default limits of accelerations, jerks and torque rates of a robot."""
     limits, found = robot.motion_limits, {}
     for name in ("acceleration", "jerk", "effort_rate"):
         values = None if limits is None else getattr(limits, name)
@@ -169,12 +170,12 @@ def payload(load: Asked) -> tm.Payload:
 
 
 def member_of(item: Asked) -> Member:
-    """The arm as the judge has it."""
+    """The arm for the judge."""
     return read_arm(item, item["gravity"], None)
 
 
 def placement(member: Member, q: Array, frame: str) -> pin.SE3:
-    """Where a frame of an arm is in the world, without the library."""
+    """Pose of a frame of an arm in the world, without the library."""
     model = member.arm.model
     data = model.createData()
     pin.framesForwardKinematics(model, data, member.configuration(q))
@@ -240,13 +241,13 @@ RULE_NAMES: dict[str, Callable[..., tm.PathConstraint]] = {
 def asked(
     arms: Sequence[Asked] | Asked, q_start: Array, goal: Asked | None, **more: Any
 ) -> Asked:
-    """What is asked for.
+    """The specification of a problem.
 
     Args:
         arms: One arm, or several.
-        q_start: Where all joints are, shape (n,).
-        goal: The goal; None where ``legs`` are given.
-        **more: What differs from the usual, see :func:`~benchmarks.golden_judge.judge`.
+        q_start: Start positions of all joints, shape (n,).
+        goal: The goal; None if ``legs`` are given.
+        **more: Further keys, see :func:`~benchmarks.golden_judge.judge`.
     """
     every = [arms] if isinstance(arms, Mapping) else list(arms)
     found: Asked = {
@@ -271,7 +272,7 @@ def build(case: Asked) -> tm.Problem:
     """The problem for the library.
 
     Raises:
-        TominpmpError: If it takes the problem for a wrong one.
+        TominpmpError: If the library refuses the problem.
     """
     robots = [robot_of(item) for item in case["arms"]]
     names = case["arms"][0]["joints"]
@@ -334,7 +335,7 @@ def task(case: Asked, start: Callable[[], Start] | None = None, **more: Any) -> 
     """A task of plain data.
 
     Args:
-        case: What is asked for.
+        case: The specification.
         start: Makes the former motion of a warm start.
         **more: ``slack`` and ``measure`` of the task; the others are options.
     """

@@ -1,8 +1,8 @@
-"""Running the golden set: each problem in a process of its own, a row as it is known.
+"""Running the golden set: each problem in a separate process, rows as they are known.
 
-What one problem leaves behind (caches, random numbers of OMPL, paces that were
-measured) does not reach the next. All modules are loaded before, and robots and scenes
-read, so that the processor time is that of the planner alone.
+The state after one problem (caches, random numbers of OMPL, measured times of programs)
+has no effect on the next. All modules are loaded before, and robots and scenes
+are read, so that the processor time is that of the planner alone.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ COLUMNS = (
     "message",
 )
 PARTS = ("tuned", "fresh")
-# Variant of the planner as it is.
+# Variant without a change of the planner.
 BASE = ""
-# How a problem ends whose process was killed when its time was used up, or by itself.
+# Status of a problem whose process was killed at its time limit, or crashed.
 OVER, DIED = "TIME_USED_UP", "DIED"
 LONGEST_MESSAGE = 160
 # Packages of the library that no plan needs.
@@ -68,8 +68,8 @@ class Item:
         group: Its group.
         name: Its name.
         data: Folder of MotionBenchMaker; None without.
-        seed: Of a fresh part; 0 else.
-        variant: What of the planner is switched off, see ``ablation.py``.
+        seed: Seed of a fresh part; otherwise 0.
+        variant: Variant of the planner, see ``ablation.py``.
     """
 
     part: str
@@ -89,8 +89,8 @@ class Rows:
     """The CSV file: rows of earlier runs, and rows added one by one.
 
     Args:
-        path: The file; rows that are in it stay.
-        revision: Of the library; rows of others are not mixed with them.
+        path: The file; its rows are kept.
+        revision: Revision of the library; rows of other revisions are refused.
 
     Raises:
         SystemExit: If the file has other columns, or rows of another revision.
@@ -104,7 +104,7 @@ class Rows:
                 f"{path} has rows of revision {', '.join(sorted(others))}, and the "
                 f"library is {revision}; choose another --csv"
             )
-        # What died of itself or was killed may do better.
+        # Problems that crashed or were killed are tried again.
         self.rows = {
             key: row
             for key, row in self.rows.items()
@@ -176,9 +176,9 @@ def items(
     Args:
         part: "tuned" or "fresh".
         groups: Names of groups; None for all.
-        data: Folder of MotionBenchMaker; groups that need it have none without.
-        seed: Of a fresh part.
-        every: Of each group, the first of so many problems.
+        data: Folder of MotionBenchMaker; without it groups that need it are empty.
+        seed: Seed of a fresh part.
+        every: Of each group, the first of this many problems.
     """
     from benchmarks.golden_cases import Source
 
@@ -218,7 +218,7 @@ def measure(task: Task, *, judged: bool = True) -> dict[str, Any]:
 
     former = None if task.start is None else task.start()
     begin = _processor_time()
-    # The clock has no say in what is compared: budgets are another benchmark's.
+    # Without a time limit results do not depend on the clock; latency.py has limits.
     options = {"max_planning_time": math.inf, **task.options}
     solution = tm.plan(task.problem, start=former, **options)
     if task.slack is not None and solution.success:
@@ -251,7 +251,7 @@ def measure(task: Task, *, judged: bool = True) -> dict[str, Any]:
 
 
 def _processor_time() -> float:
-    """Of this process and of those that it has started [s]."""
+    """Processor time of this process and its children [s]."""
     others = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + others.ru_utime + others.ru_stime
 
@@ -269,7 +269,7 @@ def _text(value: Any) -> str:
 
 
 def _work(sender: Connection, item: Item, limit: float, judged: bool) -> None:
-    """In a process of its own: plan one problem and send its columns."""
+    """Plan one problem and send its columns; runs in a separate process."""
     import tominpmp as tm
     from benchmarks.ablation import switched
 
@@ -286,7 +286,7 @@ def _work(sender: Connection, item: Item, limit: float, judged: bool) -> None:
     except tm.TominpmpError as error:
         words = " ".join(str(error).split())[:LONGEST_MESSAGE]
         columns |= {"status": type(error).__name__, "message": words, "success": False}
-    except Exception as error:  # one bad problem is not to end the whole run
+    except Exception as error:  # one faulty problem must not end the whole run
         words = " ".join(str(error).split())[:LONGEST_MESSAGE]
         columns |= {"status": f"ERROR {type(error).__name__}", "message": words}
         columns["success"] = False
@@ -308,10 +308,10 @@ def run(
 
     Args:
         wanted: The problems.
-        rows: Where rows go.
+        rows: The file of the rows.
         version: Revision of the library.
         jobs: Number of processes at once.
-        limit: Processor time of a problem [s]; its process is ended then.
+        limit: Processor time of a problem [s], after which its process is ended.
         judged: Whether motions are judged.
         show: Called with each row.
     """
@@ -344,7 +344,7 @@ def run(
 
 
 def _columns(process: BaseProcess, receiver: Connection) -> dict[str, Any]:
-    """What a process has sent before it ended."""
+    """Columns that a process has sent before it ended."""
     try:
         if receiver.poll():
             return dict(receiver.recv())
@@ -356,7 +356,7 @@ def _columns(process: BaseProcess, receiver: Connection) -> dict[str, Any]:
 
 
 def _modules() -> Iterator[str]:
-    """What is loaded before the first problem."""
+    """Load modules, robots and scenes before the first problem."""
     import tominpmp
 
     yield from ("benchmarks.golden_cases", "benchmarks.golden_fresh")

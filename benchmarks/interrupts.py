@@ -1,15 +1,15 @@
-"""Interrupts: Ctrl-C at random instants of plans, and what comes back.
+"""Interrupts: Ctrl-C at random instants of plans, and their results.
 
     python -m benchmarks.interrupts
     python -m benchmarks.interrupts --count 20 --seed 3
 
 Each of ``--count`` plans of a few problems is interrupted once, at an instant drawn
-evenly from the time that the whole plan takes. It has to return soon, with the status
-INTERRUPTED, and with a motion that is verified or no motion at all: a motion that was
-found before the interrupt is never lost, which is told by the records that the callback
-has seen. A plan that had ended before the interrupt counts as ended.
+uniformly from the duration of the whole plan. It has to return soon, with the status
+INTERRUPTED, and with a verified motion or no motion at all. A motion found before the
+interrupt must not be lost, which is checked by the records that the callback received.
+A plan that ended before the interrupt counts as ended.
 
-Results go to a CSV file; the exit code is 1 where a rule is broken.
+Results go to a CSV file; the exit code is 1 if a rule is broken.
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -53,7 +53,7 @@ SWUNG = (1.6, 0.4, 0.0, -1.2, 0.0, 2.0, 0.785)
 
 
 def reach(**changes: Any) -> tm.Problem:
-    """The bundled planar arm beside a ball."""
+    """The bundled planar arm next to a ball."""
     ball = tm.Sphere("ball", radius=0.4, position=(3.0, 1.0, 0.0))
     goal = tm.JointGoal(PLANAR[1])
     robot, scene = tm.load_robot("planar3r"), tm.Scene([ball])
@@ -92,18 +92,18 @@ PROBLEMS: dict[str, tuple[Callable[[], tm.Problem], dict[str, Any]]] = {
 
 
 class Seen:
-    """A callback that remembers whether a record kept all constraints."""
+    """A callback that notes whether a record satisfied all constraints."""
 
     def __init__(self) -> None:
         self.found = False
 
     def __call__(self, record: tm.IterationRecord) -> None:
-        """See a record."""
+        """Examine a record."""
         self.found |= record.violation <= tm.Options().feasibility
 
 
 def interrupted(problem: tm.Problem, options: dict[str, Any], instant: float) -> Any:
-    """Plan, with Ctrl-C after a time [s]; the solution, and how long it took."""
+    """Plan, with Ctrl-C after a time [s]; the solution, and the planning time."""
 
     def press(number: int, frame: FrameType | None) -> None:
         signal.raise_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-r"""Whether T depends on what must not matter: order of obstacles, grid, LP solver.
+r"""Invariance of T: order of obstacles, grid and LP solver must not matter.
 
 Each problem of the MotionBenchMaker set is planned once with default options, then with
 its obstacles in other orders, on other numbers of intervals, and with another solver
@@ -8,8 +8,8 @@ for the linear programs.
     python -m benchmarks.invariance --data DIR --scenes box --problems 1-3 \
         --variants reversed,N=60
 
-The table says for each variant by how much T differs from that of the default, and in
-how many problems by more than a hundredth. Rows are in a CSV file as soon as they are
+The table has, for each variant, the difference of T from the default, and the number of
+problems in which it exceeds one per cent. Rows are in a CSV file as soon as they are
 known.
 """
 
@@ -37,12 +37,12 @@ from benchmarks.timed_plan import timed_plan
 COLUMNS = ("problem", "variant", "status", "success", "T", "seconds")
 DEFAULT = "default"
 VARIANTS = ("reversed", "shuffled", "N=30", "N=50", "N=60", "highs")
-# T is to stay within this share.
+# Target for the difference of T, as a share.
 SHARE = 0.01
 
 
 def varied(problem: tm.Problem, variant: str) -> tuple[tm.Problem, dict[str, Any]]:
-    """The same problem in another form, and the options that go with it.
+    """The same problem in another form, and its options.
 
     Args:
         problem: The problem.
@@ -95,10 +95,10 @@ def line(variant: str, sheet: Sheet) -> tuple[object, ...]:
 HEADER = (
     "variant",
     "found",
-    "T to the default's: mean",
+    "T relative to the default: mean",
     "least",
     "largest",
-    "apart by more than 1 %",
+    "difference above 1 %",
     "time / default's",
 )
 

@@ -1,14 +1,14 @@
 """Judging a motion of an arm among obstacles, without the library.
 
-A yardstick must not be made by those it measures, so nothing here imports the library:
+The judge must be independent of the library, so this module does not import it:
 the scene and the request are read anew, the robot is built from its URDF and SRDF by
-Pinocchio, links are the triangle meshes of the description as they are, and the torques
-are replayed by scipy. What is judged, of the replayed motion, is:
+Pinocchio, links are the unmodified triangle meshes of the description, and the torques
+are replayed by scipy. The checks of the replayed motion are:
 
 - clearance, of all links to all obstacles and to each other, every millisecond;
-- position, velocity and torque limits, every millisecond and to both sides of the
+- position, velocity and torque limits, every millisecond and on both sides of the
   jumps of the torque;
-- where the motion ends.
+- the end of the motion.
 """
 
 from __future__ import annotations
@@ -57,17 +57,17 @@ def read_request(path: Path) -> Request:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a motion.
+    """Verdict on a motion.
 
     Attributes:
-        clearance: The closest that it came to anything.
-        closest_time: When [s].
+        clearance: Its closest approach.
+        closest_time: Time of the closest approach [s].
         position_excess: Largest excess relative to the range of the joint.
         velocity_excess: Largest excess relative to the limit.
         effort_excess: Largest excess relative to half the range of the torque.
         goal_error: Largest distance of a joint from the goal at the end [rad].
         goal_speed: Largest speed of a joint at the end [rad/s].
-        replay_error: Largest distance of a joint from the plan on the way [rad].
+        replay_error: Largest distance of a joint from the plan along the motion [rad].
     """
 
     clearance: Clearance
@@ -86,13 +86,13 @@ class Verdict:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """What is wrong with it, in single words."""
+        """Faults of the motion, in single words."""
         excesses = {
             "position": self.position_excess,
             "velocity": self.velocity_excess,
             "effort": self.effort_excess,
         }
-        # Written so that a figure that is no number is a fault.
+        # Written so that NaN is a fault.
         found = [k for k, v in excesses.items() if not v <= LIMIT_TOLERANCE]
         if not self.clearance.distance > 0.0:
             found.append("contact")
@@ -108,9 +108,9 @@ def replay(
 
     Args:
         arm: The arm.
-        motion: The motion, of which the torques alone are used.
+        motion: The motion, whose torques alone are used.
         knots: Times between which the torques are smooth, from 0 to T, shape (N+1,).
-        q_start: Where the arm stands at first, shape (n,).
+        q_start: Start configuration, shape (n,).
 
     Returns:
         Times, positions and velocities, every millisecond and at the knots: shapes
@@ -155,18 +155,18 @@ def judge(
 ) -> Verdict:
     """Judge a motion.
 
-    Without control an arm is unstable: what a replay rounds off grows by about ten a
-    quarter of a second on a Panda, so that motions of more than three seconds cannot be
-    replayed, and the integrator is as exact as it can be.
+    Without control an arm is unstable: on a Panda rounding errors of a replay grow by a
+    factor of about ten every quarter of a second, so that motions of more than three
+    seconds cannot be replayed, and the integrator is as accurate as possible.
 
     Args:
         arm: The arm.
-        surroundings: What it must not touch.
-        request: Where it must begin and end.
+        surroundings: The obstacles.
+        request: Required start and goal.
         motion: The motion.
         knots: Times between which the torques are smooth, from 0 to T, shape (N+1,).
-        replayed: Whether to judge the replay of the torques, or else the positions and
-            velocities of the motion itself.
+        replayed: Whether to judge the replay of the torques; otherwise the positions
+            and velocities of the motion itself.
     """
     start, goal = arm.vector(request.start), arm.vector(request.goal)
     times, q, v = replay(arm, motion, knots, start)

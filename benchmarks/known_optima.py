@@ -1,4 +1,4 @@
-r"""Problems whose minimum time is known: how near each method comes, on which grid.
+r"""Problems whose minimum time is known: errors of each method, on each grid.
 
 The problems, their minimum times in closed form or by shooting and their sources are in
 tests/optimum_cases.py and tests/two_link_cases.py.
@@ -11,8 +11,8 @@ tests/optimum_cases.py and tests/two_link_cases.py.
         --efforts quick,standard,thorough
     python -m benchmarks.known_optima --search --families level
 
-``--search`` looks for faster motions than the known ones by a direct method that shares
-nothing with the library: Runge-Kutta steps on the equations written by hand, IPOPT,
+``--search`` searches for faster motions than the known ones by a direct method that
+shares no code with the library: Runge-Kutta steps on hand-written equations, IPOPT,
 random starts. It needs casadi. Results go to a CSV file, a row as soon as it is known,
 and as tables to the standard output or to a file.
 """
@@ -95,7 +95,7 @@ def measure(
     grid: str,
     refine: str,
 ) -> Row:
-    """Plan a problem and compare T with the known one."""
+    """Plan a problem and compare T with the known minimum."""
     options = Options(
         method=method,
         effort=effort,
@@ -126,7 +126,7 @@ def measure(
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
-    """Measure everything that is asked for."""
+    """Measure all requested settings."""
     rows: list[Row] = []
     arguments.csv.parent.mkdir(parents=True, exist_ok=True)
     with arguments.csv.open("w", newline="") as file:
@@ -162,7 +162,7 @@ def _progress(row: Row) -> str:
 
 
 def _cell(row: Row) -> str:
-    """Relative error, iterations, seconds, and what went wrong."""
+    """Relative error, iterations, seconds, and the failure, if any."""
     if not row["success"]:
         return f"no motion ({row['status'].lower()})"
     note = "" if row["status"] == "CONVERGED" else f", {row['status'].lower()}"
@@ -173,7 +173,7 @@ def _cell(row: Row) -> str:
 
 
 def markdown_tables(rows: Iterable[Row]) -> str:
-    """One table a method: a row for each problem, a column for each setting."""
+    """One table per method: a row for each problem, a column for each setting."""
     rows = list(rows)
     parts = []
     for method in dict.fromkeys(row["method"] for row in rows):
@@ -199,9 +199,9 @@ def _line(cells: Iterable[str]) -> str:
 
 
 class DirectSearch:
-    """Minimum time by a direct method on equations written by hand.
+    """Minimum time by a direct method on hand-written equations.
 
-    Torques are constant on equal intervals; they and the states are unknown.
+    Torques are constant on equal intervals; torques and states are the unknowns.
 
     Args:
         task: The problem.
@@ -253,7 +253,7 @@ class DirectSearch:
         Args:
             rng: Random numbers.
             duration: T of the start [s].
-            wildness: How far the start is from a straight line [rad].
+            wildness: Distance of the start from a straight line [rad].
 
         Returns:
             T, infinite if IPOPT failed, and torques as shares of their range, shape
@@ -291,7 +291,7 @@ def read_structure(T: float, shares: Array) -> Structure:
         shares: Torques as shares of their range, shape (N, n).
 
     Returns:
-        The structure, with rough times.
+        The structure, with approximate times.
     """
     events: list[tuple[float, str]] = []
     step = T / shares.shape[0]
@@ -311,7 +311,7 @@ def read_structure(T: float, shares: Array) -> Structure:
 
 
 def search(case: Case, starts: int, seed: int) -> list[str]:
-    """Look for local optima; a line for each that is different."""
+    """Search for local optima; a line for each different optimum."""
     rng = np.random.default_rng(seed)
     direct = DirectSearch(case.task)
     found = []

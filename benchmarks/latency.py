@@ -1,16 +1,17 @@
-"""Latency: how long plans take that have no time limit but that of their effort.
+"""Latency: duration of plans with the default time limit of their effort.
 
     python -m benchmarks.latency
     python -m benchmarks.latency --efforts quick,standard --every 4 --data DIR
 
-The problems are those of the golden set that set no limit themselves (one of
+The problems are those of the golden set without a limit of their own (one of
 ``--every`` in each group), and the outliers: problems that once took ten seconds and
-more. Each is planned with the default limit of each effort, by the clock on the wall
-and on one thread. A plan may take 10 % and 0.2 s more than its limit; one that takes
-longer is counted as late, and the exit code is 1 then.
+more. Each is planned with the default limit of each effort, in wall-clock time
+and on one thread. A plan may take 10 % and 0.2 s more than its limit; a longer plan
+is counted as late, and the exit code is 1 then.
 
-Results go to a CSV file; the table has, for each effort, the time of plans in the
-median, at 95 % and at most, how many were cut short, found a motion, and were late.
+Results go to a CSV file; the table has, for each effort, the time of plans (median,
+95th percentile, maximum), and the numbers of plans that reached their limit, found a
+motion, and were late.
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -45,12 +46,12 @@ Make = Callable[[], tuple[tm.Problem, dict[str, Any]]]
 
 
 def is_late(seconds: float, limit: float) -> bool:
-    """Whether a plan took longer than 10 % and 0.2 s beyond its limit [s]."""
+    """Whether a plan exceeded its limit [s] by more than 10 % and 0.2 s."""
     return seconds > 1.1 * limit + 0.2
 
 
 def swift_iiwa14() -> tm.Problem:
-    """Speed limits out of reach, so that torques rule seven joints."""
+    """Seven joints with unreachable speed limits, so that torques limit the motion."""
     robot = tm.load_robot(iiwa14())
     limits = dataclasses.replace(robot.limits, velocity=np.full(robot.n, 10.0))
     robot = dataclasses.replace(robot, limits=limits)
@@ -58,7 +59,7 @@ def swift_iiwa14() -> tm.Problem:
 
 
 def talos_arm() -> tm.Problem:
-    """A gripper whose motor is hardly stronger than its own dry friction."""
+    """A gripper whose motor is hardly stronger than its dry friction."""
     robot = tm.load_robot("talos_arm", limits="urdf")
     low, high = robot.limits.position_lower, robot.limits.position_upper
     start, goal = np.zeros(robot.n), np.full(robot.n, 0.6)
@@ -85,11 +86,11 @@ OUTLIERS: dict[str, Callable[[], tm.Problem]] = {
 
 
 def problems(data: Path | None, every: int) -> Iterator[tuple[str, Make]]:
-    """Names of the problems, and what makes them with their options."""
+    """Names of the problems, and functions that make them with their options."""
     for name, make in OUTLIERS.items():
         yield name, lambda make=make: (make(), {})
     for item in items("tuned", data=data, every=every):
-        if item.group == "warm":  # these begin with another plan
+        if item.group == "warm":  # warm starts
             continue
 
         def of_item(item: Item = item) -> tuple[tm.Problem, dict[str, Any]]:

@@ -9,13 +9,14 @@
 
 DIR holds a folder for each scene with ``scene0001.yaml``, ``request0001.yaml`` and so
 on; the environment variable ``MOTIONBENCHMAKER`` may name it. The robot is the one
-whose URDF lies there, with its SRDF beside it, or else the Panda. Each motion is judged
-with exact meshes by the replay of its torques (see ``benchmarks/judging.py``), whatever
-the planner says of it. With ``--rival`` the problems are given to RRT-Connect with path
-simplification and TOPP-RA instead; with ``--both`` the two take turns. With the results
-of another run, as of twenty starts, a line says how far T is above the shorter of both.
+whose URDF and SRDF files are in this folder, or else the Panda. Each motion is checked
+with exact meshes by the replay of its torques (see ``benchmarks/judging.py``),
+independently of the verdict of the planner. With ``--rival`` the problems are solved by
+RRT-Connect with path simplification and TOPP-RA instead; with ``--both`` the two take
+turns. With the results of another run, for example with twenty starts, a line says how
+far T is above the shorter motion of both.
 
-Results go to a CSV file, a row as soon as it is known; what is there already is not
+Results go to a CSV file, a row as soon as it is known; existing rows are not
 computed again. A table is printed at the end.
 """
 
@@ -110,7 +111,7 @@ class Case:
 
     @property
     def _folder(self) -> Path:
-        """Where it is; some copies of the set add the robot to a scene's name."""
+        """Its folder; some copies of the set add the robot to the name of a scene."""
         longer = self.folder / f"{self.scene}_{ROBOT}"
         return longer if longer.is_dir() else self.folder / self.scene
 
@@ -126,13 +127,13 @@ class Case:
 
 
 class Stopwatch:
-    """Wall and processor time since it was made."""
+    """Wall-clock and processor time since the object was made."""
 
     def __init__(self) -> None:
         self._begin = time.perf_counter(), time.process_time()
 
     def columns(self) -> dict[str, float]:
-        """Both, for a row."""
+        """Both times, for a row."""
         wall, process = self._begin
         return {
             "seconds": time.perf_counter() - wall,
@@ -141,7 +142,7 @@ class Stopwatch:
 
 
 class Meter:
-    """Processor time spent in some functions; calls of one in another count once."""
+    """Processor time spent in some functions; nested calls count once."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
@@ -163,7 +164,7 @@ class Meter:
 
     @contextmanager
     def on(self, *owners: type) -> Iterator[Meter]:
-        """Measure all public methods of some classes for a while."""
+        """Context in which all public methods of some classes are measured."""
         methods = [
             (owner, name, value)
             for owner in owners
@@ -188,7 +189,7 @@ def load_arm(
 
     Args:
         name: The robot: its URDF file, or its name.
-        locked: Names and positions of the joints that do not move.
+        locked: Names and positions of the locked joints.
     """
     from tominpmp.robot.robot import load_robot
 
@@ -203,7 +204,7 @@ def load_arm(
 
 @dataclass(frozen=True)
 class Court:
-    """A problem with the planner's robot and the judge's things."""
+    """A problem with the robot of the planner and the objects of the judge."""
 
     case: Case
     robot: Any
@@ -250,7 +251,7 @@ class Court:
 
 
 def run_library(court: Court, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Plan with the library, with default options but for effort, time and starts."""
+    """Plan with default options of the library, except effort, time and starts."""
     import tominpmp as tm
     from tominpmp.constraints.clearance import ClearanceConstraint
     from tominpmp.files.moveit import load_moveit
@@ -344,7 +345,7 @@ def run_case(case: Case, arguments: argparse.Namespace) -> Row:
     run = run_rival if arguments.rival else run_library
     try:
         columns = run(Court.of(case), arguments)
-    except Exception as error:  # one bad problem is not to end the whole run
+    except Exception as error:  # one faulty problem must not end the whole run
         words = " ".join(str(error).split())
         columns = {"status": f"{type(error).__name__}: {words}", "success": False}
         columns["faults"] = "no motion"
@@ -357,10 +358,10 @@ def _text(value: Any) -> str:
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
-    """Run the missing problems and return all rows that were asked for.
+    """Run the missing problems and return all requested rows.
 
-    With ``--both`` the library and its rival take turns, so that a slow hour of the
-    machine meets both; the rows are the library's.
+    With ``--both`` the library and its rival take turns, so that slow periods of the
+    machine affect both; the rows are those of the library.
     """
     wanted = []
     sides = (False, True) if arguments.both else (arguments.rival,)
@@ -387,7 +388,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 
 def own_columns(rival: bool) -> tuple[str, ...]:
-    """Columns that only the library or only the rival has."""
+    """Columns that exist only for the library or only for the rival."""
     return RIVALS if rival else OURS
 
 
@@ -430,7 +431,7 @@ def add_problems(parser: argparse.ArgumentParser, numbers: str) -> None:
 
     Args:
         parser: The parser.
-        numbers: Which ones of each scene by default, such as "1-20".
+        numbers: Default numbers of the problems of each scene, such as "1-20".
     """
     place = os.environ.get(VARIABLE)
     parser.add_argument(
@@ -471,7 +472,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         default=Path("out/motionbenchmaker_rival.csv"),
         metavar="CSV",
-        help="results of another run to compare with, if they are there",
+        help="results of another run to compare with, if the file exists",
     )
     for name, unit in (("acceleration", "rad/s^2"), ("jerk", "rad/s^3")):
         parser.add_argument(

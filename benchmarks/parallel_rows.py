@@ -2,9 +2,9 @@
 
 Rows are the derivatives of inverse dynamics, the distances and their gradients at the
 instants of a motion. They are independent of each other, so that several threads or
-processes, each with scratch memory of its own, can share them. Measured are one round
-of rows, the best of many repetitions by the clock on the wall, and the share of
-planning that such rounds take, which bounds what can be gained (Amdahl).
+processes, each with separate scratch memory, can share them. The benchmark measures one
+round of rows (minimum wall-clock time of many repetitions), and the share of these
+rounds in planning, which bounds the possible gain (Amdahl).
 
     python -m benchmarks.parallel_rows
     python -m benchmarks.parallel_rows --scene scene0001.yaml --request request0001.yaml
@@ -38,17 +38,17 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
 
 COLUMNS = ("problem", "intervals", "work", "way", "milliseconds", "gain")
-# Instants of an interval at which rows are.
+# Instants of an interval with rows.
 ROWS_PER_INTERVAL = 2
 # Distances beyond this share of a metre are bounds only, and give no rows.
 CUTOFF = 0.1
-# How far configurations are from those of the round before [rad].
+# Distance of configurations from those of the preceding round [rad].
 JITTER = 0.01
 WORK = ("dynamics", "distances", "both")
 
 
 class Rows:
-    """What computes rows; every worker has its own."""
+    """Calculator of rows; every worker has a separate one."""
 
     def __init__(self, problem: tm.Problem) -> None:
         self.dynamics = RobotDynamics(problem.robot)
@@ -83,12 +83,12 @@ _own: list[Rows] = []
 
 
 def begin_process(problem: bytes) -> None:
-    """Prepare a process: it keeps its robot and scene."""
+    """Prepare a process, which keeps its robot and scene."""
     _own.append(Rows(pickle.loads(problem)))
 
 
 def in_process(work: str, *states: Any) -> Any:
-    """Compute rows in a process that was prepared; tells its processor time too."""
+    """Compute rows in a prepared process; returns its processor time, too."""
     begin = time.process_time()
     found = _own[0].compute(work, *states)
     return found, time.process_time() - begin
@@ -106,7 +106,7 @@ def panda(arguments: argparse.Namespace) -> tm.Problem:
 
 
 def two_ur5(arguments: argparse.Namespace) -> tm.Problem:
-    """Two UR5s over a table, of the example of that name."""
+    """Two UR5s over a table, from the example of this name."""
     import two_ur5 as example
 
     return example.problem(example.workcell())
@@ -116,7 +116,7 @@ PROBLEMS = {"panda": panda, "two_ur5": two_ur5}
 
 
 def best(task: Callable[[int], Any], repetitions: int) -> float:
-    """Least time of several calls by the clock on the wall [s]."""
+    """Minimum wall-clock time of several calls [s]."""
     least = np.inf
     for number in range(repetitions):
         begin = time.perf_counter()
@@ -126,10 +126,10 @@ def best(task: Callable[[int], Any], repetitions: int) -> float:
 
 
 def best_path(task: Callable[[int], list[Any]], repetitions: int) -> float:
-    """Least time of several calls if every process had a core to itself [s].
+    """Minimum time of several calls if every process had a separate core [s].
 
-    That is the processor time of the slowest worker, and that of this process, which
-    hands out the work and collects what comes back.
+    This is the processor time of the slowest worker plus that of this process, which
+    distributes the work and collects the results.
     """
     least = np.inf
     for number in range(repetitions):
@@ -164,7 +164,7 @@ def shared_round(
 
 
 def one_round(rows: Rows, work: str, states: list[list[Any]], number: int) -> list[Any]:
-    """One round without anybody's help, told as that of no worker."""
+    """One round in this process, without workers."""
     rows.compute(work, *states[number % len(states)])
     return [(None, 0.0)]
 
@@ -172,11 +172,11 @@ def one_round(rows: Rows, work: str, states: list[list[Any]], number: int) -> li
 def measure(
     problem: tm.Problem, motion: tm.Trajectory, N: int, arguments: argparse.Namespace
 ) -> dict[tuple[str, str], float]:
-    """Times of one round of rows [s], by kind of work and by the way it is done."""
+    """Times of one round of rows [s], by kind of work and by method."""
     times = np.linspace(0.0, motion.duration, ROWS_PER_INTERVAL * N)
     state = motion(times)
     rng = np.random.default_rng(0)
-    # As from one iteration to the next, no motion is quite like the one before.
+    # Successive motions differ slightly, as those of successive iterations do.
     states = [
         [state.q + JITTER * rng.normal(size=state.q.shape), state.v, state.a]
         for _ in range(5)
@@ -209,7 +209,7 @@ def measure(
 
 
 def compared(way: str) -> str:
-    """What a way is compared with: walls with walls, processors with processors."""
+    """Reference of a method: wall-clock times with wall-clock times, and so on."""
     return "one core" if "core" in way else "one"
 
 

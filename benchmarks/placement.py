@@ -1,9 +1,9 @@
-"""Placements by gradients against a grid of placements.
+"""Placements by gradients compared with a grid of placements.
 
-Two examples: the base of a planar arm with three goals, and a table that a UR5 reaches
-to. A grid plans every task at each of its points; the search by gradients plans until
-nothing is gained. What is compared is the number of plans for the same time: how many
-the search had made when it was as good as the best point of the grid.
+Two examples: the base of a planar arm with three goals, and movable goals of a UR5.
+A grid plans every task at each of its points; the gradient search plans until
+there is no further gain. The comparison is the number of plans for the same result: the
+plans that the search had made when it was as good as the best point of the grid.
 
     python -m benchmarks.placement
     python -m benchmarks.placement --points 5 --only base
@@ -44,7 +44,7 @@ def base() -> tuple[Any, list[tm.Problem], dict[str, tuple[float, float]], str]:
 
 
 def station() -> tuple[Any, list[tm.Problem], dict[str, tuple[float, float]], str]:
-    """A UR5, and two points of a station that may stand elsewhere."""
+    """A UR5, and two points of a movable station."""
     robot = tm.load_robot("ur5", limits="urdf")
     points = ((0.5, 0.3, 0.3), (0.5, 0.1, 0.2))
     start = (-0.6, -1.2, 1.4, -1.7, -1.5, 0.0)
@@ -59,7 +59,7 @@ EXAMPLES = {"base": base, "station": station}
 def on_grid(
     moves: Moves, tasks: list[tm.Problem], rows: list[Any]
 ) -> tuple[float, int]:
-    """Best sum of durations on a grid, and how many plans it took."""
+    """Best sum of durations on a grid, and the number of plans."""
     best, plans = math.inf, 0
     for x in itertools.product(*rows):
         total = 0.0

@@ -14,11 +14,11 @@ SCENARIOS = Path(__file__).parents[1] / "examples" / "scenarios"
 def random_goals(
     robots: str, count: int, seed: int
 ) -> Iterator[tuple[str, tm.Problem]]:
-    """Random joint goals of robots, whose names are parted by commas."""
+    """Random joint goals of robots, whose names are separated by commas."""
     for name in robots.split(","):
         robot = load_arm(name)
         for number, (q_start, q_goal) in enumerate(sample_problems(robot, count, seed)):
-            # As the rivals do, which know nothing of links that touch.
+            # Like the rivals, which have no self-collision.
             yield (
                 f"{name} {number}",
                 tm.Problem(robot, q_start, tm.JointGoal(q_goal), self_collision=False),

@@ -1,7 +1,7 @@
 """A mass on a rail with limits of speed, acceleration, jerk and torque rate.
 
 From rest to rest the minimum times have closed forms: at most seven phases of constant
-jerk. Distances and limits are drawn at random so that every combination is there.
+jerk. Distances and limits are drawn at random, for every combination of limits.
 
     python -m benchmarks.rails
     python -m benchmarks.rails --count 10 --seed 1 --control spline
@@ -33,7 +33,7 @@ RAIL = """<robot name="rail"><link name="base"/>
 <axis xyz="1 0 0"/>
 <limit lower="-100" upper="100" effort="{effort}" velocity="{velocity}"/></joint>
 </robot>"""
-# No limit in a description: far beyond what such motions need.
+# No limit in a description: far larger than these motions need.
 MUCH = 1e4
 KINDS = {
     "acceleration": ("acceleration",),
@@ -72,13 +72,13 @@ def minimum_time(
     """Least time from rest to rest along a line [s].
 
     Args:
-        distance: How far [m].
+        distance: Distance [m].
         velocity: Largest speed [m/s].
         acceleration: Largest acceleration [m/s^2].
         jerk: Largest jerk [m/s^3]. One of the two is finite.
     """
     top = velocity
-    # Speeding up to a speed and down again takes this time at half of it on average.
+    # Accelerating to a speed and braking takes this time, at half the speed on average.
     if not math.isfinite(top) or top * _rise(top, acceleration, jerk) > distance:
         low, high = 0.0, 1.0
         while high * _rise(high, acceleration, jerk) < distance:
@@ -98,7 +98,7 @@ def _rise(speed: float, acceleration: float, jerk: float) -> float:
 
 
 def draw(kind: str, rng: np.random.Generator) -> dict[str, float]:
-    """Distance, mass and limits that all matter: the former ones are not enough."""
+    """Distance, mass and limits, drawn so that all limits become active."""
     drawn = {"distance": float(rng.uniform(0.3, 3.0)), "mass": rng.uniform(0.5, 5.0)}
     mass, names = drawn["mass"], KINDS[kind]
     T = float(rng.uniform(0.5, 3.0))
@@ -118,7 +118,7 @@ def draw(kind: str, rng: np.random.Generator) -> dict[str, float]:
 
 
 def problem(kind: str, drawn: dict[str, float]) -> tm.Problem:
-    """The problem with those limits that are of its kind."""
+    """The problem with the limits of its kind."""
     description = RAIL.format(
         mass=drawn["mass"],
         effort=drawn.get("effort", MUCH * drawn["mass"]),
@@ -190,7 +190,14 @@ def main() -> int:
                 statistics.median(sheet.column("seconds", **where)),
             )
         )
-    header = ("limits", "verified", "T to the minimum: median", "least", "largest", "s")
+    header = (
+        "limits",
+        "verified",
+        "T relative to the minimum: median",
+        "least",
+        "largest",
+        "s",
+    )
     print(markdown(header, lines))
     return 0
 

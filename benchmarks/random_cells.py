@@ -1,15 +1,16 @@
-"""Random cells planned by the library, and judged by a program that does not know it.
+"""Random cells planned by the library, and checked by an independent program.
 
     python -m benchmarks.random_cells                     # 300 motions that were found
     python -m benchmarks.random_cells --count 20 --seed 7 --kinds friction,two_arms
 
-Cells hold one or two arms on tilted or turned bases, boxes, cylinders, capsules and
-balls that stand or move, loads in the hand, dry friction, motion limits, moving starts
-and goals, in joints or of the hand. Every motion that the library reports as a success
-is written to a file and given to ``benchmarks/cell_judge.py`` in a process of its own,
-which imports nothing of the library. Files of refuted motions stay in ``--folder``.
+Cells contain one or two arms on tilted or turned bases, fixed or moving boxes,
+cylinders, capsules and balls, loads in the hand, dry friction, motion limits, moving
+starts and goals, in joints or for the hand. Every motion that the library reports as a
+success is written to a file and checked by ``benchmarks/cell_judge.py`` in a separate
+process, which imports no code of the library. Files of refuted motions are kept in
+``--folder``.
 
-Results go to a CSV file, a row as soon as it is known; what is there already is not
+Results go to a CSV file, a row as soon as it is known; existing rows are not
 computed again. A table is printed at the end.
 """
 
@@ -54,7 +55,7 @@ COLUMNS = (
     "position_excess", "acceleration_excess", "jerk_excess", "feedback", "deviation",
     "goal_error", "goal_speed", "clearance", "message",
 )  # fmt: skip
-# Shares of a piece at which its torque is written down: Chebyshev's.
+# Shares of a piece at which its torque is written: Chebyshev points.
 CHEBYSHEV = 0.5 - 0.5 * np.cos(np.pi * (np.arange(12) + 0.5) / 12)
 
 

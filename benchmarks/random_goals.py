@@ -1,15 +1,15 @@
-"""Random joint goals: the library beside IPOPT and TOPP-RA, on one core.
+"""Random joint goals: the library compared with IPOPT and TOPP-RA, on one core.
 
 Eight arms, five goals each, no obstacles, the limits of the robot descriptions. Start
 and goal are drawn uniformly within the position limits; both must be holdable against
-gravity with 90 % of the effort limits. For each problem the methods take their turn one
-after another in one process, so that a slow moment of the machine meets all of them.
+gravity with 90 % of the effort limits. For each problem the methods run one
+after another in one process, so that slow periods of the machine affect all of them.
 
     python -m benchmarks.random_goals
     python -m benchmarks.random_goals --speed-factor 4
     python -m benchmarks.random_goals --only ipopt,toppra --robots ur5,z1 --goals 2
 
-Results go to a CSV file, a row as soon as it is known; what is there already is not
+Results go to a CSV file, a row as soon as it is known; existing rows are not
 computed again unless ``--rerun`` is given. A table is printed at the end.
 """
 
@@ -79,7 +79,7 @@ def load_arm(
     """Load one of the benchmark's robots.
 
     Args:
-        name: One of :data:`ROBOTS`, or anything the library loads.
+        name: One of :data:`ROBOTS`, or another robot that the library loads.
         speed_factor: Factor on all velocity limits.
         friction: Dry friction of all joints [N m]; None for that of the description.
     """
@@ -94,7 +94,7 @@ def load_arm(
 
 
 def sample_problems(robot: Any, count: int, seed: int) -> list[tuple[Array, Array]]:
-    """Draw starts and goals; the first problems do not depend on how many are drawn.
+    """Draw starts and goals; the first problems do not depend on their number.
 
     The name of the robot's model is part of the seed: arms with the same position
     limits would otherwise get the same problems. A joint that can turn by more than a
@@ -136,7 +136,7 @@ def interval_shares(grid: str, intervals: int) -> Array:
 
     Args:
         grid: ``"uniform"``, or ``"cosine"``, the library's default: dense at both ends,
-            where an arm that is fast at once would otherwise lose most of an interval.
+            where a fast-accelerating arm would otherwise lose most of an interval.
         intervals: Number N of intervals.
     """
     from tominpmp.transcription.grid import interval_shares
@@ -145,14 +145,14 @@ def interval_shares(grid: str, intervals: int) -> Array:
 
 
 class Contest:
-    """The methods for one robot on one grid; what they build once is kept.
+    """The methods for one robot on one grid, with objects that are built only once.
 
     Args:
         robot: A robot of the library, velocity limits scaled already.
-        intervals: Number of intervals of the library's plan and of IPOPT's.
-        grid: How the intervals of both are spread, see :func:`interval_shares`.
-        interior_points: Instants inside an interval at which IPOPT sees torque limits.
-        effort: The library's, see its options.
+        intervals: Number of intervals for the library and for IPOPT.
+        grid: Distribution of the intervals of both, see :func:`interval_shares`.
+        interior_points: Instants inside an interval with torque limits for IPOPT.
+        effort: Option ``effort`` of the library.
     """
 
     def __init__(
@@ -301,7 +301,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             ):
                 continue
             if contest is None:
-                # The rivals know no dry friction; all get the same problem.
+                # The rivals have no dry friction; all methods get the same problem.
                 robot = load_arm(name, arguments.speed_factor, 0.0)
                 contest = Contest(
                     robot,
@@ -312,7 +312,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                 )
                 problems = sample_problems(robot, arguments.goals, arguments.seed)
             if not warm:
-                # Libraries load on first use; that belongs to no problem.
+                # Libraries load at their first use, which must not count for a problem.
                 for method in arguments.only:
                     contest.run(method, *problems[goal])
                 warm = True
@@ -416,13 +416,13 @@ def _parser() -> argparse.ArgumentParser:
         "--grid",
         choices=("uniform", "cosine"),
         default="cosine",
-        help="how the intervals are spread, IPOPT's too",
+        help="distribution of the intervals, also those of IPOPT",
     )
     parser.add_argument(
         "--interior-points",
         type=int,
         default=0,
-        help="instants inside an interval at which IPOPT sees torque limits",
+        help="instants inside an interval with torque limits for IPOPT",
     )
     parser.add_argument("--speed-factor", type=float, default=1.0)
     parser.add_argument("--seed", type=int, default=0)

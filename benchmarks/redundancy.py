@@ -1,8 +1,8 @@
-"""Goals on a frame, the final configuration free, against the configurations tried.
+"""Goals on a frame with a free final configuration, compared with joint goals.
 
-Positions and poses that a random configuration reaches. The rival plans to each of 20
-inverse-kinematics solutions at most as a joint goal and takes the best. Of goals that
-are refused, or not reached, the rival is asked, too.
+Positions and poses reached by a random configuration. The rival plans to each of at
+most 20 inverse-kinematics solutions as a joint goal and takes the best. Goals that
+are refused, or not reached, are given to the rival, too.
 
     python -m benchmarks.redundancy
     python -m benchmarks.redundancy --robots panda --goals 10 --seed 3
@@ -65,7 +65,7 @@ def goals_of(
 
 
 def timed(problem: tm.Problem) -> tuple[str, float, float]:
-    """How a plan ended, T [s], and its processor time [s]."""
+    """Status of a plan, T [s], and its processor time [s]."""
     begin = time.process_time()
     try:
         solution = tm.plan(problem)
@@ -76,7 +76,7 @@ def timed(problem: tm.Problem) -> tuple[str, float, float]:
 
 
 def best_of_all(problem: tm.Problem, seed: list[int]) -> tuple[float, float, int]:
-    """T of the best joint goal [s], processor time of all [s], and how many."""
+    """T of the best joint goal [s], processor time of all [s], and their number."""
     system, rng = ProblemFunctions.of(problem), np.random.default_rng(seed)
     found = find_configurations(system, problem.goal, TRIED, rng).free
     plans = [
@@ -117,7 +117,13 @@ def main() -> int:
                 lines.append((name, kind, *summary(rows)))
     header = (
         *("robot", "goal", "goals", "found", "refused", "found by the rival"),
-        *("T to the best of 20: median", "worst", "median s", "max s", "s for 20"),
+        *(
+            "T relative to the best of 20: median",
+            "worst",
+            "median s",
+            "max s",
+            "s for 20",
+        ),
     )
     print(markdown(header, lines))
     return 0

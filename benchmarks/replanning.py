@@ -1,9 +1,9 @@
-"""What a first feasible motion, a warm start and quiet torques cost beside a full plan.
+"""Times of a first feasible motion, a warm start, quiet torques, and a full plan.
 
 Random joint goals as in benchmarks/random_goals.py and the example scenarios. For each:
-the fastest motion, the first feasible one, a new plan from the former motion after a
-change of the goal by 0.05 rad in each joint against one from scratch, and quiet torques
-in 1 % more time.
+the fastest motion, the first feasible motion, a warm start from the former motion after
+a change of the goal by 0.05 rad in each joint compared with a cold start, and quiet
+torques in 1 % more time.
 
     python -m benchmarks.replanning
 """
@@ -48,13 +48,13 @@ COLUMNS = (
 
 
 def timed(work: Callable[[], tm.Solution]) -> tuple[tm.Solution, float]:
-    """A solution and the processor time that it took [s]."""
+    """A solution and its processor time [s]."""
     begin = time.process_time()
     return work(), time.process_time() - begin
 
 
 def nearby(problem: tm.Problem, end: np.ndarray) -> tm.Problem:
-    """The problem with a joint goal not far from where a motion ended."""
+    """The problem with a joint goal close to the end of a motion."""
     limits = problem.robot.limits
     middle = np.clip(0.0, limits.position_lower, limits.position_upper)
     q = end + SHIFT * np.where(end > middle, -1.0, 1.0)
@@ -62,7 +62,7 @@ def nearby(problem: tm.Problem, end: np.ndarray) -> tm.Problem:
 
 
 def measure(name: str, problem: tm.Problem) -> list[object]:
-    """Plan in all the ways."""
+    """Make all plans of a problem."""
     full, seconds = timed(lambda: tm.plan(problem))
     any_one = tm.Options(objective="feasible")
     first, seconds_first = timed(lambda: tm.plan(problem, any_one))
@@ -121,7 +121,7 @@ def main() -> int:
         "s",
         "first feasible: T",
         "s",
-        "warm: T to from scratch",
+        "warm: T relative to cold",
         "s, warm / scratch",
         "quiet: roughness",
         "s",

@@ -1,4 +1,4 @@
-"""Results of the MotionBenchMaker benchmark: the CSV file and the tables made of it."""
+"""Results of the MotionBenchMaker benchmark: the CSV file and its tables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Row = dict[str, str]
 
 
 def read_rows(path: Path, columns: Sequence[str] | None = None) -> list[Row]:
-    """Rows of a CSV file; the half of a row that an interruption leaves is left out.
+    """Rows of a CSV file, without an incomplete last row after an interruption.
 
     Args:
         path: The file.
@@ -76,7 +76,7 @@ def _cell(
 
 
 def percentile_95(values: Sequence[float]) -> float:
-    """The value that 95 % do not pass."""
+    """95th percentile."""
     return float(np.percentile(values, 95))
 
 
@@ -94,7 +94,7 @@ def durations(rows: Sequence[Row], others: Sequence[Row]) -> NDArray[np.float64]
 
 
 def compare(rows: Sequence[Row], others: Sequence[Row]) -> tuple[float, int]:
-    """Mean T of some rows over that of others, where both succeeded; how many.
+    """Ratio of mean T of two runs where both succeeded, and the number of problems.
 
     Returns:
         The ratio, nan if there is nothing to compare, and the number of problems.
@@ -107,7 +107,7 @@ def compare(rows: Sequence[Row], others: Sequence[Row]) -> tuple[float, int]:
 
 
 def excess_line(rows: Sequence[Row], others: Sequence[Row]) -> str:
-    """How far T is above the shorter motion of both runs, in a line."""
+    """Excess of T over the shorter motion of both runs, in a line."""
     both = durations(rows, others)
     if not both.size:
         return "No problem was solved in both runs."
@@ -125,7 +125,7 @@ def markdown_table(rows: Sequence[Row], others: Sequence[Row] = ()) -> str:
 
     Args:
         rows: Rows of this run.
-        others: Rows of the rival, if there are any.
+        others: Rows of the rival, if any.
     """
     header = ["scene", "solved", "mean T [s]", "median s", "95 % s", "max s"]
     header += ["least clearance [mm]", "largest excess [%]"]

@@ -1,10 +1,10 @@
-"""Sensitivities against differences of plans that are made again.
+"""Sensitivities compared with finite differences of new plans.
 
 Twenty problems: random joint goals of arms (light and heavy loads, limits of
-controllers, little speed), goals on frames, obstacles and constraints. Every limit,
-clearance, load or place whose sensitivity matters is made 1 % (or 1 mm, 1 mrad) less
-and more, and the problem is planned again from the motion that was found, on its grid.
-The central difference of ln T is what the sensitivity should be.
+controllers, low speed), goals on frames, obstacles and constraints. Every limit,
+clearance, load or position with a relevant sensitivity is decreased and increased by
+1 % (or 1 mm, 1 mrad), and the problem is planned again with a warm start, on the same
+grid. The sensitivity should equal the central difference of ln T.
 
     python -m benchmarks.sensitivities
     python -m benchmarks.sensitivities --only planar --least 0.2
@@ -61,18 +61,18 @@ ROBOT_FIELDS = {"velocity", "effort", "damping", "friction"}
 
 
 def changed(problem: tm.Problem, item: Sensitivity, change: float) -> tm.Problem | None:
-    """The problem with one limit changed; None where it cannot be.
+    """The problem with one limit changed; None if it cannot be changed.
 
     Args:
         problem: The problem.
         item: The sensitivity to the limit.
-        change: A share of the limit, or so many of its units.
+        change: Change as a share of the limit, or in its unit.
     """
     robot = problem.robot
     if item.kind in ROBOT_FIELDS and item.joint and item.limit:
         value = {item.joint: item.limit * (1.0 + change)}
         return replace(problem, robot=robot.with_changes(**{item.kind: value}))
-    if item.kind == "gravity":  # its vector is no place
+    if item.kind == "gravity":  # its vector is not a position
         gravity = np.asarray(robot.gravity) * (1.0 + change)
         return replace(problem, robot=robot.with_changes(gravity=gravity))
     if item.kind in DECLARED and problem.motion_limits is not None:
@@ -120,7 +120,7 @@ def _with_goal_moved(
 
 
 def _with_load(problem: tm.Problem, item: Sensitivity, change: float) -> tm.Problem:
-    """Loads of these problems are on arms of the package of descriptions."""
+    """Loads of the problems with arms of example-robot-data."""
     load = problem.robot.payloads[0]
     mass = load.mass + change * (1.0 if item.unit else load.mass)
     robot = load_arm(problem.robot.name).with_payload(replace(load, mass=mass))
@@ -172,14 +172,15 @@ def _planar() -> Iterator[tuple[str, tm.Problem]]:
 def difference(
     problem: tm.Problem, solution: tm.Solution, item: Sensitivity, steps: float = 1.0
 ) -> float | None:
-    """Central difference of ln T by a limit; None where it could not be planned.
+    """Central difference of ln T by a limit; None if a plan fails.
 
     Args:
         problem: The problem.
         solution: Its solution, from which the others are planned.
         item: The sensitivity to the limit.
-        steps: By how many of its steps the limit is changed either way. Places are by
-            a few more: what is within the tolerance of the goal needs no other motion.
+        steps: Number of steps by which the limit is changed in both directions.
+            Positions are changed by a few more: a change within the tolerance of the
+            goal needs no other motion.
     """
     step = item.step * steps * (PLACE_STEPS if item.kind in PLACES else 1.0)
     logarithms = []
@@ -202,7 +203,7 @@ def planned_as(solution: tm.Solution) -> dict[str, Any]:
 
 
 def mattering(solution: tm.Solution, least: float) -> list[Sensitivity]:
-    """Sensitivities by which a step changes T by so many hundredths of a per cent."""
+    """Sensitivities whose step changes T by a number of hundredths of a per cent."""
     limits = [s for s in solution.sensitivities if not s.kind.endswith("position")]
     return [s for s in limits if abs(s.effect) >= 0.01 * least and s.kind != "margin"]
 
@@ -237,7 +238,7 @@ def measure(
 
 
 def table(sheet: Sheet) -> str:
-    """How far off the sensitivities are, by kind."""
+    """Errors of the sensitivities, by kind."""
     rows = [row for row in sheet.rows if row["off"] is not None]
     lines = []
     for kind in [*dict.fromkeys(row["kind"] for row in rows), "all"]:
@@ -253,7 +254,9 @@ def table(sheet: Sheet) -> str:
 def main() -> int:
     """Measure, write the CSV file, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", help="problems whose names begin so")
+    parser.add_argument(
+        "--only", default="", help="problems whose names begin with this"
+    )
     parser.add_argument("--least", type=float, default=0.1, help="values that matter")
     parser.add_argument("--intervals", type=int, default=40)
     parser.add_argument("--csv", type=Path, default=Path("out/sensitivities.csv"))

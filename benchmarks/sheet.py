@@ -11,16 +11,16 @@ from typing import Any
 
 
 def one_thread() -> None:
-    """Leave one thread to every solver; before the numerical libraries load."""
+    """Limit every solver to one thread; call it before numerical libraries load."""
     for name in ("OMP", "OPENBLAS", "MKL", "HIGHS"):
         os.environ[f"{name}_NUM_THREADS"] = "1"
 
 
 class Sheet:
-    """A CSV file of which each row is on the disk as soon as it is known.
+    """A CSV file whose rows are on the disk as soon as they are known.
 
     Args:
-        path: The file; a former one is replaced.
+        path: The file; an existing file is replaced.
         columns: Names of the columns.
     """
 
@@ -39,7 +39,7 @@ class Sheet:
         print(", ".join(_short(v) for v in row.values()), file=sys.stderr, flush=True)
 
     def column(self, name: str, **where: Any) -> list[Any]:
-        """Values of a column in the rows whose others are as given."""
+        """Values of a column in the rows with the given values of other columns."""
         return [
             row[name]
             for row in self.rows

@@ -1,7 +1,7 @@
-"""How far joints go beyond the straight way, in fastest motions and in smoothed ones.
+"""Lengths of joint paths beyond the direct ones, in fastest and in smoothed motions.
 
 Random joint goals as in benchmarks/random_goals.py. For each the fastest motion, and
-the same made quiet by tominpmp.smooth in no more time, and in 0.1, 0.3 and 1 % more.
+the motion smoothed by tominpmp.smooth in the same time, and in 0.1, 0.3 and 1 % more.
 
     python -m benchmarks.smoothing
 """
@@ -38,7 +38,7 @@ COLUMNS = (
 
 
 def beyond(solution: tm.Solution) -> np.ndarray:
-    """What each joint goes beyond the straight way [rad]."""
+    """Length of each joint's path beyond its displacement [rad]."""
     motion = solution.trajectory
     assert motion is not None
     q = motion(np.linspace(0.0, motion.duration, INSTANTS)).q
@@ -46,7 +46,7 @@ def beyond(solution: tm.Solution) -> np.ndarray:
 
 
 def measure(name: str, problem: tm.Problem) -> list[dict[str, object]]:
-    """The fastest motion and the quieter ones."""
+    """The fastest motion and the smoothed motions."""
     begin = time.process_time()
     fastest = tm.plan(problem)
     rows = []

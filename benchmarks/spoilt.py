@@ -1,17 +1,18 @@
-"""Motions spoilt on purpose: which of the judges finds it.
+"""Motions spoilt on purpose, and the verdicts of all judges on them.
 
-    python -m benchmarks.spoilt                  # all, beside the stored verdicts
+    python -m benchmarks.spoilt                  # all, compared with stored verdicts
     python -m benchmarks.spoilt --every 5        # some of them
     python -m benchmarks.spoilt --accept         # store the verdicts anew
 
-A few motions of small arms are planned, and two hundred made of them that are wrong in
-one thing each, by 0.1, 1 and 10 % or so: a limit is lowered below what the motion
-reaches, an obstacle grows or is put where the arm passes between two samples, a load, a
-friction or a time is not the one of the problem, torques or positions are others. Each
-is given to ``verify``, ``certify``, ``prove_clearance`` and ``check_export``. What they
-say is stored in ``tests/spoilt_verdicts.csv``, where the column ``missed`` names those
-that should have found it, and did not: beyond the documented tolerances nothing may
-pass. A part of it is a test (``tests/test_spoilt_motions.py``).
+A few motions of small arms are planned, and two hundred variants are made of them, each
+with a single fault of about 0.1, 1 or 10 %: a limit is lowered below the values of the
+motion, an obstacle grows or is placed where the arm passes between two samples, a load,
+a friction or a time differs from that of the problem, torques or positions are changed.
+Each is given to ``verify``, ``certify``, ``prove_clearance`` and ``check_export``.
+Their verdicts are stored in ``tests/spoilt_verdicts.csv``, where the column ``missed``
+names the judges that should have detected the fault, and did not: faults beyond the
+documented tolerances must be detected. A part of the variants is a test
+(``tests/test_spoilt_motions.py``).
 """
 
 # ruff: noqa: E402 (the environment must be set before numerical libraries load)
@@ -42,12 +43,12 @@ STORED = Path(__file__).resolve().parents[1] / "tests" / "spoilt_verdicts.csv"
 JUDGES = ("verify", "certify", "prove", "export")
 COLUMNS = ("motion", "kind", "amount", *JUDGES, "excess", "missed")
 AMOUNTS = (0.001, 0.01, 0.1)
-# What is tolerated: shares of limits, distances from goals [rad or m], promises.
+# Tolerances: shares of limits, distances from goals [rad or m], predicted gains.
 LIMIT, GOAL, PROMISE = 5e-3, 1e-3, 1e-2
-# Excesses agree to this share.
+# Relative difference of excesses that counts as agreement.
 SAME = 0.05
 INSTANTS = 20001
-# Torques that are given are constant for so long [s].
+# Length of the intervals of piecewise constant torques [s].
 STEP = 4e-3
 OK = "ok"
 ACCEPT = "python -m benchmarks.spoilt --accept"
@@ -55,14 +56,14 @@ ACCEPT = "python -m benchmarks.spoilt --accept"
 
 @dataclass(frozen=True)
 class Spoilt:
-    """A motion that is wrong in one thing.
+    """A motion with a single fault.
 
     Attributes:
-        motion: Name of what it was made of.
-        kind: What is wrong.
-        amount: By how much: a share, or [m], [rad] or [s].
-        solution: The solution, its problem or trajectory another.
-        finders: Judges that have to find it.
+        motion: Name of the original motion.
+        kind: Kind of the fault.
+        amount: Size of the fault: a share, or [m], [rad] or [s].
+        solution: The solution, with its problem or trajectory changed.
+        finders: Judges that must detect the fault.
     """
 
     motion: str
@@ -83,26 +84,26 @@ class Spoilt:
         return self.solution.trajectory
 
 
-# -- the motions that are spoilt -------------------------------------------------------
+# -- the original motions --------------------------------------------------------------
 
 START, GOAL_Q = (0.5, 1.7, -1.7), (1.6, 0.4, -0.6)
-# Starts with this velocity, so that joints turn on the way [rad/s].
+# Start velocity that makes joints reverse [rad/s].
 AWAY = (-1.5, 1.5, 2.0)
 CONTROLS = ("constant", "linear", "spline", "collocation")
 
 
 @functools.cache
 def arm(**changes: float) -> tm.Robot:
-    """The planar arm, whose torques rule, or with other limits."""
+    """The planar arm, limited by its torques, or by other limits."""
     robot = tm.load_robot("planar3r").with_changes(velocity=100.0)
     return robot.with_changes(**changes) if changes else robot
 
 
 def planned(problem: tm.Problem, **options: Any) -> tm.Solution:
-    """A motion that is right.
+    """A correct motion.
 
     Raises:
-        RuntimeError: If there is none.
+        RuntimeError: If no motion is found.
     """
     quick = {"effort": "quick", "intervals": 40, "refine": None}
     solution = tm.plan(problem, **quick | options)
@@ -121,21 +122,21 @@ def controlled(name: str) -> dict[str, Any]:
 
 @functools.cache
 def free(control: str) -> tm.Solution:
-    """Torques rule, joints turn on the way."""
+    """Torques are the active limits, joints reverse."""
     problem = tm.Problem(arm(), START, tm.JointGoal(GOAL_Q), v_start=AWAY)
     return planned(problem, **controlled(control))
 
 
 @functools.cache
 def fast(control: str) -> tm.Solution:
-    """Speeds rule."""
+    """Speeds are the active limits."""
     problem = tm.Problem(arm(velocity=2.5), START, tm.JointGoal(GOAL_Q))
     return planned(problem, **controlled(control))
 
 
 @functools.cache
 def limited(kind: str) -> tm.Solution:
-    """A limit on accelerations, jerks or torque rates rules."""
+    """A limit of accelerations, jerks or torque rates is active."""
     values = {"acceleration": 20.0, "jerk": 300.0, "effort_rate": 600.0}
     limits = tm.MotionLimits(**{kind: values[kind]})
     goal = tm.JointGoal(GOAL_Q)
@@ -144,20 +145,20 @@ def limited(kind: str) -> tm.Solution:
 
 @functools.cache
 def ruled(kind: str) -> tm.Solution:
-    """A rule about the tool holds the motion back."""
+    """A constraint on the tool is active."""
     rule, more = rules(kind, 1.0), {}
     if kind == "orientation":
-        more["v_start"] = AWAY  # turns farther on the way than at both ends
+        more["v_start"] = AWAY  # turns farther during the motion than at both ends
     goal = tm.JointGoal(GOAL_Q)
     return planned(tm.Problem(arm(), START, goal, constraints=(rule,), **more))
 
 
 def rules(kind: str, upper: float) -> tm.PathConstraint:
-    """A rule about the tool.
+    """A constraint on the tool.
 
     Args:
-        kind: Which one.
-        upper: Factor on what it allows.
+        kind: Its kind.
+        upper: Factor on its limit.
     """
     if kind == "tool speed":
         return tm.ToolSpeed("tip", 4.0 * upper)
@@ -173,7 +174,7 @@ TURNED = np.array([0.0, 0.0, math.sin(0.475), math.cos(0.475)])
 
 
 def motion_at(solution: tm.Solution, share: float = 0.5) -> Array:
-    """Where the tool is at a share of the time, shape (3,)."""
+    """Position of the tool at a share of the time, shape (3,)."""
     motion = solution.trajectory
     assert motion is not None
     return tool_places(solution.problem.robot, motion(share * motion.duration).q[None])[
@@ -182,7 +183,7 @@ def motion_at(solution: tm.Solution, share: float = 0.5) -> Array:
 
 
 def tool_places(robot: tm.Robot, q: Array) -> Array:
-    """Places of the tool, by Pinocchio alone, shape (m, 3)."""
+    """Positions of the tool, by Pinocchio alone, shape (m, 3)."""
     model = robot.model
     data, frame = model.createData(), model.getFrameId("tip")
     found = []
@@ -197,7 +198,7 @@ BALL, MARGIN = 0.2, 0.05
 
 @functools.cache
 def beside(moving: bool) -> tm.Solution:
-    """Past a ball that stands or comes along."""
+    """Past a fixed or moving ball."""
     place = motion_at(fast("constant"), 0.5) + np.array([0.0, 0.15, 0.0])
     more: dict[str, Any] = {}
     if moving:
@@ -222,13 +223,13 @@ DWELL, LATEST, LOAD = 0.2, 4.0, 0.3
 
 @functools.cache
 def by_way() -> tm.Solution:
-    """A stop on the way, and a load after it."""
+    """An intermediate stop, and a load after it."""
     return planned(way(DWELL, LOAD, None))
 
 
 @functools.cache
 def waiting() -> tm.Solution:
-    """The same, arriving no sooner than it may."""
+    """The same with an earliest time of arrival."""
     return planned(way(DWELL, LOAD, (2.0, LATEST)))
 
 
@@ -240,14 +241,14 @@ def way(dwell: float, mass: float, arrival: tuple[float, float] | None) -> tm.Pr
     return tm.Problem(arm(), START, segments=[first, last])
 
 
-# -- what is done to them --------------------------------------------------------------
+# -- faults ----------------------------------------------------------------------------
 
 
 Maker = Callable[[], Spoilt]
 
 
 def everything() -> Iterator[Maker]:
-    """What makes the spoilt motions, all of them."""
+    """Functions that make all spoilt motions."""
     of_control = (
         lower_position,
         lower_speed,
@@ -267,7 +268,7 @@ def everything() -> Iterator[Maker]:
         yield from _each(lower_motion_limit, kind, AMOUNTS)
     for kind in ("tool speed", "tool acceleration", "orientation"):
         yield from _each(narrower_rule, kind, AMOUNTS)
-    # By more it would not hold at the start.
+    # A larger change would violate it at the start.
     yield from _each(narrower_rule, "coupling", (0.001, 0.01, 0.02))
     for moving in (False, True):
         for spoil in (larger_ball, larger_margin):
@@ -283,7 +284,7 @@ def everything() -> Iterator[Maker]:
 
 
 def label(make: Maker) -> str:
-    """A short name of what makes a spoilt motion."""
+    """A short name of a function that makes a spoilt motion."""
     assert isinstance(make, functools.partial)
     return "-".join([make.func.__name__, *map(str, make.args)])
 
@@ -296,7 +297,7 @@ def _each(
 
 
 def quick() -> Iterator[Maker]:
-    """The part that a test judges, of motions that are soon planned and judged."""
+    """The part for a test: motions that are planned and judged quickly."""
     part = functools.partial
     for control in ("constant", "collocation"):
         for spoil in (lower_position, lower_speed, lower_effort, other_goal):
@@ -338,12 +339,12 @@ def with_motion(solution: tm.Solution, motion: tm.Trajectory) -> tm.Solution:
 
 
 def finders(amount: float, tolerance: float = LIMIT) -> tuple[str, ...]:
-    """Who has to find an excess: those that judge limits, beyond what is tolerated."""
+    """Judges that must detect an excess beyond the tolerances: those of limits."""
     return ("verify", "certify", "export") if amount > tolerance else ()
 
 
 def lower_position(control: str, amount: float) -> Spoilt:
-    """A position limit below where a joint turns, by a share of its range."""
+    """A position limit below the reversal of a joint, by a share of its range."""
     solution = free(control)
     motion, robot = solution.trajectory, solution.problem.robot
     assert motion is not None
@@ -360,7 +361,7 @@ def lower_position(control: str, amount: float) -> Spoilt:
 
 
 def lower_speed(control: str, amount: float) -> Spoilt:
-    """A speed limit below what a joint reaches."""
+    """A speed limit below the largest speed of a joint."""
     solution = fast(control)
     motion, robot = solution.trajectory, solution.problem.robot
     assert motion is not None
@@ -373,7 +374,7 @@ def lower_speed(control: str, amount: float) -> Spoilt:
 
 
 def lower_effort(control: str, amount: float) -> Spoilt:
-    """A torque limit below what a motor gives, by a share of its range."""
+    """A torque limit below the largest torque of a motor, by a share of its range."""
     solution = free(control)
     motion, robot = solution.trajectory, solution.problem.robot
     assert motion is not None
@@ -386,7 +387,7 @@ def lower_effort(control: str, amount: float) -> Spoilt:
 
 
 def lower_motion_limit(kind: str, amount: float) -> Spoilt:
-    """A limit on accelerations, jerks or torque rates below what a joint reaches."""
+    """A limit of accelerations, jerks or torque rates below the largest value."""
     solution = limited(kind)
     motion, limits = solution.trajectory, solution.problem.motion_limits
     assert motion is not None and limits is not None
@@ -407,7 +408,7 @@ def lower_motion_limit(kind: str, amount: float) -> Spoilt:
 
 
 def narrower_rule(kind: str, amount: float) -> Spoilt:
-    """A rule about the tool that allows less than the motion takes."""
+    """A constraint on the tool that is tighter than the motion."""
     solution = ruled(kind)
     motion = solution.trajectory
     assert motion is not None
@@ -418,7 +419,7 @@ def narrower_rule(kind: str, amount: float) -> Spoilt:
 
 
 def taken(kind: str, robot: tm.Robot, motion: tm.Trajectory) -> float:
-    """What a motion takes of a rule, as a share of what it allows."""
+    """Largest value of a constraint on the tool, as a share of its limit."""
     state = motion(times_of(motion)[::5])
     if kind == "coupling":
         return float((state.q[:, 0] + state.q[:, 1]).max()) / 2.25
@@ -449,7 +450,7 @@ def larger_ball(moving: bool, amount: float) -> Spoilt:
 
 
 def larger_margin(moving: bool, amount: float) -> Spoilt:
-    """A margin that the motion does not keep [m]."""
+    """A margin that the motion violates [m]."""
     solution = beside(moving)
     changed = with_problem(solution, margin=MARGIN + amount + _room(solution))
     return Spoilt(_standing(moving), "margin", amount, changed, _of_clearance())
@@ -465,7 +466,7 @@ def _standing(moving: bool) -> str:
 
 @functools.cache
 def _room(solution: tm.Solution) -> float:
-    """What a motion keeps beyond its margin at a ball, by distances of segments [m]."""
+    """Clearance beyond the margin at a ball, by distances of line segments [m]."""
     motion = solution.trajectory
     assert motion is not None
     (ball,) = solution.problem.scene.obstacles
@@ -500,7 +501,7 @@ def distances(robot: tm.Robot, q: Array, places: Array) -> Array:
 def touch_between_samples(control: str, amount: float) -> Spoilt:
     """A small ball that the end of the arm grazes between two milliseconds [m].
 
-    The amount is how deep at least.
+    The amount is the least penetration.
     """
     solution = free(control)
     motion, robot = solution.trajectory, solution.problem.robot
@@ -543,7 +544,7 @@ def _elbow(robot: tm.Robot, q: Array) -> Array:
 
 
 def wrong_load(control: str, amount: float) -> Spoilt:
-    """A load of a share of the mass of the arm, which the torques know nothing of."""
+    """A load of a share of the mass of the arm that the torques do not include."""
     solution = free(control)
     robot = solution.problem.robot
     mass = amount * sum(inertia.mass for inertia in list(robot.model.inertias)[1:])
@@ -553,20 +554,20 @@ def wrong_load(control: str, amount: float) -> Spoilt:
 
 
 def node_aside(control: str, amount: float) -> Spoilt:
-    """One node whose position is not where the torques lead [rad]."""
+    """One node whose position differs from the effect of the torques [rad]."""
     solution = free(control)
     motion = solution.trajectory
     assert motion is not None
     q = np.array(motion.q)
     q[q.shape[0] // 2, 1] += amount
     changed = with_motion(solution, replace(motion, q=q))
-    # The replay of torques that are given does not look at positions; a file does.
+    # The replay of given torques does not use positions; the check of a file does.
     found = ("export",) if control == "collocation" else ("verify", "export")
     return Spoilt(control, "node", amount, changed, found if amount > LIMIT else ())
 
 
 def added_friction(control: str, amount: float) -> Spoilt:
-    """Dry friction, a share of the torque limits, which the torques know nothing of."""
+    """Dry friction, a share of the torque limits, that the torques do not include."""
     solution = free(control)
     robot = solution.problem.robot
     rough = robot.with_changes(friction=amount * robot.limits.effort_upper)
@@ -585,7 +586,7 @@ def wrong_friction(amount: float) -> Spoilt:
 
 
 def given(motion: tm.Trajectory, torque: Callable[[Array, Array], Array]) -> Any:
-    """A motion with the same positions whose torques are given.
+    """A motion with the same positions and given torques.
 
     Args:
         motion: The motion.
@@ -608,7 +609,7 @@ def scaled_torque(control: str, amount: float) -> Spoilt:
 
 
 def late_torque(control: str, amount: float) -> Spoilt:
-    """Torques that come late [s]."""
+    """Delayed torques [s]."""
     solution = free(control)
     motion = solution.trajectory
     assert motion is not None
@@ -618,17 +619,17 @@ def late_torque(control: str, amount: float) -> Spoilt:
 
 
 def quicker(control: str, amount: float) -> Spoilt:
-    """The same path in less time, with the torques that this takes."""
+    """The same path in less time, with the required torques."""
     return _stretched(control, "quicker", amount, 1.0 / (1.0 + amount))
 
 
 def slower(control: str, amount: float) -> Spoilt:
-    """The same path in more time: nothing is wrong, but it is not the fastest."""
+    """The same path in more time: feasible, but not time-optimal."""
     return _stretched(control, "slower", amount, 1.0 + amount)
 
 
 def _stretched(control: str, kind: str, amount: float, factor: float) -> Spoilt:
-    """A motion in another time; its problem starts at the velocity that it has then."""
+    """A motion in another time; its problem has the resulting start velocity."""
     solution = free(control)
     motion, robot = solution.trajectory, solution.problem.robot
     assert motion is not None
@@ -669,7 +670,7 @@ class Rigid:
 
 
 def other_goal(control: str, amount: float) -> Spoilt:
-    """A goal that is missed by little [rad]."""
+    """A goal that is slightly missed [rad]."""
     solution = free(control)
     goal = tm.JointGoal(np.array(GOAL_Q) + amount * np.array([1.0, 0.0, 0.0]))
     changed = with_problem(solution, goal=goal)
@@ -677,7 +678,7 @@ def other_goal(control: str, amount: float) -> Spoilt:
 
 
 def other_start(control: str, amount: float) -> Spoilt:
-    """A start that the motion does not begin at [rad]."""
+    """A start that differs from the beginning of the motion [rad]."""
     solution = free(control)
     start = np.array(START) + amount * np.array([0.0, 1.0, 0.0])
     changed = with_problem(solution, q_start=start)
@@ -685,7 +686,7 @@ def other_start(control: str, amount: float) -> Spoilt:
 
 
 def longer_dwell(amount: float) -> Spoilt:
-    """The arm stays for less than it has to, by a share."""
+    """A dwell that is too short, by a share."""
     solution = by_way()
     wanted = way(DWELL * (1.0 + amount), LOAD, None)
     changed = replace(solution, problem=wanted, verification=None)
@@ -693,7 +694,7 @@ def longer_dwell(amount: float) -> Spoilt:
 
 
 def later_arrival(amount: float) -> Spoilt:
-    """The arm arrives sooner than it may, by a share."""
+    """An arrival that is too early, by a share."""
     solution = waiting()
     wanted = way(DWELL, LOAD, (2.0 * (1.0 + amount), LATEST))
     changed = replace(solution, problem=wanted, verification=None)
@@ -701,7 +702,7 @@ def later_arrival(amount: float) -> Spoilt:
 
 
 def load_of_segment(amount: float) -> Spoilt:
-    """A load that is heavier by a share than the one that the torques are for."""
+    """A load that is heavier by a share than the load assumed by the torques."""
     solution = by_way()
     wanted = way(DWELL, LOAD * (1.0 + amount), None)
     changed = replace(solution, problem=wanted, verification=None)
@@ -712,7 +713,7 @@ def load_of_segment(amount: float) -> Spoilt:
 
 
 def verdicts(spoilt: Spoilt) -> dict[str, str]:
-    """A row: what the judges say."""
+    """A row: the verdicts of the judges."""
     solution, motion = spoilt.solution, spoilt.trajectory
     row = dict(zip(COLUMNS, spoilt.name, strict=False))
     verification = None
@@ -784,11 +785,11 @@ def write(rows: Sequence[Mapping[str, str]], path: Path = STORED) -> None:
 
 
 def differences(row: Mapping[str, str], known: Mapping[str, str] | None) -> list[str]:
-    """How a verdict differs from the stored one, a clause each.
+    """Differences of a verdict from the stored one, a clause each.
 
     Args:
         row: The verdict.
-        known: The stored one; None if there is none.
+        known: The stored verdict; None if there is no stored one.
     """
     if known is None:
         return ["is not stored"]
@@ -804,7 +805,7 @@ def differences(row: Mapping[str, str], known: Mapping[str, str] | None) -> list
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Judge, tell of differences and of what is missed; 1 if a verdict differs."""
+    """Judge, report differences and missed faults; 1 if a verdict differs."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.spoilt",
         description=__doc__,

@@ -1,4 +1,4 @@
-"""A plan with the processor time that it took, as columns of a table."""
+"""A plan with its processor time, as columns of a table."""
 
 from __future__ import annotations
 

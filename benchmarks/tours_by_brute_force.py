@@ -1,10 +1,10 @@
-"""Tours beside the best of all orders and configurations, with planned legs.
+"""Tours compared with the best of all orders and configurations, with planned legs.
 
 Every leg between any two configurations is planned with `tm.plan`, and the best of
-all orders and configurations of them is found by dynamic programming over sets; nothing
-of the tour planner is used for that. `tm.plan_tour` is to find a tour that is as fast,
-from no more plans. The arms are the planar one of three joints, ruled by its torques,
-and a UR5, ruled by its speeds; limits of acceleration can be added.
+all orders and configurations is found by dynamic programming over sets, without code
+of the tour planner. `tm.plan_tour` must find an equally fast tour, with no more plans.
+The arms are the planar arm with three joints, limited by its torques,
+and a UR5, limited by its speeds; limits of acceleration can be added.
 
     python -m benchmarks.tours_by_brute_force [--stations 3] [--seeds 1]
     python -m benchmarks.tours_by_brute_force --arm ur5 --stations 7 8
@@ -26,11 +26,11 @@ import numpy as np
 
 import tominpmp as tm
 
-# Configurations are up to so far from home, joint by joint [rad].
+# Largest distance of configurations from home, joint by joint [rad].
 HOMES = {"planar3r": (0.5, 1.2, -0.7), "ur5": (0.0, -1.2, 1.4, -1.7, -1.5, 0.0)}
 REACH = 1.2
 FEW = {"intervals": 12, "refine": None, "starts": 1, "effort": "quick"}
-# So much slower than the best of all is as fast: two plans of one leg differ by that.
+# Excess over the optimum that counts as equal: two plans of one leg differ by this.
 EQUAL = 1e-3
 COLUMNS = (
     "arm",
@@ -54,7 +54,7 @@ Place = tuple[int, int]
 def choices(
     robot: tm.Robot, home: np.ndarray, count: int, seed: int
 ) -> list[list[np.ndarray]]:
-    """Two configurations for each station, within limits and clear of itself."""
+    """Two configurations for each station, within limits, without self-collision."""
     rng = np.random.default_rng(seed)
     lower = np.maximum(home - REACH, robot.limits.position_lower)
     upper = np.minimum(home + REACH, robot.limits.position_upper)
@@ -77,7 +77,7 @@ def times_of_legs(
     at: list[list[np.ndarray]],
     limits: tm.MotionLimits | None,
 ) -> dict[tuple[Place, Place], float]:
-    """What each leg takes, planned one by one [s]."""
+    """Durations of all legs, planned one by one [s]."""
     places: dict[Place, np.ndarray] = {(0, 0): home}
     places |= {(k, c): q for k, rows in enumerate(at, 1) for c, q in enumerate(rows)}
     times = {}
@@ -91,10 +91,10 @@ def times_of_legs(
 
 
 def best_of_all(times: dict[tuple[Place, Place], float], stations: int) -> float:
-    """The least time of all orders and configurations, from home to home [s].
+    """The minimum time of all orders and configurations, from home to home [s].
 
-    By the set of stations that were visited and the place of the last one: what comes
-    after depends on nothing else.
+    The state is the set of visited stations and the configuration at the last of them:
+    the rest of the tour depends on nothing else.
     """
     home: Place = (0, 0)
     places = sorted({a for a, _ in times} - {home})
@@ -116,7 +116,7 @@ def in_table(
     at: list[list[np.ndarray]],
     times: dict[tuple[Place, Place], float],
 ) -> float:
-    """What a tour takes by the times of legs that were planned one by one [s]."""
+    """Duration of a tour by the durations of the legs planned one by one [s]."""
     here: Place = (0, 0)
     total = 0.0
     for visit in tour.visits:
@@ -128,7 +128,7 @@ def in_table(
 
 
 def compare(name: str, count: int, seed: int, limit: float | None) -> dict[str, object]:
-    """One row: the best of all, and what the tour planner finds."""
+    """One row: the optimum, and the result of the tour planner."""
     robot, home = tm.load_robot(name, limits="urdf"), np.array(HOMES[name])
     limits = None if limit is None else tm.MotionLimits(acceleration=limit)
     at = choices(robot, home, count, seed)

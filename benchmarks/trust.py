@@ -1,4 +1,4 @@
-"""What the proofs of a motion say and cost, and what a finer grid would bring.
+"""Results and cost of the proofs of a motion, and the gain of a finer grid.
 
 Random joint goals as in benchmarks/random_goals.py and the example scenarios, with
 default options. Each motion is replayed and certified; the same problem is solved on a
@@ -68,7 +68,7 @@ def measure(name: str, problem: tm.Problem) -> list[object]:
         planned,
         replay,
         proof - replay,
-        # The replay is part of planning already.
+        # Planning already includes the replay.
         proof / (planned - replay),
         certificate.ok,
         certificate.stationarity,
@@ -121,7 +121,7 @@ def main() -> int:
         "problems",
         "verified",
         "gap to the bound",
-        "T to a grid 4 x finer: median",
+        "T relative to a grid 4 x finer: median",
         "largest",
         "proofs / planning",
         "certified",

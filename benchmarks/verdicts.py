@@ -1,8 +1,8 @@
-"""Judges in processes of their own: their command line, and what they are asked.
+"""Judges in separate processes: their command line, and calls of them.
 
-A judge is a program ``JUDGE.py CASE.json MOTION`` that prints what it finds as JSON and
-exits with 1 if it refutes the motion. It imports this module, so nothing here imports
-the library.
+A judge is a program ``JUDGE.py CASE.json MOTION`` that prints its findings as JSON and
+exits with 1 if it refutes the motion. It imports this module, which therefore must not
+import the library.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import Any, Protocol
 
 
 class Judge(Protocol):
-    """What is found about one motion.
+    """Findings on one motion.
 
     Attributes:
-        faults: What refutes it, in short sentences.
-        figures: What was measured.
+        faults: Reasons that refute it, in short sentences.
+        figures: Measured values.
     """
 
     faults: list[str]
@@ -33,14 +33,14 @@ class Judge(Protocol):
 def judge_named(
     usage: str | None, make: Callable[[dict[str, Any], Path], Judge]
 ) -> int:
-    """Judge the motion that the command line names.
+    """Judge the motion named on the command line.
 
     Args:
-        usage: What is printed without two files.
+        usage: Text printed if two files are not given.
         make: Makes the judge, from the case and the file of the motion.
 
     Returns:
-        What the program exits with.
+        Exit code of the program.
     """
     if len(sys.argv) != 3:
         print(usage)
@@ -55,18 +55,18 @@ def judge_named(
 
 
 def verdict_of(program: Path, case: Path, motion: Path) -> dict[str, Any]:
-    """What a judge says of the file of a motion.
+    """Verdict of a judge on the file of a motion.
 
     Args:
         program: The judge.
-        case: File of what was asked for.
+        case: File of the specification.
         motion: File of the motion.
 
     Returns:
         The ``faults``, a list, and figures.
 
     Raises:
-        RuntimeError: If the judge fails itself.
+        RuntimeError: If the judge itself fails.
     """
     found = subprocess.run(
         [sys.executable, str(program), str(case), str(motion)],

@@ -1,13 +1,13 @@
 """Build the wheel and the sdist, install them in an empty environment and try them.
 
-The environment gets the declared dependencies only, no extras, at the versions of the
-lock file. The sdist takes the place of the wheel there, since both declare the same.
-All runs from another directory, so that the checkout is out of reach.
+The environment gets only the declared dependencies, no extras, at the versions of the
+lock file. The sdist then replaces the wheel there, as both declare the same
+dependencies. All commands run in another directory, so that the clone is not imported.
 
     python tools/check_package.py [--documents]
 
 With --documents the wheel is installed as the first pages say, with the extras that
-they name, and what they show is run there: blocks of Python and commands.
+they name, and their blocks of Python and commands are run there.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-# What a stranger reads first, and what names the extras to install.
+# Pages that a new user reads first, and pattern of the extras that they install.
 PAGES = ("README.md", "docs/start.md", "docs/first_hour.md", "docs/index.md")
 HOW_TOS = sorted(ROOT.glob("docs/how_to/*.md"))
 EXTRA = re.compile(r"pip install '(?:tominpmp|\.)\[([\w,]+)\]'")
@@ -43,7 +43,7 @@ assert len(datasheets()) > 10, "the data sheets are missing"
 
 
 def run(*command: str | Path, cwd: Path) -> None:
-    """Run a command and stop with its own words if it fails.
+    """Run a command, and exit with its output if it fails.
 
     Args:
         command: Program and arguments.
@@ -59,7 +59,7 @@ def build(folder: Path) -> tuple[Path, Path]:
     """Build the sdist, and the wheel from the sdist; return wheel and sdist.
 
     Args:
-        folder: Where they go.
+        folder: Folder for both files.
     """
     options = ("--no-isolation", "--outdir", folder)
     run(sys.executable, "-m", "build", *options, ROOT, cwd=folder)
@@ -69,7 +69,7 @@ def build(folder: Path) -> tuple[Path, Path]:
 
 
 def write_constraints(path: Path) -> None:
-    """Write the locked versions, without hashes: the wheel itself has none to check.
+    """Write the locked versions, without hashes, as the wheel itself has no hash.
 
     Args:
         path: The file to write.
@@ -80,7 +80,7 @@ def write_constraints(path: Path) -> None:
 
 
 def try_out(binaries: Path, folder: Path) -> None:
-    """Use the package that is installed: library, module and command.
+    """Use the installed package: library, module and command.
 
     Args:
         binaries: Folder of the environment's programs.
@@ -99,7 +99,7 @@ def extras() -> list[str]:
 
 
 def try_documents(binaries: Path, folder: Path) -> None:
-    """Run what the first pages and the how-tos show, with the package installed."""
+    """Run the code of the first pages and the how-tos with the installed package."""
     where = "import sys, tominpmp; assert sys.prefix in tominpmp.__file__"
     run(binaries / "python", "-c", where, cwd=folder)
     program = (binaries / "python", ROOT / "tools" / "doc_blocks.py")
@@ -126,7 +126,7 @@ def main() -> None:
             given = f"{wheel}[{','.join(extras())}]"
             run(*install, "--constraint", constraints, given, cwd=folder)
             try_documents(binaries, folder)
-            print(f"{Path(given).name}: what the documents show runs")
+            print(f"{Path(given).name}: the code of the documents runs")
             return
         run(*install, "--constraint", constraints, wheel, cwd=folder)
         try_out(binaries, folder)

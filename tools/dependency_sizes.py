@@ -1,11 +1,11 @@
-"""What each dependency brings and takes: sizes of what is installed, as a table.
+"""Installed sizes of the dependencies, alone and with their own dependencies.
 
 Run it in an environment that has the package and its extras:
 
     python tools/dependency_sizes.py
 
 Every distribution is counted once, with the first of the dependencies that needs it;
-files are those of its record, as they are on the disk.
+sizes are those of the files in its record, on the disk.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MEGABYTE = 1e6
 
 
 def plain(name: str) -> str:
-    """A name of a distribution as indices have it."""
+    """Name of a distribution, normalised as in package indices."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
@@ -42,7 +42,7 @@ def own_size(name: str) -> int:
 
 
 def needs(name: str, extras: frozenset[str] = frozenset()) -> list[Requirement]:
-    """Requirements of a distribution that hold here, with some of its extras."""
+    """Requirements of a distribution in this environment, with some of its extras."""
     try:
         texts = metadata.requires(name) or []
     except metadata.PackageNotFoundError:
@@ -57,7 +57,7 @@ def needs(name: str, extras: frozenset[str] = frozenset()) -> list[Requirement]:
 
 
 def closure(requirement: Requirement) -> set[str]:
-    """A distribution and all that it needs, by plain names."""
+    """A distribution and all its dependencies, by plain names."""
     seen: set[tuple[str, frozenset[str]]] = set()
     waiting = [(plain(requirement.name), frozenset(requirement.extras))]
     while waiting:
@@ -72,7 +72,7 @@ def closure(requirement: Requirement) -> set[str]:
 
 
 def requirements(extra: str = "") -> list[Requirement]:
-    """What the package needs, or what one of its extras adds."""
+    """Dependencies of the package, or those that one of its extras adds."""
     found = []
     for text in metadata.requires(PACKAGE) or []:
         requirement = Requirement(text)
@@ -85,11 +85,11 @@ def requirements(extra: str = "") -> list[Requirement]:
 
 
 def rows(extra: str, taken: set[str]) -> list[tuple[str, float, float]]:
-    """Name, own size and size with what it alone brings [MB], the largest first.
+    """Name, size and size with its own dependencies [MB], the largest first.
 
     Args:
         extra: Name of the extra; empty for the base.
-        taken: What others have brought already; what is found is added.
+        taken: Distributions counted before; those counted here are added.
     """
     closures = {plain(item.name): closure(item) for item in requirements(extra)}
     found = []

@@ -2,16 +2,16 @@
 
     python tools/doc_blocks.py [--slow] [--commands] [PAGE ...]
 
-A page is Markdown. Its blocks are fences of Python, and cells of notebooks. Comments of
-HTML, which no reader sees, say what else there is to know:
+A page is Markdown. Its blocks are fences of Python, and cells of notebooks. HTML
+comments, which are not displayed, set how blocks are run:
 
     <!-- before          lines of Python up to the closing arrow are run, too
     <!-- slow -->        the next block runs with --slow only, as in `make docs`
-    <!-- needs NAME -->  the next block is left out where there is no such module
+    <!-- needs NAME -->  the next block is left out if the module NAME is missing
     <!-- left out: WHY -->   the next block is not run
 
-With --commands, lines of the command `tominpmp` that stand in a page as code are run
-after its blocks, in the same folder, in which the examples lie, too.
+With --commands, lines of a page that call the command `tominpmp` in indented code are
+run after its blocks, in the same folder, which also contains the examples.
 
 Without pages, all of README.md and docs are run.
 """
@@ -55,9 +55,9 @@ class Block:
 
     Attributes:
         page: The page.
-        line: Line of the page on which its first one stands, from 1.
+        line: Line number of its first line in the page, from 1.
         code: The code.
-        rule: When to run it; empty for always.
+        rule: Rule of its comment; empty if the block is always run.
     """
 
     page: Path
@@ -66,15 +66,15 @@ class Block:
     rule: str = ""
 
     def left_out(self, slow: bool) -> bool:
-        """Whether it is not run."""
+        """Whether the block is not run."""
         kind, _, rest = self.rule.partition(" ")
         if kind == "needs":
             return find_spec(rest) is None
         return kind == "left" or (kind == "slow" and not slow)
 
     def run(self, names: dict[str, Any]) -> None:
-        """Run it; what fails is told of by page and line."""
-        # Options of a cell, as MyST has them, stand before its code.
+        """Run the block; errors refer to the page and its line."""
+        # Options of a MyST cell precede its code.
         code = re.sub(r"^:[\w-]+:.*$", "", self.code, flags=re.MULTILINE)
         tree = ast.parse("\n" * (self.line - 1) + code, filename=str(self.page))
         exec(compile(tree, str(self.page), "exec"), names)
@@ -113,7 +113,7 @@ def run_commands(page: Path, folder: Path) -> int:
         Number of commands.
 
     Raises:
-        RuntimeError: If one fails, with what it said.
+        RuntimeError: If a command fails, with its output.
     """
     shutil.copytree(ROOT / "examples", folder / "examples", dirs_exist_ok=True)
     count = 0
@@ -128,15 +128,15 @@ def run_commands(page: Path, folder: Path) -> int:
 
 
 def run_page(page: Path, folder: Path, *, slow: bool = False) -> dict[str, Any]:
-    """Run a page in a folder, in which the files of docs/static lie.
+    """Run a page in a folder, with the files of docs/static.
 
     Args:
         page: The page.
-        folder: An empty folder, which becomes the current one for the while.
+        folder: An empty folder, the current directory during the run.
         slow: Whether to run blocks that take long, too.
 
     Returns:
-        The names that its code has made.
+        The names that its code has defined.
     """
     names: dict[str, Any] = {"__name__": "__main__"}
     shutil.copytree(ROOT / "docs" / "static", folder, dirs_exist_ok=True)
@@ -152,14 +152,14 @@ def run_page(page: Path, folder: Path, *, slow: bool = False) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Run pages and say how long each took and which failed."""
+    """Run pages, and report the time and the failure of each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE")
     parser.add_argument("--slow", action="store_true", help="blocks marked slow, too")
     parser.add_argument("--commands", action="store_true", help="commands, too")
     arguments = parser.parse_args()
     warnings.simplefilter("error")
-    # Of an event loop that the viewer's server brings, and of strings of TOPP-RA.
+    # From the event loop of the viewer's server, and from strings in TOPP-RA.
     warnings.filterwarnings("ignore", "zmq.eventloop.ioloop is deprecated")
     warnings.filterwarnings("ignore", "invalid escape sequence")
     failed = [
@@ -175,7 +175,7 @@ def main() -> int:
 
 
 def tell_of(page: Path, *, slow: bool, with_commands: bool = False) -> bool:
-    """Run a page, and write how long it took or why it failed."""
+    """Run a page, and print its time, or the cause of its failure."""
     count = len(list(blocks(page)))
     told = f"{count:2d} blocks"
     if not count and not with_commands:

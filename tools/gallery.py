@@ -2,7 +2,7 @@
 
     python -m tools.gallery FOLDER [NAME ...]
 
-Plans are kept beside the pages and are made again when a source of the library or an
+Plans are stored with the pages, and are made again if a source of the library or an
 example has changed since.
 """
 
@@ -35,10 +35,10 @@ class Item:
     Attributes:
         name: Name of its example, and of its page.
         title: Heading.
-        text: What is to be seen.
+        text: Description of the motion.
         options: Options of the plan.
-        twin: Whether the same task is shown by a sampled path and TOPP-RA, too.
-        tour: Whether it is a tour, which its example plans.
+        twin: Whether the page also shows the same task on a sampled path by TOPP-RA.
+        tour: Whether the motion is a tour, which its example plans.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Item:
         """Its motion, or its tour.
 
         Raises:
-            PlanningFailed: If there is none.
+            PlanningFailed: If no motion is found.
         """
         if self.tour:
             tour: tm.Tour = self.example.tour()
@@ -90,15 +90,15 @@ ITEMS = (
         "panda_shelf",
         "Into a shelf",
         "A Panda takes a can from the lower board. The goal is a pose of the hand; "
-        "which configuration reaches it soonest, and past which board, is found. "
+        "the planner chooses the configuration, and the path past the boards. "
         "`examples/panda_shelf.py`",
         twin=True,
     ),
     Item(
         "ur5_post",
         "Around a post",
-        "The straight line goes 7 cm deep through the post. The plan begins with that "
-        "line all the same, and the linear programs push it out. "
+        "The straight line passes 7 cm deep through the post. The plan nevertheless "
+        "begins with this line, and the linear programs push it out. "
         "`examples/ur5_post.py`",
         twin=True,
     ),
@@ -118,8 +118,8 @@ ITEMS = (
     Item(
         "handing_over",
         "Two arms hand a bar over",
-        "Two segments of one motion of both: they meet, the grippers change, and the "
-        "bar goes on with the other arm. `examples/handing_over.py`",
+        "One motion of both arms with two segments: they meet, one gripper takes over, "
+        "and the other arm carries the bar. `examples/handing_over.py`",
         {"starts": 1},
     ),
     Item(
@@ -133,33 +133,33 @@ ITEMS = (
     Item(
         "spot_weld",
         "Twelve spot welds",
-        "Order, configurations and spins of the gun are found together; beads are the "
-        "stations. `examples/spot_weld.py`",
+        "Order, configurations and spins of the gun are optimised together; beads mark "
+        "the stations. `examples/spot_weld.py`",
         tour=True,
     ),
     Item(
         "conveyor",
         "Across a conveyor",
-        "A crate comes along at 1 m/s; the arm crosses in time. `examples/conveyor.py`",
+        "A crate passes at 1 m/s; the arm crosses in time. `examples/conveyor.py`",
         {"intervals": 20},
     ),
     Item(
         "swinging_gate",
         "Through a gate that swings open",
-        "The arm arrives when there is room, and not sooner. "
+        "The arm arrives as soon as the gate is open wide enough. "
         "`examples/swinging_gate.py`",
     ),
     Item(
         "planar3r_obstacle",
         "The paper's arm",
-        "Three links, gravity in the plane, a ball in the way. `make demo`",
+        "Three links, gravity in the plane, a ball as obstacle. `make demo`",
         {"intervals": 75},
     ),
 )
 
 
 def planned(item: Item, folder: Path) -> Plan:
-    """Plan a motion, or take it from the folder if nothing has changed since."""
+    """Plan a motion, or take it from the folder if no source has changed since."""
     path = folder / f"{item.name}.pickle"
     sources = [
         *(ROOT / "src").rglob("*.py"),
@@ -176,9 +176,9 @@ def planned(item: Item, folder: Path) -> Plan:
 
 
 def twin(item: Item, solution: Plan, folder: Path) -> dict[str, tm.Trajectory]:
-    """The same task by a sampled path, simplified, and TOPP-RA; none if it cannot be.
+    """The same task on a simplified sampled path, timed by TOPP-RA; None if it fails.
 
-    To the configuration that the plan has found, where the goal leaves a choice.
+    The path ends at the final configuration of the plan if the goal leaves a choice.
     """
     if not item.twin or find_spec("toppra") is None or find_spec("ompl") is None:
         return {}
@@ -213,7 +213,7 @@ def make_pages(folder: Path, names: Sequence[str] = ()) -> None:
 
     Args:
         folder: The folder; plans are kept in it, too.
-        names: Which; none for all.
+        names: Names of the motions; empty for all.
     """
     pages = folder / "extra" / "playback"
     pages.mkdir(parents=True, exist_ok=True)

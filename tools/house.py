@@ -1,13 +1,13 @@
-"""Measure the package room by room, and hold the measures against their budget.
+"""Measure the package room by room, and compare the measures with their budget.
 
-    python tools/house.py            # the table; exits with 1 where a budget is passed
-    python tools/house.py --lower    # writes what was saved into the budget
+    python tools/house.py            # the table; exits with 1 if a budget is exceeded
+    python tools/house.py --lower    # lowers the budget to the measured values
 
 A room is a folder of ``src/tominpmp``, or all of its loose modules together. Its code
-lines are those that hold a token other than a comment or a docstring. Tuned numbers are
-constants of modules that find motions: numbers under a name in capitals. The budget is
-``tools/house.toml``. It is lowered with each change that saves something, and raised by
-no change without a reason in the change's message.
+lines are lines with a token other than a comment or a docstring. Tuned numbers are
+constants of modules that plan motions: numbers assigned to a name in capitals. The
+budget is ``tools/house.toml``. It is lowered with each change that saves lines, and
+raised only with a reason in the message of the change.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "tominpmp"
 BUDGET = ROOT / "tools" / "house.toml"
 LOOSE = "modules"
-# Rooms whose numbers decide how a motion is found.
+# Rooms whose constants influence the planned motion.
 TUNED_ROOMS = ("planner", "solvers", "transcription", "initial_guess")
 NO_CODE = {
     tokenize.COMMENT,
@@ -52,7 +52,7 @@ class Room:
     Attributes:
         files: Number of its modules.
         code: Code lines.
-        tuned: Tuned numbers; 0 in rooms that find no motions.
+        tuned: Tuned numbers; 0 in rooms that plan no motions.
     """
 
     files: int = 0
@@ -87,7 +87,7 @@ class House:
 
 
 def code_lines(text: str, tree: ast.Module) -> int:
-    """Number of lines that hold code."""
+    """Number of lines with code."""
     documented: set[int] = set()
     for node in ast.walk(tree):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False):
@@ -101,7 +101,7 @@ def code_lines(text: str, tree: ast.Module) -> int:
 
 
 def tuned_numbers(tree: ast.Module) -> int:
-    """Number of numbers that a module gives to names in capitals."""
+    """Number of numbers that a module assigns to names in capitals."""
     count = 0
     for node in tree.body:
         if isinstance(node, ast.Assign):
@@ -147,7 +147,7 @@ def measure(package: Path = PACKAGE) -> House:
 
 
 def excesses(house: House, budget: dict[str, Any]) -> list[str]:
-    """What is above its budget, a line each."""
+    """Measures above their budget, a line each."""
     found = [
         f"room {name} has {room.code} code lines, {budget['rooms'].get(name, 0)} at "
         "the most"
@@ -162,7 +162,7 @@ def excesses(house: House, budget: dict[str, Any]) -> list[str]:
 
 
 def lowered(house: House, budget: dict[str, Any]) -> str:
-    """The budget with what was saved taken off, as text of its file."""
+    """The budget lowered to the measured values, as text of its file."""
     head = BUDGET.read_text("utf-8").split("[total]")[0]
     totals = {
         name: min(value, budget["total"][name])
@@ -179,7 +179,7 @@ def lowered(house: House, budget: dict[str, Any]) -> str:
 
 
 def main() -> int:
-    """Print the table; exit code 1 where something is above its budget."""
+    """Print the table; exit code 1 if a measure exceeds its budget."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--lower", action="store_true", help="take savings off")
     asked = parser.parse_args()

@@ -44,7 +44,7 @@ STILLS = {
     "handing_over": 0.4,
     "planar3r_obstacle": 0.5,
 }
-# The animation: its page, its times [s], and how long a picture stays [ms].
+# The animation: its page, its times [s], and the duration of each picture [ms].
 FILM, BEGIN, END, FRAMES, PAUSE = "payload", 0.0, 1.65, 34, 60
 FILM_WIDTH, COLORS, LAST = 640, 96, 900
 # Colours of the curves and of the path.
@@ -76,7 +76,7 @@ def reduced(path: Path, width: int) -> Image.Image:
 
 
 def palette(image: Image.Image, colors: int) -> Image.Image:
-    """Colours for a picture, those of the curves among them, of which it has little."""
+    """Palette of a picture that includes the colours of the curves, which are rare."""
     found = image.quantize(colors - len(ACCENTS), dither=Image.Dither.NONE)
     values = (found.getpalette() or [])[: 3 * (colors - len(ACCENTS))]
     for accent in ACCENTS:
@@ -100,7 +100,7 @@ def film(browser: str, page: Path, path: Path) -> None:
             shot = Path(folder) / f"{number}.png"
             picture(browser, page, time, shot)
             pictures.append(reduced(shot, FILM_WIDTH))
-    # One palette for all, so that the background stands still.
+    # One palette for all pictures, so that the background does not flicker.
     chosen = palette(pictures[FRAMES // 4], COLORS)
     pictures = [of_few_colors(item, chosen) for item in pictures]
     pauses = [PAUSE] * (FRAMES - 1) + [LAST]
@@ -111,7 +111,7 @@ def film(browser: str, page: Path, path: Path) -> None:
 
 
 def main() -> int:
-    """Take all pictures, or those that are named."""
+    """Take all pictures, or the named ones."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pages", type=Path)
     parser.add_argument("out", type=Path)

@@ -1,5 +1,5 @@
-"""Independent solvers that the library's results are measured against.
+"""Independent solvers with which the results of the library are compared.
 
-Nothing here imports the library: a rival sees a robot only through
-:class:`~benchmarks.rivals.arm.Arm`, so an error of ours cannot hide in theirs.
+These modules do not import the library: a rival gets a robot only through
+:class:`~benchmarks.rivals.arm.Arm`, so that both cannot share an error of the library.
 """

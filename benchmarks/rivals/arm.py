@@ -1,7 +1,7 @@
-"""What the rivals know of a robot, and the torque they hold it to.
+"""Robot data for the rivals, and the torques by which all motions are judged.
 
-The torque is written here once more, apart from the library, because it is the
-yardstick: Pinocchio's recursive Newton-Euler algorithm plus rotor inertia plus viscous
+The torque is implemented here independently of the library, as it is the reference:
+Pinocchio's recursive Newton-Euler algorithm plus rotor inertia plus viscous
 friction.
 """
 
@@ -21,10 +21,10 @@ Sampler = Callable[[Array], tuple[Array, Array, Array]]
 
 @dataclass(frozen=True)
 class Arm:
-    """A fully actuated arm with one coordinate a joint.
+    """A fully actuated arm with one coordinate per joint.
 
     Attributes:
-        model: Pinocchio model with nq == nv == n. Its own rotor inertias are not used.
+        model: Pinocchio model with nq == nv == n. Its rotor inertias are not used.
         position_lower: Shape (n,), in [rad] or [m]; -inf where there is no limit.
         position_upper: Shape (n,), in [rad] or [m]; inf where there is no limit.
         velocity: Largest speeds, shape (n,), in [rad/s] or [m/s].
@@ -48,7 +48,7 @@ class Arm:
         """Read the arm off a robot of the library.
 
         Args:
-            robot: Anything with ``model``, ``limits``, ``damping`` and ``armature``.
+            robot: Object with ``model``, ``limits``, ``damping`` and ``armature``.
         """
         limits = robot.limits
         if not robot.model.nq == robot.model.nv == len(robot.damping):
@@ -74,12 +74,12 @@ class TorqueModel:
     """Joint torques by Pinocchio, friction and rotors included.
 
     Args:
-        arm: The robot. Its model is copied, so nobody's numbers change.
+        arm: The robot. Its model is copied, so that it is not changed.
     """
 
     def __init__(self, arm: Arm) -> None:
         self._model = arm.model.copy()
-        # pin.rnea adds the rotor inertias of the model; ours are added below.
+        # pin.rnea adds the rotor inertias of the model; the arm's are added below.
         self._model.armature = np.zeros(arm.n)
         self._data = self._model.createData()
         self._damping = arm.damping
@@ -106,7 +106,7 @@ class TorqueModel:
 
 @dataclass(frozen=True)
 class LimitExcess:
-    """How far a motion passes its limits; 0 where it keeps them.
+    """Excess of a motion over its limits; 0 where it keeps them.
 
     Attributes:
         torque: Largest excess relative to half the torque range.
@@ -131,7 +131,7 @@ def limit_excess(
     q_goal: Array,
     samples: int = 2000,
 ) -> LimitExcess:
-    """Judge a motion on a grid much finer than any solver's own.
+    """Judge a motion on a grid much finer than that of any solver.
 
     The torque is recomputed from position, velocity and acceleration. Sampling is at
     the middle of equal steps, so that a jump of the acceleration is never hit exactly.
@@ -140,8 +140,8 @@ def limit_excess(
         arm: The robot.
         motion: Times of shape (m,) in [s] to q, v, a, each of shape (m, n).
         duration: Length of the motion in [s].
-        q_start: Where it must start at rest, shape (n,).
-        q_goal: Where it must end at rest, shape (n,).
+        q_start: Required start at rest, shape (n,).
+        q_goal: Required end at rest, shape (n,).
         samples: Number of instants.
     """
     edges = np.linspace(0.0, duration, samples + 1)

@@ -38,13 +38,13 @@ ROUND_OFF = 1e-12
 
 @dataclass(frozen=True)
 class IpoptResult:
-    """What IPOPT found.
+    """Result of IPOPT.
 
     Attributes:
         T: Duration in [s]; nan unless solved.
-        nodes: Shares of T at which the nodes are, from 0 to 1, shape (N+1,).
+        nodes: Times of the nodes as shares of T, from 0 to 1, shape (N+1,).
         success: Whether IPOPT met its tolerances.
-        status: IPOPT's own word.
+        status: Status reported by IPOPT.
         q: Positions at the nodes, shape (N+1, n).
         v: Velocities at the nodes, shape (N+1, n).
         a: Accelerations of the intervals, shape (N, n).
@@ -159,7 +159,7 @@ class InverseTranscription:
         intervals: Number N of intervals.
         fractions: Lengths of the intervals as shares of T, shape (N,); equal if None.
         interior_points: Further instants in each interval, equally spaced, at which the
-            torque limits are asked for.
+            torque limits are imposed.
         tolerance: IPOPT's ``tol``.
         max_iterations: IPOPT's ``max_iter``.
         max_seconds: IPOPT's ``max_wall_time``.
@@ -293,15 +293,15 @@ def straight_line_guess(
 ) -> tuple[Array, Array, Array, float]:
     """Quintic along the straight joint line, slow enough for the limits.
 
-    T is the least that keeps speeds and torques within their limits at the nodes;
-    where the arm cannot even be held, the torque limits are not asked for.
+    T is the smallest that keeps speeds and torques within their limits at the nodes;
+    where the motors cannot even hold the arm, the torque limits are ignored.
 
     Args:
         arm: The robot.
         torque: Its torques.
         q_start: Start, shape (n,).
         q_goal: Goal, shape (n,).
-        nodes: Shares of T at which the nodes are, from 0 to 1, shape (N+1,).
+        nodes: Times of the nodes as shares of T, from 0 to 1, shape (N+1,).
 
     Returns:
         q and v at the nodes, a in the intervals, T.

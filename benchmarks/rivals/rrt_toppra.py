@@ -1,16 +1,16 @@
 """A path first, its timing afterwards: RRT-Connect, path simplification, TOPP-RA.
 
-What most people run today. OMPL's RRT-Connect finds a path free of contact and OMPL's
-simplifier shortens it (``simplifyMax``: shortcuts, removal of vertices, B-spline
-smoothing). A cubic spline is drawn through its way points; as long as it touches
-something or passes a joint's limit, way points are added in the middle of all segments,
-which brings it nearer to the path. TOPP-RA gives the fastest timing of the spline
-within the limits of velocity and torque. Limits hold at the steps of TOPP-RA; by what a
-velocity passes its limit between them, 1 % where a path bends sharply, the whole motion
-is slowed down, which keeps the torques within theirs.
+This is the most common method today. OMPL's RRT-Connect finds a collision-free path and
+OMPL's simplifier shortens it (``simplifyMax``: shortcuts, removal of vertices, B-spline
+smoothing). A cubic spline is drawn through its waypoints; as long as it is in collision
+or exceeds a joint limit, waypoints are added in the middle of all segments,
+which brings it closer to the path. TOPP-RA gives the fastest timing of the spline
+within the limits of velocity and torque. Limits hold at the steps of TOPP-RA; if a
+velocity exceeds its limit between them, by 1 % where a path bends sharply, the whole
+motion is slowed down accordingly, which also keeps the torques within their limits.
 
-TOPP-RA takes no viscous friction. The torque that friction takes at full speed is
-reserved for it; with the 0.003 N m s/rad of a Panda that is 0.07 % of the torque.
+TOPP-RA does not support viscous friction. The friction torque at full speed is
+reserved for it; with the 0.003 N m s/rad of a Panda this is 0.07 % of the torque.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from toppra.constraint import (
 
 from .arm import Arm, Array, Sampler, TorqueModel
 
-# Longest step between two checks for contact [rad]; the finer one where a path turns
-# out to touch something between the checks.
+# Longest step between two collision checks [rad]; the finer one if a path turns
+# out to be in collision between the checks.
 RESOLUTIONS = (0.02, 0.005)
-# Share of a joint's range by which the spline may swing over a way point at its limit.
+# Share of a joint's range by which the spline may overshoot a waypoint at its limit.
 POSITION_SLACK = 2e-3
-# How often way points are added before the spline is given up.
+# Number of times that waypoints are added before the spline is given up.
 MAX_SUBDIVISIONS = 7
 # Steps along the path per segment, and in all at least, for the timing.
 STEPS_PER_SEGMENT, MIN_STEPS = 16, 400
@@ -47,13 +47,13 @@ STEPS_PER_SEGMENT, MIN_STEPS = 16, 400
 
 @dataclass(frozen=True)
 class RrtToppraResult:
-    """What the two stages found.
+    """Results of the two stages.
 
     Attributes:
         T: Duration in [s]; nan unless solved.
-        status: How it ended, in a word.
-        waypoints: Way points of the spline, shape (k, n).
-        subdivisions: How often way points had to be added.
+        status: Status, in a word.
+        waypoints: Waypoints of the spline, shape (k, n).
+        subdivisions: Number of times that waypoints were added.
         path_seconds: Processor time of search and simplification [s].
         timing_seconds: Processor time of spline, its checks and its timing [s].
         motion: Times to q, v, a; None unless solved.
@@ -77,7 +77,7 @@ class RrtToppraResult:
 
 @dataclass(frozen=True)
 class Timing:
-    """How fast a path can be followed: Toppra's word, T [s], the motion, its knots."""
+    """Fastest timing of a path: Toppra's status, T [s], the motion, its knots."""
 
     status: str
     T: float
@@ -101,8 +101,8 @@ def solve(
         arm: The robot.
         q_start: Start, shape (n,).
         q_goal: Goal, shape (n,).
-        is_free: Whether a configuration, shape (n,), is free of contact.
-        is_clear: Whether a row of configurations close to each other, shape (m, n), is.
+        is_free: Whether a configuration, shape (n,), is collision-free.
+        is_clear: Whether successive configurations, shape (m, n), are collision-free.
         seed: Seed of OMPL.
         max_seconds: Limit of the search for a path [s].
     """
@@ -164,14 +164,14 @@ def plan_path(
     seed: int = 1,
     max_seconds: float = 30.0,
 ) -> Array | None:
-    """Way points of a simplified path; None if none was found.
+    """Waypoints of a simplified path; None if no path was found.
 
     Args:
         arm: The robot, with finite position limits.
         q_start: Start, shape (n,).
         q_goal: Goal, shape (n,).
-        is_free: Whether a configuration, shape (n,), is free of contact.
-        resolution: Longest step between two checks for contact [rad].
+        is_free: Whether a configuration, shape (n,), is collision-free.
+        resolution: Longest step between two collision checks [rad].
         seed: Seed of OMPL.
         max_seconds: Limit of the search [s].
 
@@ -183,7 +183,7 @@ def plan_path(
     space = ob.RealVectorStateSpace(arm.n)
     bounds = ob.RealVectorBounds(arm.n)
     for joint in range(arm.n):
-        # Starts and goals on a limit are not to fall outside by round-off.
+        # Starts and goals on a limit must not be outside by rounding.
         bounds.setLow(joint, float(arm.position_lower[joint]) - 1e-9)
         bounds.setHigh(joint, float(arm.position_upper[joint]) + 1e-9)
     space.setBounds(bounds)
@@ -213,7 +213,7 @@ def plan_path(
 
 
 def spline(points: Array) -> toppra.SplineInterpolator:
-    """Cubic spline through way points, over the length of the chords."""
+    """Cubic spline through waypoints, over the length of the chords."""
     chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
     stations = np.concatenate([[0.0], np.cumsum(chords)])
     return toppra.SplineInterpolator(stations, points, bc_type="not-a-knot")
@@ -228,7 +228,7 @@ def subdivide(points: Array) -> Array:
 
 
 def count_samples(points: Array) -> int:
-    """Configurations along a path so dense that contact is not missed."""
+    """Configurations along a path, dense enough not to miss collisions."""
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     return int(np.ceil(length / min(RESOLUTIONS))) + 2
 
@@ -239,7 +239,7 @@ def time_path(arm: Arm, path: toppra.SplineInterpolator, points: int) -> Timing:
     Args:
         arm: The robot.
         path: The path.
-        points: Number of its way points.
+        points: Number of its waypoints.
 
     Returns:
         The timing.

@@ -45,12 +45,12 @@ SMALLEST_TANGENT = 1e-4
 
 @dataclass(frozen=True)
 class ToppraResult:
-    """What TOPP-RA found.
+    """Result of TOPP-RA.
 
     Attributes:
         T: Duration in [s]; nan unless solved.
         success: Whether a timing of the line exists within the limits.
-        status: Toppra's own word.
+        status: Status reported by toppra.
         t: Times of the grid points, shape (M+1,), in [s].
         q: Positions at the grid points, shape (M+1, n).
         v: Velocities at the grid points, shape (M+1, n).
@@ -74,7 +74,7 @@ class ToppraResult:
 
 
 class DampedTorqueConstraint(LinearConstraint):
-    """Torque limits with viscous friction, from inside.
+    """Inner approximation of torque limits with viscous friction.
 
     Args:
         arm: The robot.
@@ -84,7 +84,7 @@ class DampedTorqueConstraint(LinearConstraint):
 
     Attributes:
         x_max: Bound of the squared path speed, from the velocity limits and from the
-            speeds at which friction eats all torque. The rows hold up to it only.
+            speeds at which friction takes all torque. The rows hold only up to it.
     """
 
     def __init__(self, arm: Arm, gridpoints: Array, q: Array, step: Array) -> None:
@@ -106,7 +106,7 @@ class DampedTorqueConstraint(LinearConstraint):
         pull = effort + np.max(np.abs(self._c), axis=0)
         terminal = float(np.min(pull / np.maximum(np.abs(self._friction), tiny)))
         fastest = float(np.min(arm.velocity / np.maximum(np.abs(step), tiny)))
-        # Coupling between joints might carry one past its terminal speed; not to twice.
+        # Coupling may drive a joint beyond its terminal speed, but not to twice this.
         self.x_max = min(fastest, 2.0 * terminal) ** 2
         self._tangent_at = np.full(len(q), min(fastest, 0.5 * terminal) ** 2)
 
@@ -145,7 +145,7 @@ class DampedTorqueConstraint(LinearConstraint):
     def compute_constraint_params(
         self, path: object, gridpoints: Array, *args: object, **kwargs: object
     ) -> tuple[Array | None, ...]:
-        """Give toppra the rows, at both ends of each step."""
+        """Pass the rows to toppra, at both ends of each step."""
         if not np.array_equal(gridpoints, self._gridpoints):
             raise ValueError("the constraint was built for other grid points")
         a, b, c = self.rows()
@@ -185,7 +185,7 @@ def solve_line(
     path = toppra.SplineInterpolator([0.0, 1.0], np.stack([q_start, q_goal]))
     torque = DampedTorqueConstraint(arm, grid, q, step)
     speed = np.minimum(arm.velocity, np.sqrt(torque.x_max) * np.abs(step))
-    # A joint that stays where it is keeps its limit, for toppra wants none to be zero.
+    # A joint that does not move keeps its limit: toppra accepts no limit of zero.
     speed = np.where(step == 0.0, arm.velocity, speed)
     velocity = JointVelocityConstraint(np.stack([-speed, speed], axis=1))
     damped = bool(np.any(arm.damping * step != 0.0))
@@ -226,6 +226,6 @@ def solve_line(
 
 
 def _times(grid: Array, speeds: Array) -> Array:
-    """When each grid point is passed, with constant path acceleration between."""
+    """Times of the grid points, with constant path acceleration between them."""
     steps = 2.0 * np.diff(grid) / (speeds[1:] + speeds[:-1])
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -1,4 +1,4 @@
-"""Wrong arguments: every public callable, with one or two values that do not belong."""
+"""Wrong arguments: every public callable, with one or two unsuitable values."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import pinocchio as pin
 import tominpmp as tm
 from tools.fuzz.nonsense import NONSENSE
 
-# What a plan may take where its arguments happen to be good.
+# Limits of plans whose arguments happen to be valid.
 QUICK = {"intervals": 6, "max_iterations": 2, "starts": 1, "max_planning_time": 2.0}
 
 
 class World:
-    """Sound values of every kind, each made when it is first asked for."""
+    """Valid values of every type, each made at its first use."""
 
     @cached_property
     def robot(self) -> tm.Robot:
@@ -68,7 +68,7 @@ class World:
         return tm.Workcell(bases)
 
     def kinds(self) -> list[Any]:
-        """Sound objects that are wrong in most places."""
+        """Valid objects that have the wrong type for most arguments."""
         pose = pin.SE3.Identity()
         named = (
             "robot", "goal", "scene", "problem", "options", "solution", "trajectory",
@@ -77,7 +77,7 @@ class World:
         return [getattr(self, name) for name in named] + [pose]
 
 
-# A callable by its name, and arguments that it takes.
+# A callable by its name, and valid arguments for it.
 Case = tuple[Callable[..., Any], Mapping[str, Any]]
 
 
@@ -150,7 +150,7 @@ def scene_cases(_: World) -> dict[str, Case]:
 
 
 def robot_cases(world: World) -> dict[str, Case]:
-    """Robots, and what is said of them."""
+    """Robots, and functions that describe them."""
     robot, per_joint = world.robot, [1.0, 1.0, 1.0]
     values: dict[str, Any] = {
         "damping": 0.1, "armature": 0.01, "effort": 20.0, "velocity": per_joint,
@@ -196,7 +196,7 @@ def robot_cases(world: World) -> dict[str, Case]:
 
 
 def planning_cases(world: World) -> dict[str, Case]:
-    """Problems, plans and what judges them."""
+    """Problems, plans and their verification."""
     problem, motion = world.problem, world.trajectory
     judged = {"problem": problem, "trajectory": motion}
     return {
@@ -251,7 +251,7 @@ def motion_cases(world: World) -> dict[str, Case]:
 
 
 def file_cases(world: World) -> dict[str, Case]:
-    """Whatever reads or writes a file."""
+    """Callables that read or write a file."""
     from tominpmp.files.export import export
     from tominpmp.viz.playback import play
     from tominpmp.viz.plots import plot_trajectory
@@ -309,7 +309,7 @@ RARE |= {"solution.play", "play", "Problem"}
 
 
 def make_cases(world: World) -> dict[str, Case]:
-    """All callables, each with arguments it has."""
+    """All callables, each with valid arguments."""
     found: dict[str, Case] = {}
     for family in FAMILIES:
         for name, (function, given) in family(world).items():

@@ -1,8 +1,8 @@
-"""The campaign: inputs by seed and number, judged in processes of their own.
+"""The campaign: inputs by seed and number, tried in separate processes.
 
-An input fails if it raises what is not the library's own, if its message is empty or
-long, if it takes too much time or memory, or if it ends the process that tries it. The
-process is then started anew and goes on with the next input.
+An input fails if it raises an exception of another library, if its message is empty or
+too long, if it takes too much time or memory, or if it ends the process that tries it.
+A new process is then started, and continues with the next input.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from typing import Any
 
 import numpy as np
 
-# How many inputs of each family a campaign of 20 000 has, and the time that one of them
-# may take [s].
+# Number of inputs of each family in a campaign of 20 000, and the time limit of an
+# input [s].
 SHARES = {"files": 11_000, "arguments": 7_900, "options": 1_000, "signals": 100}
 SECONDS = {"files": 20.0, "arguments": 20.0, "options": 40.0, "signals": 60.0}
 # Memory of the process that tries them [MB].
 MEMORY = 1000
 LONGEST = 3000
-# Time that a process may say nothing, in the time of an input: machines may be busy.
+# Longest silence of a process, in time limits of an input: machines may be busy.
 PATIENCE = 15.0
-# Inputs that a process tries before a new one takes its place.
+# Number of inputs after which a process is replaced.
 CHUNK = 500
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def inputs_of(family: str, folder: Path) -> Any:
-    """What makes the inputs of a family."""
+    """Generator of the inputs of a family."""
     if family == "files":
         from tools.fuzz.damage import Damage
 
@@ -70,7 +70,7 @@ def peak() -> int:
 
 
 class TooLongError(Exception):
-    """An input took more than its time."""
+    """An input exceeded its time limit."""
 
 
 def _alarm(_: int, __: FrameType | None) -> None:
@@ -81,12 +81,12 @@ def judge(call: Any, seconds: float) -> tuple[str, str]:
     """Try an input.
 
     Returns:
-        The outcome, "taken", "refused" or "failed", and what went wrong.
+        The outcome, "taken", "refused" or "failed", and the reason of a failure.
     """
     from tominpmp.exceptions import TominpmpError
 
-    # Of the processor: a busy machine is no fault of the input. Whoever reads what this
-    # process says ends it if it sleeps.
+    # Processor time, as the input is not to blame for a busy machine. The parent, which
+    # reads the output of this process, ends it if it sleeps.
     signal.signal(signal.SIGPROF, _alarm)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     before = peak()
@@ -102,7 +102,7 @@ def judge(call: Any, seconds: float) -> tuple[str, str]:
             outcome, why = "failed", f"a message of {len(str(error))} characters"
     except TooLongError:
         outcome, why = "failed", f"takes more than {seconds} s"
-    except BaseException as error:  # whatever it is, it is what is looked for
+    except BaseException as error:  # any other exception is a failure
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
         outcome = "failed"
@@ -115,8 +115,8 @@ def judge(call: Any, seconds: float) -> tuple[str, str]:
 
 
 def work(family: str, seed: int, begin: int, end: int) -> None:
-    """Try inputs one after the other, telling of each before and after."""
-    # What is asked for beyond is refused by the system, as on a small machine.
+    """Try inputs one after the other, with a report before and after each."""
+    # The system refuses memory beyond this limit, as on a small machine.
     resource.setrlimit(resource.RLIMIT_AS, (8 * 2**30, 8 * 2**30))
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         os.chdir(folder)
@@ -138,7 +138,7 @@ def _tell(what: dict[str, Any]) -> None:
 
 @dataclass
 class Tally:
-    """What a family came to."""
+    """Results of a family."""
 
     outcomes: Counter[str]
     failures: list[dict[str, Any]]
@@ -147,7 +147,7 @@ class Tally:
 
 
 def attempt(family: str, seed: int, begin: int, end: int, tally: Tally) -> int:
-    """Try inputs in a process; returns the number to go on with."""
+    """Try inputs in a process; returns the number of the next input."""
     command = [sys.executable, "-m", "tools.fuzz", "--work", family]
     command += ["--seed", str(seed), "--begin", str(begin), "--end", str(end)]
     with tempfile.TemporaryFile("w+") as complaints:
@@ -182,7 +182,7 @@ def attempt(family: str, seed: int, begin: int, end: int, tally: Tally) -> int:
 
 
 def _lines(child: subprocess.Popen[str], patience: float) -> Iterator[str]:
-    """What a process says, until it ends or says nothing for too long."""
+    """Lines of output of a process, until it ends or is silent for too long."""
     import select
 
     assert child.stdout is not None  # noqa: S101
@@ -197,7 +197,7 @@ def _lines(child: subprocess.Popen[str], patience: float) -> Iterator[str]:
 
 
 def campaign(shares: dict[str, int], seed: int, out: Path | None) -> list[Any]:
-    """Try so many inputs of each family; returns those that failed."""
+    """Try a number of inputs of each family; returns the failed ones."""
     failures: list[Any] = []
     for family, count in shares.items():
         tally, begin = Tally(Counter(), []), time.perf_counter()
@@ -220,20 +220,20 @@ def campaign(shares: dict[str, int], seed: int, out: Path | None) -> list[Any]:
 
 
 def _keep(out: Path | None, failures: list[Any]) -> None:
-    """Write what failed so far."""
+    """Write the failures so far."""
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "failures.json").write_text(json.dumps(failures, indent=1))
 
 
 def _say(text: str) -> None:
-    """Tell how far it is."""
+    """Print the progress."""
     sys.stderr.write(f"{text}\n")
     sys.stderr.flush()
 
 
 def main() -> int:
-    """Run what the command line asks for."""
+    """Run the campaign with the arguments of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=20_000, help="number of inputs")
     parser.add_argument("--seed", type=int, default=0)

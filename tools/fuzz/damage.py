@@ -12,12 +12,12 @@ import numpy as np
 import tominpmp as tm
 from tests.test_fuzz_readers import WORDS, Reader, make_readers
 
-# A word that may be put anywhere in a text: signs of the formats, and odd numbers.
+# Words inserted anywhere in a text: signs of the formats, and odd numbers.
 SIGNS = (b"[", b"]", b"{", b"}", b"<", b">", b"&", b"*", b":", b",", b'"', b"'", b"\n")
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:
-    """A version of a file that is cut, spoilt, shuffled, or has odd words in it."""
+    """A version of a file that is cut, overwritten, shuffled, or has odd words."""
     for _ in range(int(rng.integers(1, 4))):
         content = _once(content, rng)
     return content

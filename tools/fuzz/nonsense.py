@@ -1,4 +1,4 @@
-"""Values that no argument expects, or that most do not."""
+"""Values that are invalid for all arguments, or for most of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 
 class NoRepr:
-    """An object that cannot even be shown."""
+    """An object whose ``repr`` fails."""
 
     def __repr__(self) -> str:
         """Fail."""
@@ -30,7 +30,7 @@ def _deep() -> list[Any]:
     return value
 
 
-# Made anew for every input: some are used up, all could be changed.
+# New values for every input: some are consumed, and all could be changed.
 NONSENSE: dict[str, Callable[[], Any]] = {
     "None": lambda: None,
     "True": lambda: True,

@@ -17,10 +17,10 @@ COMMAND = (
     "plan", "planar3r", "--start", "0.5,1.7,-1.7", "--goal", "2,-1,0.5",
     "--obstacle", "sphere:O:r=0.3:at=4,1,0",
 )  # fmt: skip
-# After a signal nothing may go on for longer than this [s]; starting takes about one.
+# No process may run for longer than this after a signal [s]; starting takes about 1 s.
 PATIENCE = 20.0
 LATEST = 6.0
-# Exit codes of the command line, and what a shell sees of a signal.
+# Exit codes of the command line, and those that a shell reports for a signal.
 CODES = {0, 1, 2, 130, 143, -signal.SIGINT, -signal.SIGTERM}
 
 
@@ -40,7 +40,7 @@ def left_behind(group: int) -> list[int]:
 
 
 def _heed_interrupts() -> None:
-    """Undo what a shell does for jobs in the background, which ignore Ctrl-C."""
+    """Restore the handling of Ctrl-C, which shells ignore for background jobs."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -81,7 +81,7 @@ class Signals:
         try:
             time.sleep(moment)
             child.send_signal(kind)
-            # Until whoever inherited the output has closed it.
+            # Until all processes that inherited the output have closed it.
             text = child.communicate(timeout=PATIENCE)[0].decode(errors="replace")
             time.sleep(0.1)
             left = left_behind(child.pid)
