@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,6 +13,13 @@ from tominpmp.robot.robot import Robot
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
 START, CLOSE = (0.5, 1.7, -1.7), np.array((0.5, 1.0, 1.0))
+# A cube with edges of 10 cm and a mass of 1 kg on a rail.
+RAIL = """<robot name="rail"><link name="base"/><link name="cube"><inertial>
+<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<joint name="slide" type="prismatic"><parent link="base"/><child link="cube"/>
+<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="10" velocity="5"/></joint>
+</robot>"""
 # Room that is left at the goal [m].
 GAPS = (3e-4, 1e-3)
 
@@ -59,6 +68,45 @@ def test_goal_is_reached(planar3r: Robot, kind: str, gap: float) -> None:
     assert gap < PADDING
     solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
     assert solution.success, solution.message
+
+
+@pytest.mark.parametrize("kind", ["joints", "pose"])
+def test_goal_exactly_at_the_margin_is_reached(planar3r: Robot, kind: str) -> None:
+    """Of a pose it was refused: it lacks -5.56e-16 m of room."""
+    scene, margin = ball_near(planar3r, 0.01), 0.01
+    goal = goals(planar3r)[kind]
+    problem = tm.Problem(planar3r, START, goal, scene, margin=margin)
+    solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
+    assert solution.success, solution.message
+
+
+@pytest.mark.parametrize("room", [1.5e-3, 1e-4])
+def test_passage_narrower_than_the_padding(room: float) -> None:
+    """Neither start nor goal is near: the least time is that without the walls."""
+    arm = tm.load_robot(RAIL)
+    walls = [
+        tm.Box(name, size=(0.1, 0.2, 1.0), position=(0.0, side * (0.15 + room), 0.0))
+        for name, side in (("left", 1.0), ("right", -1.0))
+    ]
+    problem = tm.Problem(arm, [-0.5], tm.JointGoal([0.5]), tm.Scene(walls))
+    assert problem.checker.distances(np.zeros((1, 1)), 1.0).min() < PADDING
+    solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
+    assert solution.success, solution.message
+    assert solution.T < 1.001 * tm.plan(replace(problem, scene=tm.Scene())).T
+
+
+def test_start_with_a_velocity_towards_a_wall() -> None:
+    """It can just stop, a millimetre before the wall."""
+    arm = tm.load_robot(RAIL)
+    ahead, v = 0.05, np.sqrt(2.0 * 10.0 * (0.05 - 1e-3))
+    wall = tm.Box("wall", size=(0.1, 1.0, 1.0), position=(0.1 + ahead, 0.0, 0.0))
+    problem = tm.Problem(
+        arm, [0.0], tm.JointGoal([-0.5]), tm.Scene([wall]), v_start=[v]
+    )
+    solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
+    assert solution.success, solution.message
+    free = replace(problem, scene=tm.Scene())
+    assert solution.T < 1.01 * tm.plan(free, effort="quick").T
 
 
 @pytest.mark.parametrize("kind", ["joints", "pose"])

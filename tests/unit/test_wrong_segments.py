@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from command_line import invoke
 
@@ -158,3 +159,24 @@ def test_constraints_of_segments_that_are_none_are_told(given: object) -> None:
     with pytest.raises(tm.ProblemError, match=r"segment 1 of 1: constraints") as found:
         tm.Problem(robot, [0.0], segments=[segment])
     assert str(found.value.field).startswith("segments[0].constraints")
+
+
+def test_the_start_is_checked_among_what_the_first_segment_has() -> None:
+    """It was among what the problem has: a retreat was refused, a collision was not."""
+    robot = tm.load_robot("planar3r")
+    start, away = (0.5, 1.0, 1.0), tm.JointGoal((0.5, 1.7, -1.7))
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, np.array(start))
+    tip = data.oMf[robot.frame_id("tip")].translation.copy()
+    part = tm.Scene([tm.Sphere("part", radius=0.3, position=tip)])
+    touching = [("link3", "part")]
+    retreats = [
+        tm.Segment(away, may_touch=touching),
+        tm.Segment(away, scene=tm.Scene()),
+    ]
+    for retreat in retreats:
+        problem = tm.Problem(robot, start, segments=[retreat], scene=part)
+        assert problem.segments
+    with pytest.raises(tm.ProblemError, match=r"start in collision.*'part'") as raised:
+        tm.Problem(robot, start, segments=[tm.Segment(away, scene=part)])
+    assert raised.value.field == "segments[0].q_start"

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from tominpmp.collision.shapes import Body
     from tominpmp.robot.robot import Robot
 
+# Overlaps up to this size are rounding [m].
+ROUNDING = 1e-6
 # Number of configurations that are processed at once, which limits the memory.
 CHUNK = 1024
 

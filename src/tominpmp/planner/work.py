@@ -17,7 +17,8 @@ from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.objective import TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
-from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.exchange import LEAST
+from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 from tominpmp.verification.verification import LONGEST
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ REPAIRS = 2
 SLOWEST, FACTORS = 10.0, 12
 # Largest violation of a motion that is nearly feasible.
 NEARLY = 1e-2
+# Share of the padding of clearances that a repair leaves, and the least one.
+LESS_PADDING, LEAST_PADDING = 0.1, 1e-2
 
 # Remark on a motion that was saved after a later stage failed.
 STAGE_FAILED = "A later stage failed ({}), and this was kept."
@@ -116,7 +119,8 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
     """Make a candidate and replay it; repair and repeat if the replay breaks limits.
 
     If links of a single arm touch, the repair adds rows against self-collision;
-    otherwise it doubles the grid.
+    otherwise it doubles the grid. If only the padding of clearances is missing, as in
+    passages that are narrower, the motion is improved with less of it.
 
     Args:
         state: The plan, which records how long a replay takes.
@@ -124,7 +128,7 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
     """
     complete = work.system
     system = complete if work.self_collision_rows else complete.without_self_collision
-    best, doublings = None, 0
+    best, doublings, share = None, 0, 1.0
     while True:
         candidate = work.make(system, doublings, best)
         if work.replay and candidate.verification is None:
@@ -142,6 +146,10 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
         if best is not None and doublings and (worse or not candidate.feasible):
             return best  # on shorter intervals, rounding does more harm than good
         best = candidate if best is None else candidate.after(best)
+        if share > LEAST_PADDING and _lacks_padding(system, best):
+            share *= LESS_PADDING
+            system = complete = complete.padded(LESS_PADDING)
+            continue
         if not best.refuted or best.status in STOPPED or best.dropped:
             return best
         if best.trajectory.duration > LONGEST:
@@ -152,6 +160,18 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
             return best
         else:
             doublings += 1
+
+
+def _lacks_padding(system: ProblemFunctions, candidate: Candidate) -> bool:
+    """Whether an infeasible candidate lacks no more than the padding of clearances."""
+    over = candidate.status in STOPPED or candidate.dropped
+    if candidate.feasible or over or system.clearance is None:
+        return False
+    lacks = {True: 0.0, False: 0.0}
+    for kind, violation in candidate.violations.items():
+        of_clearance = kind.startswith("clearance")
+        lacks[of_clearance] = max(lacks[of_clearance], violation)
+    return lacks[False] <= NEARLY and LEAST < lacks[True] * system.reach <= PADDING
 
 
 def _after_failure(state: PlanState, work: Work, error: Exception) -> Candidate | None:

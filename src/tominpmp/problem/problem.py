@@ -121,12 +121,12 @@ class Problem(Record):
             self.goal.validate(self.robot)
         several = bool(self.segments)
         self._keep(constraints=checked(self.constraints, self.robot, several))
-        self._checks.start(self.q_start, self.v_start)
         if self.segments:
             phases, snapped_goals = self._phases
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
+            self._checks.start(self.q_start, self.v_start)
             snapped_goals = self._take_goal(self.goal)
         for message in (*snapped, *snapped_goals):
             warn_caller(message)
@@ -228,7 +228,7 @@ class Problem(Record):
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
         if number == 0:
-            phase._checks.admit(q_start, phase.v_start, "start")
+            phase._checks.start(q_start, phase.v_start)
         elif self.segments[number - 1].goal.configuration is not None:
             if not same:
                 phase._checks.clear(q_start, "start", later=True)

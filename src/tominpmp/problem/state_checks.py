@@ -11,6 +11,7 @@ from tominpmp.arrays import Array, real_array
 from tominpmp.checks import by_joint, in_order, wrong
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.enclosure import enclosure
+from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.inertials import singular_directions
@@ -30,9 +31,6 @@ FIELDS = {"start": "q_start", "goal": "goal"}
 # in rad or m, velocities in rad/s or m/s), as encoders and files round; for narrow
 # limits the largest share of the range between them.
 SNAP, SNAP_SHARE = 1e-4, 1e-2
-# Overlaps and constraint violations up to this size are rounding [m, or the unit of the
-# constraint].
-ROUNDING = 1e-6
 # Angles that exceed a limit and this size get a hint: they are probably in degrees.
 LARGE_ANGLE, IN_RADIANS = 2.0 * np.pi, "; angles are in radians, not degrees"
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import Constraint
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.joint_limits import JointLimit
@@ -83,12 +84,14 @@ class LazyClearanceRows:
         cutoff = problem.margins + PADDING / PADDING_SHARE
         excess = checker.distances(self.passed, cutoff) - problem.margins
         guessed = excess[len(excess) - self.guessed :]
-        guessed[guessed < 0.0] = np.inf
+        guessed[guessed < -ROUNDING] = np.inf
         # Where moving obstacles are at the arrival is unknown, as its time is.
         excess[1:, checker.moving_pairs] = np.inf
         excess = np.min(excess, axis=0)
         most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
-        return np.asarray(self.share * np.clip(PADDING_SHARE * excess, 0.0, most))
+        padding = self.share * np.clip(PADDING_SHARE * excess, 0.0, most)
+        # States at the margin may lack what rounding has left of it.
+        return np.asarray(padding + np.clip(excess, -ROUNDING, 0.0))
 
     @cached_property
     def clearance(self) -> ClearanceConstraint | None:
@@ -97,7 +100,7 @@ class LazyClearanceRows:
         if not checker.pairs:
             return None
         margin = self.problem.margins + self.padding
-        padding = self.padding / self.reach
+        padding = np.maximum(self.padding, 0.0) / self.reach
         return ClearanceConstraint(checker, margin, self.reach, padding=padding)
 
 

@@ -76,7 +76,7 @@ def closest(
     while True:
         try:
             margins = coarse.margins(problem.margin)
-            allowed = _tolerated(problem, coarse, margins, tolerance)
+            allowed = _tolerated(problem, replay, coarse, margins, tolerance)
             search = ClosestApproach(coarse, replay, margins, allowed, NEAR_END).run()
         except Stop:
             # Without the time to decompose meshes, a bound is better than no distance.
@@ -98,15 +98,20 @@ def closest(
 
 
 def _tolerated(
-    problem: Problem, checker: CollisionChecker, margins: Array, tolerance: float
+    problem: Problem,
+    replay: Replay,
+    checker: CollisionChecker,
+    margins: Array,
+    tolerance: float,
 ) -> Array:
-    """Tolerated violations near the start and the goal, shape (2, pairs) [m]."""
-    ends = [problem.q_start]
-    if problem.goal.configuration is not None:
-        ends.append(problem.goal.configuration)
-    room = checker.distances(np.array(ends), margins + tolerance) - margins
-    allowed = np.zeros((2, margins.size))
-    allowed[: len(ends)] = np.where(room < tolerance, tolerance, 0.0)
+    """Tolerated violations near the start and the goal, shape (2, pairs) [m].
+
+    A goal on a frame is where the motion ends.
+    """
+    goal = problem.goal.configuration
+    ends = np.array([problem.q_start, replay.q[-1] if goal is None else goal])
+    room = checker.distances(ends, margins + tolerance) - margins
+    allowed = np.where(room < tolerance, tolerance, 0.0)
     # The arrival time and with it the placements of moving obstacles are not known.
     allowed[1, checker.moving_pairs] = 0.0
     return allowed

@@ -348,7 +348,7 @@ def _cubic(part: Trajectory) -> Trajectory:
         np.linspace(a, b, 2 + int((b - a) / FINE))[:-1]
         for a, b in zip(part.t[:-1], part.t[1:], strict=True)
     ]
-    t = np.append(np.concatenate(fine), part.t[-1])
+    t = np.concatenate([*fine, part.t[-1:]])
     state = part(t)
     return replace(part, t=t, q=state.q, v=state.v, u=state.u, a=None)
 
