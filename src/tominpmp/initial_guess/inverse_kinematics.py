@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.least_squares import damped_step, least_squares, row_by_row
 from tominpmp.transcription.problem_functions import ProblemFunctions
-
-if TYPE_CHECKING:
-    from tominpmp.problem.problem import Problem
 
 # Most least-squares steps from a start.
 STEPS = 60
@@ -228,7 +225,7 @@ def find_configurations(
         movable = [q for q in blocked[:MOST_RESOLVED] if not isolated(target, q)]
         free = [q for q in _solutions(both, movable)[0] if is_free(system, q)]
         # A goal may be closer to an obstacle than the padding beyond the margin.
-        free = free or [q for q in blocked if _keeps_margins(problem, q)]
+        free = free or [q for q in blocked if _keeps_margins(system, q)]
     return GoalSearch(free, blocked, 0.0 if solutions else target.violation(nearest))
 
 
@@ -325,11 +322,12 @@ def all_blocked(system: ProblemFunctions, blocked: Sequence[Array]) -> bool:
     if not blocked or problem.checker.moving:
         return False
     target = Target(system, problem.goal)
-    return all(isolated(target, q) and not _keeps_margins(problem, q) for q in blocked)
+    return all(isolated(target, q) and not _keeps_margins(system, q) for q in blocked)
 
 
-def _keeps_margins(problem: Problem, q: Array) -> bool:
+def _keeps_margins(system: ProblemFunctions, q: Array) -> bool:
     """Whether a configuration, shape (n,), keeps the margins, except for rounding."""
+    problem = system.problem
     margins = problem.checker.margins(problem.margin - ROUNDING)
     return problem.checker.is_free(q, margins)
 

@@ -24,7 +24,7 @@ from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import Schedule, Work
+from tominpmp.planner.work import LESS_PADDING, Schedule, Work
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import solve
@@ -47,7 +47,7 @@ FEWEST = 60
 FEW, SMALL_GAP = 10, 0.03
 # If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
 # the padding is multiplied by LESS_PADDING for the next round.
-PADDING_SHARE, LESS_PADDING = 0.3, 0.3
+PADDING_SHARE = 0.3
 # Bodies are close to a motion if their clearance exceeds the margin by less than this
 # share of the reach.
 CLOSE = 0.01

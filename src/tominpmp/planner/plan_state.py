@@ -38,27 +38,6 @@ END_SHARE, END_SECONDS = 0.08, 0.15
 SAVING = 3.0
 
 
-class CallbackError(BaseException):
-    """An error of the callback: it ends the plan, and is no failure of numerics.
-
-    Attributes:
-        error: The error.
-    """
-
-    def __init__(self, error: Exception) -> None:
-        super().__init__(str(error))
-        self.error = error
-
-
-@contextmanager
-def errors_of_callback() -> Iterator[None]:
-    """Errors of the callback leave this as they were raised."""
-    try:
-        yield
-    except CallbackError as failure:
-        raise failure.error from None
-
-
 class PlanState:
     """Time, callback and candidates of a plan.
 
@@ -87,6 +66,7 @@ class PlanState:
             the last resort if the fallback fails, too.
         complete: Whether the plan has done everything that it must. The thorough search
             that follows is open-ended: a time limit then is its regular end.
+        callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
     """
 
@@ -108,6 +88,7 @@ class PlanState:
         self.fallback: Fallback | None = None
         self.first_guesses: list[tuple[str, KeptIterate, Problem]] = []
         self.complete = False
+        self.callback_error: Exception | None = None
         self.failures: list[Exception] = []
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
@@ -293,16 +274,17 @@ class PlanState:
     def show(self, record: IterationRecord) -> None:
         """Show a record to the callback of the options.
 
+        An error of the callback ends the plan, and is raised at its end.
+
         Raises:
-            Stop: If the callback says so.
-            CallbackError: If the callback raises an error.
+            Stop: If the callback says so, or raises an error.
         """
         record = replace(record, start=self.start, seconds=self.seconds)
         callback = self.options.callback
         try:
             stops = callback is not None and callback(record)
         except Exception as error:
-            raise CallbackError(error) from error
+            self.callback_error, stops = error, True
         if stops:
             self.deadline.requested = self.deadline.heeded = True
             raise Stop(requested=True)

@@ -45,7 +45,7 @@ from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
 from tominpmp.planner.control_period import on_clock, search_options
 from tominpmp.planner.energy import with_least_cost
 from tominpmp.planner.improvements import improvements
-from tominpmp.planner.plan_state import PlanState, errors_of_callback
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.starts import starts
@@ -105,7 +105,7 @@ def plan(
     former = None if start is None else motion_of(problem, start)
     state = PlanState(problem, search_options(options))
     status, candidate = None, None
-    with state.deadline.in_force(), errors_of_callback():
+    with state.deadline.in_force():
         try:
             barrier = find_barrier(problem, options.tolerances.contact)
             if barrier is not None:
@@ -120,6 +120,8 @@ def plan(
         except (Stop, KeyboardInterrupt) as stop:
             status = state.stopped(stop)
         solution = _finish(state, options, status)
+        if state.callback_error is not None:
+            raise state.callback_error
         if requested.energy_weight:
             solution = with_least_cost(replace(solution, options=requested))
         return with_remarks(solution, state)

@@ -33,8 +33,8 @@ REPAIRS = 2
 SLOWEST, FACTORS = 10.0, 12
 # Largest violation of a motion that is nearly feasible.
 NEARLY = 1e-2
-# Share of the padding of clearances that a repair leaves, and the least one.
-LESS_PADDING, LEAST_PADDING = 0.1, 1e-2
+# Share of the padding of clearances that is left where it is too much.
+LESS_PADDING = 0.3
 
 # Remark on a motion that was saved after a later stage failed.
 STAGE_FAILED = "A later stage failed ({}), and this was kept."
@@ -128,7 +128,7 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
     """
     complete = work.system
     system = complete if work.self_collision_rows else complete.without_self_collision
-    best, doublings, share = None, 0, 1.0
+    best, doublings, padding = None, 0, PADDING
     while True:
         candidate = work.make(system, doublings, best)
         if work.replay and candidate.verification is None:
@@ -146,13 +146,13 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
         if best is not None and doublings and (worse or not candidate.feasible):
             return best  # on shorter intervals, rounding does more harm than good
         best = candidate if best is None else candidate.after(best)
-        if share > LEAST_PADDING and _lacks_padding(system, best):
-            share *= LESS_PADDING
+        if best.status in STOPPED or best.dropped:
+            return best
+        if not best.feasible and _lacks_padding(best, system.reach, padding):
+            padding *= LESS_PADDING
             system = complete = complete.padded(LESS_PADDING)
             continue
-        if not best.refuted or best.status in STOPPED or best.dropped:
-            return best
-        if best.trajectory.duration > LONGEST:
+        if not best.refuted or best.trajectory.duration > LONGEST:
             return best
         if best.touches and system is not complete:
             system = complete
@@ -162,16 +162,12 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
             doublings += 1
 
 
-def _lacks_padding(system: ProblemFunctions, candidate: Candidate) -> bool:
-    """Whether an infeasible candidate lacks no more than the padding of clearances."""
-    over = candidate.status in STOPPED or candidate.dropped
-    if candidate.feasible or over or system.clearance is None:
-        return False
-    lacks = {True: 0.0, False: 0.0}
-    for kind, violation in candidate.violations.items():
-        of_clearance = kind.startswith("clearance")
-        lacks[of_clearance] = max(lacks[of_clearance], violation)
-    return lacks[False] <= NEARLY and LEAST < lacks[True] * system.reach <= PADDING
+def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
+    """Whether what an infeasible candidate violates most is the padding [m]."""
+    found = candidate.violations.items()
+    clearances = [size for kind, size in found if kind.startswith("clearance")]
+    missing = max(clearances, default=0.0)
+    return candidate.violation == missing and LEAST < reach * missing <= padding
 
 
 def _after_failure(state: PlanState, work: Work, error: Exception) -> Candidate | None:

@@ -72,11 +72,14 @@ def closest(
     coarse = checker.with_cut(frozenset()) if checker.single_arm else checker
     if not coarse.pairs:
         return None
+    # A goal on a frame is where the motion ends.
+    goal = problem.goal.configuration
+    ends = np.array([problem.q_start, replay.q[-1] if goal is None else goal])
     bound = None
     while True:
         try:
             margins = coarse.margins(problem.margin)
-            allowed = _tolerated(problem, replay, coarse, margins, tolerance)
+            allowed = _tolerated(ends, coarse, margins, tolerance)
             search = ClosestApproach(coarse, replay, margins, allowed, NEAR_END).run()
         except Stop:
             # Without the time to decompose meshes, a bound is better than no distance.
@@ -98,18 +101,9 @@ def closest(
 
 
 def _tolerated(
-    problem: Problem,
-    replay: Replay,
-    checker: CollisionChecker,
-    margins: Array,
-    tolerance: float,
+    ends: Array, checker: CollisionChecker, margins: Array, tolerance: float
 ) -> Array:
-    """Tolerated violations near the start and the goal, shape (2, pairs) [m].
-
-    A goal on a frame is where the motion ends.
-    """
-    goal = problem.goal.configuration
-    ends = np.array([problem.q_start, replay.q[-1] if goal is None else goal])
+    """Tolerated violations near the start and the goal, shape (2, pairs) [m]."""
     room = checker.distances(ends, margins + tolerance) - margins
     allowed = np.where(room < tolerance, tolerance, 0.0)
     # The arrival time and with it the placements of moving obstacles are not known.
