@@ -110,7 +110,7 @@ def test_the_command_line_knows_them():
         ),
         (lambda: tm.KeepAway("tip", (0, 0, 0), 0.0), "distance is 0.0"),
         (lambda: tm.JointCoupling((), (), 1.0), r"joints is \(\), expected names"),
-        (lambda: tm.JointCoupling(("a", "a"), (1.0,) * 2, 1.0), r"\('a', 'a'\), expec"),
+        (lambda: tm.JointCoupling(("a", "a"), (1.0,) * 2, 1.0), r"\('a', 'a'\), exp"),
         (lambda: tm.JointCoupling(("a", "b"), (1.0,), 1.0), "weights"),
         (lambda: tm.JointCoupling(("a",), (1.0,), 1.0, 2.0), "lower is 2 and upper 1"),
         (lambda: tm.JointCoupling(("a",), (1.0,), math.nan), "lower is"),
