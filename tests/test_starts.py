@@ -71,6 +71,7 @@ class Made:
     verification = SimpleNamespace(seconds=0.0)
     history = ()
     status = tm.Status.CONVERGED
+    feasible = True
     refuted = dropped = False
 
     def __init__(self, duration):
