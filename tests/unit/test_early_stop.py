@@ -77,14 +77,20 @@ def test_a_short_time_limit_leaves_a_verified_motion():
     assert solution.success
 
 
-def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
-    """Time ended before its replay, and the solution was called a success."""
+def with_coarse_fallback() -> PlanState:
+    """A plan whose only motion is on a coarse grid, without a replay."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
     state = PlanState(problem, options)
     search = CoarseSearch(system, options, state, torques=True)
     assert carried_out(state, search.solve_coarse(guess)) is not None
+    return state
+
+
+def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
+    """Time ended before its replay, and the solution was called a success."""
+    state = with_coarse_fallback()
 
     def stopped(*_, **__):
         raise Stop(requested=False)
@@ -96,12 +102,7 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
 
 def test_a_fallback_that_does_not_hold_is_infeasible(monkeypatch):
     """Its status said that a motion was found that keeps all constraints."""
-    problem = planar()
-    system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
-    state = PlanState(problem, options)
-    search = CoarseSearch(system, options, state, torques=True)
-    assert carried_out(state, search.solve_coarse(guess)) is not None
+    state = with_coarse_fallback()
     monkeypatch.setattr(Candidate, "verified", lambda self, *_: self)
     use_fallback(state, tm.Status.FEASIBLE)
     assert state.candidates[-1].status is tm.Status.INFEASIBLE

@@ -431,10 +431,10 @@ class Trial:
             spans = spans_of(motion, self.system.problem.segments)
             slower = replace(self, motion=motion, spans=spans, halvings=0)
             many_more = needed > self.count + max(1.0, MANY_MORE * self.count)
-            finer = replace(slower, halvings=1, finer=True)
-            splits = finer.layout.shares.size > self.layout.shares.size
-            if many_more and splits and not self.finer:
-                return finer
+            if many_more and not self.finer:
+                finer = replace(slower, halvings=1, finer=True)
+                if finer.layout.shares.size > self.layout.shares.size:
+                    return finer
             return replace(slower, periods=self._longer(needed))
         longer = LONGER[min(self.halvings, len(LONGER) - 1)]
         periods = self._longer(self.count + 1 + int(longer * self.count))

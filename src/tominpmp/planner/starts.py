@@ -122,7 +122,8 @@ def starts(
     Raises:
         ProblemError: If no guess can be made, as the goal is out of reach.
     """
-    options, system = state.options, ProblemFunctions.of(problem)
+    options = state.options
+    system = ProblemFunctions.of(problem)
     if motion is not None:
         former = warm_start(system, motion)
         candidate = yield _warm_start_work(system, former, state)

@@ -98,12 +98,10 @@ class StateChecks:
             self._within_reach(item)
             self._link_clear(item)
         lower, upper = goal.joint_ranges(self.robot)
-        for joint, least, most in zip(
-            self.robot.joint_names, lower, upper, strict=True
-        ):
-            if least > most + ROUNDING:
-                said = f"{least:.6g} at least and {most:.6g} at most [rad or m]"
-                raise ProblemError(f"goal: joint {joint!r} is to be {said}", "goal")
+        for i in np.flatnonzero(lower > upper + ROUNDING).tolist():
+            joint = self.robot.joint_names[i]
+            said = f"{lower[i]:.6g} at least and {upper[i]:.6g} at most [rad or m]"
+            raise ProblemError(f"goal: joint {joint!r} is to be {said}", "goal")
         return goal, messages
 
     def _any_goal(self, goal: Goal, rests: bool) -> tuple[Goal, list[str]]:

@@ -211,7 +211,8 @@ class Transcription(ABC, Generic[M]):
     @cached_property
     def delays(self) -> Array:
         """Total duration of the dwells before each interval [s], shape (N,)."""
-        out, segments = np.zeros(self.intervals), self.system.problem.segments
+        out = np.zeros(self.intervals)
+        segments = self.system.problem.segments
         for end, segment in zip(self.segment_ends, segments, strict=False):
             out[end:] += segment.dwell
         return out

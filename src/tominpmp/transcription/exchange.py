@@ -403,7 +403,8 @@ def around_reversals(
         joints: Whether each joint has dry friction, shape (n,).
         within: Half-open range of the intervals to inspect.
     """
-    (first, end), steps = within, REVERSAL_STEPS
+    first, end = within
+    steps = REVERSAL_STEPS
     shares = tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
     at = Instants.spread(of.intervals, shares).within(first, end)
     v = of.states(motion, at, 1).v[:, joints].reshape(end - first, steps + 1, -1)

@@ -46,16 +46,13 @@ class LazyClearanceRows:
         problem: The problem.
         reach: Length of the arm, which scales lengths [m].
         passed: Configurations that the motion passes, shape (k, n): its start first,
-            then the goals that are configurations.
-        guessed: Number of passed configurations, the last ones, that a guess passes at
-            goals on frames.
+            then the goals that are configurations, and those of a guess at the others.
         share: Share of the full padding beyond the margin.
     """
 
     problem: Problem
     reach: float
     passed: Array
-    guessed: int = 0
     share: float = 1.0
 
     def padded(self, share: float) -> LazyClearanceRows:
@@ -68,8 +65,7 @@ class LazyClearanceRows:
         more = q[~np.any(same, axis=1)]
         if not len(more):
             return self
-        passed = np.concatenate([self.passed, more])
-        return replace(self, passed=passed, guessed=self.guessed + len(more))
+        return replace(self, passed=np.concatenate([self.passed, more]))
 
     @cached_property
     def padding(self) -> Array:
@@ -77,14 +73,13 @@ class LazyClearanceRows:
 
         With it, the motion keeps the margin between the rows as well. Goals may lie
         closer to an obstacle than the full padding: a part in a gripper, or a tool at
-        work. Configurations of a guess in collision are no such goals.
+        work. A configuration in collision, as a guess may have, is no such goal.
         """
         problem, checker = self.problem, self.problem.checker
         # Distances beyond this do not change the padding.
         cutoff = problem.margins + PADDING / PADDING_SHARE
         excess = checker.distances(self.passed, cutoff) - problem.margins
-        guessed = excess[len(excess) - self.guessed :]
-        guessed[guessed < -ROUNDING] = np.inf
+        excess[excess < -ROUNDING] = np.inf
         # Where moving obstacles are at the arrival is unknown, as its time is.
         excess[1:, checker.moving_pairs] = np.inf
         excess = np.min(excess, axis=0)

@@ -185,8 +185,8 @@ def _verdicts(solution: Solution | None) -> dict[str, Any]:
     if bound is not None:
         verdicts |= {"lower_bound": bound.T, "lower_bound_reason": bound.reason}
     if replay is not None:
-        errors, clearance = ("goal_error", "speed_error"), replay.min_clearance
-        verdicts |= {name: getattr(replay, name) for name in errors}
+        verdicts |= {"goal_error": replay.goal_error, "speed_error": replay.speed_error}
+        clearance = replay.min_clearance
         verdicts["min_clearance"] = clearance if math.isfinite(clearance) else None
     return verdicts
 
