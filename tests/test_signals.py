@@ -95,7 +95,7 @@ COMMAND = """
     import os, signal, sys
     import tominpmp.cli.problem
     from tominpmp.cli import main
-    from tominpmp.cli.output_files import OutputFiles
+    from tominpmp.cli import plan
     from tominpmp.cli.plan import Progress
     number, count, where = int(sys.argv[1]), [0], sys.argv[2]
     usual = Progress.__call__
@@ -111,17 +111,17 @@ COMMAND = """
     def loading(*arguments):
         os.kill(os.getpid(), number)
 
-    write = OutputFiles.write
+    write = plan.write_files
 
-    def writing(self, solution):
+    def writing(*arguments):
         os.kill(os.getpid(), number)
-        return write(self, solution)
+        return write(*arguments)
 
     Progress.__call__ = told
     if where == "loading":
         tominpmp.cli.problem.load_problem = loading
     if where == "writing":
-        OutputFiles.write = writing
+        plan.write_files = writing
     sys.argv[1:] = sys.argv[3:]
     main()
 """

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import chain, count
 from operator import attrgetter
@@ -37,140 +37,128 @@ FILES = {
 }
 
 
-@dataclass(frozen=True)
-class OutputFiles:
-    """Files to write.
+def motion_file(options: PlanOptions) -> Path | None:
+    """Choose the file for the motion, and check all files to write.
 
-    Attributes:
-        options: The options of the command.
-        motion: File for the motion; None for no file or standard output.
+    Returns:
+        The file; None for no file or standard output.
+
+    Raises:
+        OptionsError: If options contradict each other.
+        ProblemError: If the ROS message is unknown or does not suit the file.
+        ScenarioError: If a file cannot be written.
+        MissingDependency: If a package for a plot or a bag is missing.
     """
-
-    options: PlanOptions
-    motion: Path | None
-
-    @classmethod
-    def of(cls, options: PlanOptions) -> OutputFiles:
-        """Choose and check the files.
-
-        Raises:
-            OptionsError: If options contradict each other.
-            ProblemError: If the ROS message is unknown or does not suit the file.
-            ScenarioError: If a file cannot be written.
-            MissingDependency: If a package for a plot or a bag is missing.
-        """
-        name = options.output
-        if name == STDOUT and options.json:
-            raise OptionsError(
-                "--json and --output - both write to standard output", "output"
-            )
-        if name is not None and options.no_output:
-            raise OptionsError("--output and --no-output contradict", "output")
-        check_period(options.dt)
-        motion = None
-        if not options.no_output and name != STDOUT:
-            motion = _free_name() if name is None else Path(name)
-        check_target(motion, "--output", MOTION_ENDINGS)
-        if motion is not None:
-            check_options(motion, options.with_effort, options.ros_message)
-        elif options.with_effort or options.ros_message is not None:
-            raise OptionsError(
-                "--with-effort and --ros-message are for files of ROS messages "
-                "(--output FILE.yaml)",
-                "output",
-            )
-        check_target(options.save_scenario, "--save-scenario", (".toml",))
-        for field, (_, endings, _) in FILES.items():
-            check_target(getattr(options, field), f"--{field}", endings)
-        return cls(options, motion)
-
-    @property
-    def to_stdout(self) -> bool:
-        """Whether the motion goes to standard output."""
-        return self.options.output == STDOUT
-
-    def write(self, solution: Solution) -> tuple[dict[str, str], ExportCheck | None]:
-        """Write the files, and judge the motion as it was written.
-
-        Returns:
-            Paths of the files by their labels; and the judgement of the file of the
-            motion, None without a file.
-        """
-        written, judgement = dict[str, str](), None
-        if self.motion is not None:
-            written["motion"] = str(self.motion)
-            with self._rescued(solution, self.motion):
-                judgement = self._export(solution, self.motion)
-        elif self.to_stdout:
-            with self._rescued(solution, Path(DEFAULT_MOTION)):
-                judgement = self._stream(solution)
-        for field, (kind, _, method) in FILES.items():
-            path = getattr(self.options, field)
-            if path is not None:
-                attrgetter(method)(solution)(path)
-                written[kind] = str(path)
-        return written, judgement
-
-    @contextmanager
-    def _rescued(self, solution: Solution, path: Path) -> Iterator[None]:
-        """Save a motion elsewhere if its file cannot be written.
-
-        Raises:
-            ScenarioError: If the file cannot be written, with the place of the motion.
-        """
-        try:
-            yield
-        except BrokenPipeError:
-            raise  # the reader of the pipe has ended, so the motion is not wanted
-        except (ScenarioError, OSError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error)
-            saved = self._saved(solution, path)
-            where = "not saved elsewhere" if saved is None else f"kept in {saved}"
-            raise ScenarioError(f"{reason}; the motion is {where}", path) from error
-
-    def _saved(self, solution: Solution, path: Path) -> Path | None:
-        """Write a motion to another folder; None if no folder is writable."""
-        failed = path.absolute().parent
-        for folder in (Path.cwd(), Path(tempfile.gettempdir())):
-            if folder == failed and self.motion is not None:
-                continue
-            try:
-                place = Path(tempfile.mkdtemp(prefix="tominpmp-", dir=folder))
-            except OSError:
-                continue
-            with suppress(ScenarioError, OSError):
-                return self._write_motion(solution, place / path.name)
-            with suppress(OSError):
-                place.rmdir()
-        return None
-
-    def _write_motion(self, solution: Solution, path: Path) -> Path:
-        args = self.options
-        return solution.export(
-            path,
-            dt=args.dt,
-            with_effort=args.with_effort,
-            message=args.ros_message,
-            verify=False,
+    name = options.output
+    if name == STDOUT and options.json:
+        raise OptionsError(
+            "--json and --output - both write to standard output", "output"
         )
+    if name is not None and options.no_output:
+        raise OptionsError("--output and --no-output contradict", "output")
+    check_period(options.dt)
+    motion = None
+    if not options.no_output and name != STDOUT:
+        motion = _free_name() if name is None else Path(name)
+    check_target(motion, "--output", MOTION_ENDINGS)
+    if motion is not None:
+        check_options(motion, options.with_effort, options.ros_message)
+    elif options.with_effort or options.ros_message is not None:
+        raise OptionsError(
+            "--with-effort and --ros-message are for files of ROS messages "
+            "(--output FILE.yaml)",
+            "output",
+        )
+    check_target(options.save_scenario, "--save-scenario", (".toml",))
+    for field, (_, endings, _) in FILES.items():
+        check_target(getattr(options, field), f"--{field}", endings)
+    return motion
 
-    def _export(self, solution: Solution, path: Path) -> ExportCheck:
-        """Write the motion and judge the file."""
-        from tominpmp.files.export_check import check_export
 
-        self._write_motion(solution, path)
-        dt = self.options.dt
-        dt = solution.options.control_period if dt is None else dt
-        return check_export(solution, path, dt=dt)
+def write_files(
+    solution: Solution, options: PlanOptions, motion: Path | None
+) -> tuple[dict[str, str], ExportCheck | None]:
+    """Write the files of a plan, and judge the motion as it was written.
 
-    def _stream(self, solution: Solution) -> ExportCheck:
-        """Write the motion to standard output, as CSV."""
-        with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
-            path = Path(folder) / DEFAULT_MOTION
-            judgement = self._export(solution, path)
-            with path.open(encoding="utf-8", newline="") as file:
-                sys.stdout.write(file.read())
-        return replace(judgement, path=Path("standard output"))
+    Args:
+        solution: The plan.
+        options: The options of the command.
+        motion: File for the motion, from :func:`motion_file`.
+
+    Returns:
+        Paths of the files by their labels; and the judgement of the motion as written,
+        None if it was not to be written.
+
+    Raises:
+        ScenarioError: If the motion cannot be written, with the place where it was
+            saved instead.
+    """
+    judgement, written = None, {} if motion is None else {"motion": str(motion)}
+    try:
+        if motion is not None:
+            judgement = _export(solution, options, motion)
+        elif options.output == STDOUT:
+            judgement = _stream(solution, options)
+    except BrokenPipeError:
+        raise  # the reader of the pipe has ended, so the motion is not wanted
+    except (ScenarioError, OSError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        saved = _saved(solution, options, motion)
+        where = "not saved elsewhere" if saved is None else f"kept in {saved}"
+        path = motion or DEFAULT_MOTION
+        raise ScenarioError(f"{reason}; the motion is {where}", path) from error
+    for field, (kind, _, method) in FILES.items():
+        path = getattr(options, field)
+        if path is not None:
+            attrgetter(method)(solution)(path)
+            written[kind] = str(path)
+    return written, judgement
+
+
+def _export(solution: Solution, options: PlanOptions, path: Path) -> ExportCheck:
+    """Write the motion to a file, and judge the file."""
+    from tominpmp.files.export_check import check_export
+
+    _write_motion(solution, options, path)
+    period = solution.options.control_period
+    return check_export(solution, path, dt=period if options.dt is None else options.dt)
+
+
+def _write_motion(solution: Solution, options: PlanOptions, path: Path) -> Path:
+    return solution.export(
+        path,
+        dt=options.dt,
+        with_effort=options.with_effort,
+        message=options.ros_message,
+        verify=False,
+    )
+
+
+def _stream(solution: Solution, options: PlanOptions) -> ExportCheck:
+    """Write the motion to standard output, as CSV."""
+    with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
+        path = Path(folder) / DEFAULT_MOTION
+        judgement = _export(solution, options, path)
+        with path.open(encoding="utf-8", newline="") as file:
+            sys.stdout.write(file.read())
+    return replace(judgement, path=Path("standard output"))
+
+
+def _saved(
+    solution: Solution, options: PlanOptions, motion: Path | None
+) -> Path | None:
+    """Write the motion to another folder; None if no folder is writable."""
+    name = DEFAULT_MOTION if motion is None else motion.name
+    for folder in (Path.cwd(), Path(tempfile.gettempdir())):
+        if motion is not None and folder == motion.absolute().parent:
+            continue
+        with suppress(ScenarioError, OSError):
+            place = Path(tempfile.mkdtemp(prefix="tominpmp-", dir=folder))
+            try:
+                return _write_motion(solution, options, place / name)
+            except (ScenarioError, OSError):
+                place.rmdir()
+    return None
 
 
 def _free_name() -> Path:

@@ -6,13 +6,14 @@ import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
 from tominpmp.cli.options import PlanOptions, ProblemArguments
-from tominpmp.cli.output_files import OutputFiles
+from tominpmp.cli.output_files import STDOUT, motion_file, write_files
 from tominpmp.cli.report import json_text, report_data, report_text
 from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import (
@@ -48,12 +49,12 @@ def run_plan(
         TominpmpError: If an argument or a file is wrong.
     """
     begin = time.perf_counter()
-    files = OutputFiles.of(args)
+    motion = motion_file(args)
     signals = present()
     with logged(args.verbose, error_console()):
         solution = _solve(problem_args, options, args, begin)
     signals.writing()
-    sound = _write(solution, files)
+    sound = _write(solution, args, motion)
     if signals.number is not None or solution.status is Status.INTERRUPTED:
         return INTERRUPTED
     return PLANNED if solution.success and sound else NO_PLAN
@@ -93,30 +94,26 @@ def _solve(
         return plan(problem, chosen, former)
 
 
-def _write(solution: Solution, files: OutputFiles) -> bool:
+def _write(solution: Solution, args: PlanOptions, motion: Path | None) -> bool:
     """Write and report; return whether the written motion solves the problem."""
     written: dict[str, str] = {}
     judgement = None
     try:
         if solution.success:
-            written, judgement = files.write(solution)
+            written, judgement = write_files(solution, args, motion)
     finally:
         # The report is useful even if the disk is full.
-        _report(solution, files, report_data(solution, written, judgement))
+        data = report_data(solution, written, judgement)
+        if args.json:
+            say(json_text(data))
+        elif not args.quiet:
+            say(report_text(data), err=args.output == STDOUT)
+        elif not solution.success:
+            say(solution.message, err=True)
     if judgement is not None and not judgement.ok:
         complain("error", judgement.message)
         return False
     return True
-
-
-def _report(solution: Solution, files: OutputFiles, data: Mapping[str, Any]) -> None:
-    args = files.options
-    if args.json:
-        say(json_text(data))
-    elif not args.quiet:
-        say(report_text(data), err=files.to_stdout)
-    elif not solution.success:
-        say(solution.message, err=True)
 
 
 class Progress:
