@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.cli.options import ProblemArguments, ProblemOptions, RobotOptions
+from tominpmp.cli.options import ProblemOptions, RobotOptions
 from tominpmp.cli.problem import load_changed_robot, load_problem
 from tominpmp.datasheets import (
     FOLDER,
@@ -215,7 +215,7 @@ def test_command_line_and_scenarios(tmp_path: Path) -> None:
         start=start,
         goal=start.replace("0 ", "0.5 "),
     )
-    limits = load_problem(ProblemArguments("ur5", both))[0].motion_limits
+    limits = load_problem("ur5", both)[0].motion_limits
     assert limits.by_joint("acceleration", robot.joint_names)[2] == 2.0
     assert limits.by_joint("acceleration", robot.joint_names)[1] == 5.0
     assert np.isfinite(limits.by_joint("jerk", robot.joint_names)).sum() == 1

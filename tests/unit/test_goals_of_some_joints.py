@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.cli.options import ProblemArguments, ProblemOptions
+from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.problem import load_problem
 
 START = (0.5, 1.7, -1.7)
@@ -35,7 +35,7 @@ def test_the_others_stay_at_the_start(robot: tm.Robot, tmp_path: Path) -> None:
     )
     assert goal_of(tm.load_scenario(path).problem) == goal_of(made)
     typed = ProblemOptions(start="0.5 1.7 -1.7", goal="joint2=1.2")
-    found, _ = load_problem(ProblemArguments("planar3r", typed))
+    found, _ = load_problem("planar3r", typed)
     assert goal_of(found) == goal_of(made)
 
 

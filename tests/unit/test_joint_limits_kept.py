@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tominpmp.cli.options import ProblemArguments, ProblemOptions, RobotOptions
+from tominpmp.cli.options import ProblemOptions, RobotOptions
 from tominpmp.cli.problem import load_changed_robot, load_problem
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
 from tominpmp.files.scenario import load_scenario, save_scenario
@@ -29,7 +29,7 @@ def by_command_line(folder: Path) -> Problem:
     options = ProblemOptions(
         joint_limits=folder / "limits.yaml", start=START, goal=GOAL
     )
-    return load_problem(ProblemArguments("planar3r", options))[0]
+    return load_problem("planar3r", options)[0]
 
 
 def by_scenario(folder: Path) -> Problem:
@@ -183,7 +183,7 @@ def test_limits_of_the_command_line_reach_requests_and_more(tmp_path: Path) -> N
         goal=GOAL,
         motion_limits=more,
     )
-    problem = load_problem(ProblemArguments("planar3r", options))[0]
+    problem = load_problem("planar3r", options)[0]
     assert problem.motion_limits is not None
     names = problem.robot.joint_names
     np.testing.assert_array_equal(

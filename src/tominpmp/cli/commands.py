@@ -14,11 +14,9 @@ from cyclopts import Parameter
 from tominpmp.cli.option_fields import GeneralOptions, supported, typed_values
 from tominpmp.cli.option_fields import robots as robot_names
 from tominpmp.cli.options import (
-    LimitOptions,
     PlannerOptions,
     PlanOptions,
     PlayOptions,
-    ProblemArguments,
     ProblemOptions,
     ReportOptions,
     RobotOptions,
@@ -64,7 +62,6 @@ def plan(
     /,
     *,
     problem: ProblemOptions = ProblemOptions(),
-    limits: LimitOptions = LimitOptions(),
     options: PlannerOptions = PlannerOptions(),
     args: PlanOptions = PlanOptions(),
 ) -> int:
@@ -86,8 +83,7 @@ def plan(
     """
     from tominpmp.cli.plan import run_plan
 
-    arguments = ProblemArguments(robot, problem, typed_values(limits))
-    return run_plan(arguments, typed_values(options), args)
+    return run_plan(robot, problem, typed_values(options), args)
 
 
 def verify(
@@ -96,7 +92,6 @@ def verify(
     /,
     *,
     changes: ProblemOptions = ProblemOptions(),
-    limits: LimitOptions = LimitOptions(),
     tolerances: ToleranceOptions = ToleranceOptions(),
     args: VerifyOptions = VerifyOptions(),
 ) -> int:
@@ -115,8 +110,7 @@ def verify(
     from tominpmp.cli.report import check_data, check_text, json_text
     from tominpmp.files.export_check import check_file
 
-    arguments = ProblemArguments(scenario, changes, typed_values(limits))
-    problem, options = load_problem(arguments, typed_values(tolerances))
+    problem, options = load_problem(scenario, changes, typed_values(tolerances))
     interpolation: Any = args.interpolation
     judgement = check_file(
         problem, motion, tolerances=options.tolerances, interpolation=interpolation

@@ -13,7 +13,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass
 from inspect import signature
 from pathlib import Path
 from types import NoneType, SimpleNamespace
@@ -191,29 +191,32 @@ def options(panel: str) -> Callable[[type[Record]], type[Record]]:
     Args:
         panel: Heading of the options in the help.
     """
+    return lambda kind: _marked(kind, panel, attribute_texts(kind))
 
-    def mark(kind: type[Record]) -> type[Record]:
-        declared = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
-        for name, (metavar, text) in attribute_texts(kind).items():
-            item = declared[name]
-            hint = _hint(kind, item)
-            kind.__annotations__[name] = Annotated[
-                hint,
-                Parameter(
-                    converter=_reader(hint),
-                    allow_leading_hyphen=name == "output",  # - is standard output
-                    alias=item.metadata.get("alias"),
-                    help=labelled(metavar, text),
-                    group=GROUPS[item.metadata.get("panel", panel)],
-                    negative=() if item.default is False else None,
-                    **supported(
-                        metavar=metavar or None, completer=COMPLETIONS.get(name)
-                    ),
-                ),
-            ]
-        return Parameter(name="*")(kind)
 
-    return mark
+def _marked(
+    kind: type[Record], panel: str, texts: Mapping[str, tuple[str, str]]
+) -> type[Record]:
+    """Mark a dataclass whose options have these metavariables and help texts."""
+    declared = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
+    for name, (metavar, text) in texts.items():
+        item = declared[name]
+        hint, more = _hint(kind, item), item.metadata
+        completer = more.get("completer", COMPLETIONS.get(name))
+        kind.__annotations__[name] = Annotated[
+            hint,
+            Parameter(
+                name=more.get("name"),
+                alias=more.get("alias"),
+                converter=_reader(hint, more.get("also_none", False)),
+                allow_leading_hyphen=name == "output",  # - is standard output
+                help=labelled(metavar, text),
+                group=GROUPS[more.get("panel", panel)],
+                negative=() if item.default is False else None,
+                **supported(metavar=metavar or None, completer=completer),
+            ),
+        ]
+    return Parameter(name="*")(kind)
 
 
 def fields_of(
@@ -221,6 +224,7 @@ def fields_of(
     panel: str,
     further: Mapping[str, tuple[dict[str, Any], str]] | None = None,
     ending: str = "",
+    base: type[Any] = object,
 ) -> Any:
     """Make a dataclass of the fields of a class that can be typed as options.
 
@@ -233,37 +237,34 @@ def fields_of(
         further: By the names of fields, another ``name`` or an ``alias`` of the option,
             and a sentence about it that only the command line needs.
         ending: Suffix of the names of the fields; other fields are left out.
+        base: Base class, whose fields are options, too.
     """
-    texts, declared = attribute_texts(kind), []
+    texts, declared, described = {}, [], attribute_texts(kind)
     for item in fields(kind):
         hint = _hint(kind, item)
         typed, metavar, choices = _typed(hint)
         if typed is None or not item.name.endswith(ending):
             continue
         names, note = (further or {}).get(item.name, ({}, ""))
-        text = texts.get(item.name, ("", ""))[1].replace("None", NONE)
+        text = described.get(item.name, ("", ""))[1].replace("None", NONE)
         if item.default not in (None, MISSING):
             text += f" Default: {item.default}."
-        optional = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
-        marks = Parameter(
-            **names,
-            help=labelled(metavar, f"{text} {note}".strip()),
-            group=GROUPS[panel],
-            converter=_reader(typed, optional),
-            **supported(
-                metavar=metavar or None,
-                completer=words(*choices) if choices else None,
-            ),
-        )
-        declared.append((item.name, Annotated[typed | None, marks], None))
+        texts[item.name] = metavar, f"{text} {note}".strip()
+        marks = {
+            "also_none": NoneType in get_args(hint) and metavar not in ("", PER_JOINT),
+            "completer": words(*choices) if choices else None,
+        }
+        option = field(default=None, metadata=marks | names)
+        declared.append((item.name, typed | None, option))
     record = make_dataclass(
         f"{kind.__name__}Fields",
         declared,
+        bases=(base,),
         namespace={"__module__": __name__},  # otherwise Cyclopts takes it for a builtin
         frozen=True,
         kw_only=True,
     )
-    return Parameter(name="*")(record)
+    return _marked(record, panel, texts)
 
 
 def typed_values(record: Any) -> dict[str, Any]:

@@ -9,11 +9,9 @@ Only light modules are imported here, as each call of the help imports this modu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from tominpmp.cli.option_fields import GeneralOptions, fields_of, options
 from tominpmp.motion_limits import MotionLimits
@@ -22,7 +20,6 @@ from tominpmp.options import Options
 if TYPE_CHECKING:
     PlannerOptions: TypeAlias = Any
     ToleranceOptions: TypeAlias = Any
-    LimitOptions: TypeAlias = Any
 else:
     PlannerOptions = fields_of(
         Options,
@@ -38,7 +35,6 @@ else:
     )
     # Tolerances of the replay that judges a motion.
     ToleranceOptions = fields_of(Options, "Planning", ending="_tolerance")
-    LimitOptions = fields_of(MotionLimits, "Robot")
 
 
 # Headings of options in the help that differ from the heading of their class.
@@ -164,19 +160,9 @@ class ProblemOptions(SceneOptions):
     motion_limits: Path | None = field(default=None, metadata=ROBOT)
 
 
-class ProblemArguments(NamedTuple):
-    """Arguments of a command that define a problem.
-
-    Attributes:
-        robot: Name or path of the robot; or a scenario file.
-        options: Changes of the robot, start, goal and obstacles.
-        limits: Limits in addition to the robot's, as text by the names of the fields of
-            :class:`~tominpmp.motion_limits.MotionLimits`.
-    """
-
-    robot: str
-    options: ProblemOptions
-    limits: Mapping[str, Any] = MappingProxyType({})
+if not TYPE_CHECKING:
+    # Limits in addition to the robot's are fields of the library's class.
+    ProblemOptions = fields_of(MotionLimits, "Robot", base=ProblemOptions)
 
 
 def is_scenario(robot: str) -> bool:

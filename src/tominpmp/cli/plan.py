@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from tominpmp.cli.options import PlanOptions, ProblemArguments
+from tominpmp.cli.options import PlanOptions, ProblemOptions
 from tominpmp.cli.output_files import STDOUT, motion_file, write_files
 from tominpmp.cli.report import json_text, report_data, report_text
 from tominpmp.cli.signals import present
@@ -39,7 +39,8 @@ LOGGER = "tominpmp.collision.decomposition_cache"
 
 
 def run_plan(
-    problem_args: ProblemArguments,
+    robot: str,
+    problem_args: ProblemOptions,
     options: Mapping[str, Any],
     args: PlanOptions,
 ) -> int:
@@ -52,7 +53,7 @@ def run_plan(
     motion = motion_file(args)
     signals = present()
     with logged(args.verbose, error_console()):
-        solution = _solve(problem_args, options, args, begin)
+        solution = _solve(robot, problem_args, options, args, begin)
     signals.writing()
     sound = _write(solution, args, motion)
     if signals.number is not None or solution.status is Status.INTERRUPTED:
@@ -61,7 +62,8 @@ def run_plan(
 
 
 def _solve(
-    problem_args: ProblemArguments,
+    robot: str,
+    problem_args: ProblemOptions,
     options: Mapping[str, Any],
     args: PlanOptions,
     begin: float,
@@ -74,8 +76,8 @@ def _solve(
     from tominpmp.planner.planning import plan
 
     with Progress(error_console(), quiet=args.quiet, verbose=args.verbose) as progress:
-        progress.phase(f"loading {problem_args.robot}")
-        problem, chosen = load_problem(problem_args, options)
+        progress.phase(f"loading {robot}")
+        problem, chosen = load_problem(robot, problem_args, options)
         if args.sensitivities is not None and chosen.energy_weight > 0.0:
             raise OptionsError(
                 "--sensitivities apply to the minimum time, but the energy has a "

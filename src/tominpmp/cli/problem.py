@@ -17,7 +17,6 @@ import numpy as np
 from tominpmp.arrays import Array, field_type
 from tominpmp.cli.options import (
     PlayOptions,
-    ProblemArguments,
     ProblemOptions,
     RobotOptions,
     SceneOptions,
@@ -255,24 +254,26 @@ def _typed_record(
 
 
 # Options that are allowed together with a file that holds the whole problem.
-ALLOWED = ("margin", "self_collision", "motion_limits", "constraint")
+LIMITS = tuple(item.name for item in fields(MotionLimits))
+ALLOWED = ("margin", "self_collision", "motion_limits", "constraint", *LIMITS)
 GOALS = ("goal", "goal_position", "goal_pose")
 
 
 def load_problem(
-    problem_args: ProblemArguments, options: Mapping[str, Any] | None = None
+    robot: str, args: ProblemOptions, options: Mapping[str, Any] | None = None
 ) -> tuple[Problem, Options]:
     """Load or make the problem of a command, and the options of the planner.
 
     Args:
-        problem_args: The problem.
+        robot: Name or path of the robot; or a scenario file.
+        args: Changes of the robot, start, goal and obstacles.
         options: Options of the planner that were typed; they take precedence over the
             options of a scenario.
 
     Raises:
         TominpmpError: If an argument is wrong or contradicts another one.
     """
-    typed, args = dict(options or {}), problem_args.options
+    typed = dict(options or {})
     if typed.get("effort", EFFORTS[0]) not in EFFORTS:
         raise OptionsError(
             f"--planning-effort is {typed['effort']!r}, expected "
@@ -280,10 +281,10 @@ def load_problem(
             "--planning-effort",
         )
     chosen = Options(**typed)  # wrong options are refused before a robot is loaded
-    changes = partial(_changes, problem_args)
-    if is_scenario(problem_args.robot):
+    changes = partial(_changes, args)
+    if is_scenario(robot):
         _refuse("a scenario file", args, ALLOWED)
-        loaded = scenario.changed_scenario(problem_args.robot, changes)
+        loaded = scenario.changed_scenario(robot, changes)
         return loaded.problem, replace(loaded.options, **typed)
     if args.request is not None:
         if args.scene is None:
@@ -291,19 +292,17 @@ def load_problem(
         of_robot = (f.name for f in fields(RobotOptions) if f.name != "group")
         _refuse("--request", args, ("scene", "request", *ALLOWED, *of_robot))
         files = args.package_dir or (), args.srdf, None, _xacro_args(args)
-        source = read_source(problem_args.robot, *files)
-        arm = load_changed_robot(
-            problem_args.robot, args, request_locks(source, args.request)
-        )
+        locks = request_locks(read_source(robot, *files), args.request)
+        arm = load_changed_robot(robot, args, locks)
         return load_moveit(arm, args.scene, args.request, **changes(arm, {})), chosen
-    return _typed_problem(problem_args), chosen
+    return _typed_problem(robot, args), chosen
 
 
 def _changes(
-    problem_args: ProblemArguments, robot: Robot, known: Mapping[str, Any]
+    args: ProblemOptions, robot: Robot, known: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What options say of a problem, as its arguments, over those of a file."""
-    args, limits = problem_args.options, _limits(problem_args, robot)
+    limits = _limits(args, robot)
     if limits is not None:
         limits = limits.over(known.get("motion_limits"), robot.joint_names)
     typed = tuple(constraint(text) for text in args.constraint or ())
@@ -316,12 +315,15 @@ def _changes(
     return {name: value for name, value in found.items() if value is not None}
 
 
-def _limits(problem_args: ProblemArguments, robot: Robot) -> MotionLimits | None:
+def _limits(args: ProblemOptions, robot: Robot) -> MotionLimits | None:
     """The motion limits of the options, which override the file of --motion-limits."""
-    path = problem_args.options.motion_limits
+    path = args.motion_limits
     table: dict[str, Any] = {} if path is None else {"file": str(path)}
-    for name, text in problem_args.limits.items():
-        table[name] = joint_values(text, _flag(name)) if isinstance(text, str) else text
+    for name in LIMITS:
+        value = getattr(args, name, None)
+        if value is not None:
+            text = isinstance(value, str)
+            table[name] = joint_values(value, _flag(name)) if text else value
     return scenario.read_motion_limits(Typed(table or None), robot)
 
 
@@ -395,16 +397,15 @@ def _obstacles(args: SceneOptions, robot: Robot) -> Scene:
     return Scene([*map(obstacle, args.obstacle or ()), *read])
 
 
-def _typed_problem(problem_args: ProblemArguments) -> Problem:
+def _typed_problem(name: str, args: ProblemOptions) -> Problem:
     """The problem of a command line without a scenario and a motion plan request."""
-    args = problem_args.options
     if args.start is None:
         raise ProblemError(
             "there is no start: give --start, or a --scene and a --request; "
-            f"{problem_args.robot!r} is no scenario file (.toml)",
+            f"{name!r} is no scenario file (.toml)",
             "start",
         )
-    robot = load_changed_robot(problem_args.robot, args)
+    robot = load_changed_robot(name, args)
     goals = [_flag(name) for name in GOALS if getattr(args, name) is not None]
     if len(goals) != 1:
         message = f"{' and '.join(goals)} are given" if goals else "there is no goal"
@@ -413,7 +414,7 @@ def _typed_problem(problem_args: ProblemArguments) -> Problem:
     scene = _obstacles(args, robot)
     q_start = positions(args.start, "--start", robot, degrees=args.degrees)
     v_start = velocities(args, "start_velocity", robot)
-    goal, more = _goal(args, robot, q_start), _changes(problem_args, robot, {})
+    goal, more = _goal(args, robot, q_start), _changes(args, robot, {})
     try:
         return Problem(robot, q_start, goal, scene, v_start=v_start, **more)
     except ProblemError as error:

@@ -11,12 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tominpmp.cli.commands import JudgedProblem
-from tominpmp.cli.option_fields import typed_values
-from tominpmp.cli.options import (
-    LimitOptions,
-    ProblemArguments,
-    ProblemOptions,
-)
+from tominpmp.cli.options import ProblemOptions
 from tominpmp.physics.options import ReplayOptions
 
 ReplayedMotion = Annotated[
@@ -30,7 +25,6 @@ def replay(
     /,
     *,
     changes: ProblemOptions = ProblemOptions(),
-    limits: LimitOptions = LimitOptions(),
     args: ReplayOptions = ReplayOptions(),
 ) -> int:
     """Replay a motion in MuJoCo: by its torques alone, and with feedback.
@@ -46,5 +40,4 @@ def replay(
     """
     from tominpmp.physics.replay_command import run_replay
 
-    problem = ProblemArguments(scenario, changes, typed_values(limits))
-    return run_replay(problem, motion, args)
+    return run_replay(scenario, changes, motion, args)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.cli.options import ProblemArguments
+from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.problem import load_problem
 from tominpmp.cli.report import json_text, plain, rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
@@ -25,19 +25,20 @@ from tominpmp.physics.robustness import (
 
 
 def run_replay(
-    problem_args: ProblemArguments, motion: Path | None, args: ReplayOptions
+    source: str, changes: ProblemOptions, motion: Path | None, args: ReplayOptions
 ) -> int:
     """Replay a motion in MuJoCo, or try motions with torque reserves, and report.
 
     Args:
-        problem_args: Arguments that define the problem of the motion.
+        source: Scenario file, or name or path of a robot.
+        changes: Options that define the problem of the motion.
         motion: File that holds the motion; None if reserves are tried.
         args: Options of the command.
 
     Raises:
         TominpmpError: If a file is wrong, or the motion does not fit the problem.
     """
-    problem, options = load_problem(problem_args)
+    problem, options = load_problem(source, changes)
     if args.robustness:
         trials = robustness(
             problem,
