@@ -778,26 +778,9 @@ def _factor(field: Field) -> float:
     return value if 0.0 < value < 1.0 else 1.0
 
 
-@dataclass(frozen=True)
-class _Rotation:
-    """An orientation constraint.
-
-    Attributes:
-        rotation: Rotation of the link in the frame of the base, shape (3, 3).
-        tolerance: Tolerances about its axes, 0 to pi [rad], shape (3,).
-    """
-
-    rotation: Array
-    tolerance: Array
-
-    @property
-    def exact(self) -> bool:
-        return not np.any(self.tolerance)
-
-
-#: Target region of a point: its pose in the frame of the base, and the radius of a
-#: sphere about it, or half edges of a box, shape (3,) [m]; a radius of zero is a point.
-_Region: TypeAlias = "tuple[pin.SE3, float | Array]"
+#: Rotation of a link in the frame of the base, shape (3, 3), None with a tolerance; and
+#: the goal for its orientation, None if any orientation will do.
+_Turn: TypeAlias = "tuple[Array | None, Goal | None]"
 
 
 @dataclass(frozen=True)
@@ -847,12 +830,16 @@ class _GoalReader:
             fixed = [self._joint_goal(joints, alone)] if joints else []
             if joints and alone:
                 return fixed
-            choices = [self._regions(place, turns) for place in places]
+            choices = [self._place_goals(place, turns) for place in places]
             if np.prod([len(regions) for regions in choices]) > MOST_GOALS:
                 item.fail(f"holds more than {MOST_GOALS} combinations of regions")
             goals = []
-            for regions in itertools.product(*choices):
-                parts = [*fixed, *_frame_goals(places, regions, turns)]
+            for placed in itertools.product(*choices):
+                posed = [link for _, link in placed]
+                turned = (
+                    goal for link, (_, goal) in turns.items() if link not in posed
+                )
+                parts = [*fixed, *(goal for goal, _ in placed), *filter(None, turned)]
                 if not parts:
                     item.fail("asks for nothing: every orientation will do")
                 goals.append(parts[0] if len(parts) == 1 else AllGoals(parts))
@@ -900,39 +887,44 @@ class _GoalReader:
                 )
         return ranges
 
-    def _orientations(self, item: Field) -> dict[str, _Rotation]:
+    def _orientations(self, item: Field) -> dict[str, _Turn]:
         """Orientation constraints by link."""
-        orientations: dict[str, _Rotation] = {}
+        turns: dict[str, _Turn] = {}
         for turn in item.get("orientation_constraints").items():
             link = self._link(turn)
-            if link in orientations:
+            if link in turns:
                 turn.get("link_name").fail(f"the link {brief(link)} is there twice")
             rotation = _read_rotation(turn.need("orientation"))
             keys = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
             tolerance = np.minimum([_tolerance(turn.get(k)) for k in keys], np.pi)
             tolerance[tolerance <= ACCURACY] = 0.0
             base = self.frames.to_base(turn.get("header")).rotation
-            orientations[link] = _Rotation(base @ rotation, tolerance)
-        return orientations
+            turned = base @ rotation
+            goal = _orientation_goal(link, turned, tolerance)
+            turns[link] = None if np.any(tolerance) else turned, goal
+        return turns
 
-    def _regions(self, place: Field, turns: Mapping[str, _Rotation]) -> list[_Region]:
-        """Alternative regions for the origin of a link."""
-        turn = turns.get(self._link(place))
+    def _place_goals(
+        self, place: Field, turns: Mapping[str, _Turn]
+    ) -> list[tuple[Goal, str | None]]:
+        """Alternative goals for the origin of a link, each with the link it orients."""
+        link = self._link(place)
+        rotation, _ = turns.get(link, (None, None))
         region = place.need("constraint_region")
         base = self.frames.to_base(place.get("header"))
         offset = place.get("target_point_offset")
         shift = offset.vector("xyz") if offset.given else np.zeros(3)
         if np.any(shift):
-            if turn is None or not turn.exact:
+            if rotation is None:
                 offset.fail("an offset without an exact orientation is not read")
-            base = pin.SE3(np.eye(3), -turn.rotation @ shift) * base
-        regions: list[_Region] = []
+            base = pin.SE3(np.eye(3), -rotation @ shift) * base
+        goals: list[tuple[Goal, str | None]] = []
         for kind in ("primitive", "mesh"):
             # A pose without a shape is a point.
             shapes, poses = _shapes_and_poses(region, kind, optional="shapes")
-            for shape, pose in itertools.zip_longest(shapes, poses):
+            for shape, where in itertools.zip_longest(shapes, poses):
                 size: float | Array = 0.0
-                spot = base * _read_pose(pose)
+                spot = base * _read_pose(where)
                 if shape is not None and kind == "primitive":
                     size = _region_size(shape)
                 elif shape is not None:
@@ -940,10 +932,17 @@ class _GoalReader:
                     with blaming(shape):
                         mesh = Mesh("region", **_mesh(shape, self.frames))
                     spot = spot * pin.SE3(np.eye(3), mesh.points.mean(axis=0))
-                regions.append((spot, size))
-        if not 0 < len(regions) <= MOST_GOALS:
-            region.fail(f"holds {len(regions)} regions, expected 1 to {MOST_GOALS}")
-        return regions
+                if isinstance(size, np.ndarray):
+                    goals.append((RegionGoal(link, -size, size, spot), None))
+                elif size == 0.0 and rotation is not None:
+                    pose = pin.SE3(rotation, spot.translation)
+                    goals.append((PoseGoal(link, pose), link))
+                else:
+                    point = PositionGoal(link, spot.translation, tolerance=size)
+                    goals.append((point, None))
+        if not 0 < len(goals) <= MOST_GOALS:
+            region.fail(f"holds {len(goals)} regions, expected 1 to {MOST_GOALS}")
+        return goals
 
     def _link(self, item: Field) -> str:
         link = item.need("link_name")
@@ -971,41 +970,21 @@ def _region_size(shape: Field) -> float | Array:
     return half if np.any(half > ACCURACY) else 0.0
 
 
-def _frame_goals(
-    places: Sequence[Field], regions: Sequence[_Region], turns: Mapping[str, _Rotation]
-) -> list[Goal]:
-    """Goals for the links, one region per position constraint."""
-    remaining = dict(turns)
-    goals: list[Goal] = []
-    for place, region in zip(places, regions, strict=True):
-        link = place.need("link_name").text()
-        turn = remaining.get(link)
-        pose, size = region
-        if isinstance(size, np.ndarray):
-            goals.append(RegionGoal(link, -size, size, pose))
-        elif size == 0.0 and turn is not None and turn.exact:
-            goals.append(PoseGoal(link, pin.SE3(turn.rotation, pose.translation)))
-            del remaining[link]
-        else:
-            goals.append(PositionGoal(link, pose.translation, tolerance=size))
-    for link, turn in remaining.items():
-        if np.any(turn.tolerance < np.pi):
-            goals.append(_orientation_goal(link, turn))
-    return goals
+def _orientation_goal(link: str, rotation: Array, tolerance: Array) -> Goal | None:
+    """Goal for the orientation of a link; None if any orientation will do.
 
-
-def _orientation_goal(link: str, turn: _Rotation) -> Goal:
-    free = np.flatnonzero(turn.tolerance >= np.pi)
+    Args:
+        link: The link.
+        rotation: Its rotation in the frame of the base, shape (3, 3).
+        tolerance: Tolerances about its axes, 0 to pi [rad], shape (3,).
+    """
+    free = np.flatnonzero(tolerance >= np.pi)
+    if free.size == 3:
+        return None
     if free.size == 1:
         # The direction of the free axis satisfies both other tolerances if it satisfies
         # the smaller one, in any convention of angles.
-        axis = np.eye(3)[free[0]]
-        return AxisGoal(
-            link,
-            axis,
-            turn.rotation @ axis,
-            angle_tolerance=float(np.delete(turn.tolerance, free).min()),
-        )
-    most = np.full(3, np.inf)
-    pose = pin.SE3(turn.rotation, np.zeros(3))
-    return RegionGoal(link, -most, most, pose, turn.tolerance)
+        axis, least = np.eye(3)[free[0]], float(np.delete(tolerance, free).min())
+        return AxisGoal(link, axis, rotation @ axis, angle_tolerance=least)
+    most, pose = np.full(3, np.inf), pin.SE3(rotation, np.zeros(3))
+    return RegionGoal(link, -most, most, pose, tolerance)
