@@ -188,7 +188,7 @@ def test_named_robots_have_them_by_default(tmp_path: Path, panda: Robot) -> None
     assert load_robot(plain.urdf_path).motion_limits is None
     assert load_robot("planar3r") == load_robot("planar3r", limits="urdf")
     for robot in (plain, load_robot("ur5")):
-        written = robot_table(robot, tmp_path)
+        written = robot_table(robot, tmp_path / "s.toml")
         assert read_robot(Field(written, tmp_path / "s.toml", "robot")) == robot
 
 
@@ -200,7 +200,7 @@ def test_command_line_and_scenarios(tmp_path: Path) -> None:
     table = {"name": "ur5", "limits": "datasheet", "velocity": 2.0}
     found = read_robot(Field(table, tmp_path / "s.toml", "robot"))
     assert found == expected
-    written = robot_table(found, tmp_path)
+    written = robot_table(found, tmp_path / "s.toml")
     assert read_robot(Field(written, tmp_path / "s.toml", "robot")) == expected
     assert written["motion_limits"]["acceleration"]["elbow_joint"] == 5.0
     with pytest.raises(ScenarioError, match=r"robot\.limits: .*no data sheet"):

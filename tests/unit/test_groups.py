@@ -141,7 +141,7 @@ def test_groups_of_scenarios(tmp_path: Path) -> None:
     table = {"name": "panda", "group": "arm"}
     found = read_robot(Field(table, tmp_path / "s.toml", "robot"))
     assert found == load_robot("panda", group="arm")
-    saved = Field(robot_table(found, tmp_path), tmp_path / "s.toml", "robot")
+    saved = Field(robot_table(found, tmp_path / "s.toml"), tmp_path / "s.toml", "robot")
     assert read_robot(saved) == found
 
 

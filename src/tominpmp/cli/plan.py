@@ -44,38 +44,31 @@ def run_plan(
     options: Mapping[str, Any],
     args: PlanOptions,
 ) -> int:
-    """Plan and report.
+    """Load, plan, write and report.
+
+    Args:
+        robot: Name or path of the robot; or a scenario file.
+        problem_args: Changes of the robot, start, goal and obstacles.
+        options: Options of the planner that were typed.
+        args: Warm start, files to write, and report.
+
+    Returns:
+        The exit code.
 
     Raises:
         TominpmpError: If an argument or a file is wrong.
     """
     begin = time.perf_counter()
     motion = motion_file(args)
-    signals = present()
-    with logged(args.verbose, error_console()):
-        solution = _solve(robot, problem_args, options, args, begin)
-    signals.writing()
-    sound = _write(solution, args, motion)
-    if signals.number is not None or solution.status is Status.INTERRUPTED:
-        return INTERRUPTED
-    return PLANNED if solution.success and sound else NO_PLAN
-
-
-def _solve(
-    robot: str,
-    problem_args: ProblemOptions,
-    options: Mapping[str, Any],
-    args: PlanOptions,
-    begin: float,
-) -> Solution:
-    """Load and plan; the time limit covers both, from ``begin`` on."""
     # Importing the libraries takes long, and may be interrupted.
     from tominpmp.cli.problem import load_problem
     from tominpmp.files.export import load_motion
     from tominpmp.files.scenario import save_scenario
     from tominpmp.planner.planning import plan
 
-    with Progress(error_console(), quiet=args.quiet, verbose=args.verbose) as progress:
+    signals, console = present(), error_console()
+    progress = Progress(console, quiet=args.quiet, verbose=args.verbose)
+    with logged(args.verbose, console), progress:
         progress.phase(f"loading {robot}")
         problem, chosen = load_problem(robot, problem_args, options)
         if args.sensitivities is not None and chosen.energy_weight > 0.0:
@@ -87,13 +80,18 @@ def _solve(
         if args.save_scenario is not None:
             save_scenario(args.save_scenario, problem, chosen)
         limit = chosen.max_planning_time
-        if limit is not None:
+        if limit is not None:  # loading counts, too
             limit = max(limit - (time.perf_counter() - begin), LEAST_TIME)
         chosen = replace(chosen, callback=progress, max_planning_time=limit)
         former = None if args.start_from is None else load_motion(args.start_from)
         progress.phase("planning")
-        present().check()
-        return plan(problem, chosen, former)
+        signals.check()
+        solution = plan(problem, chosen, former)
+    signals.writing()
+    sound = _write(solution, args, motion)
+    if signals.number is not None or solution.status is Status.INTERRUPTED:
+        return INTERRUPTED
+    return PLANNED if solution.success and sound else NO_PLAN
 
 
 def _write(solution: Solution, args: PlanOptions, motion: Path | None) -> bool:

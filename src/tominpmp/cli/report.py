@@ -205,7 +205,6 @@ def report_text(data: Mapping[str, Any]) -> str:
 def check_data(judgement: ExportCheck) -> dict[str, Any]:
     """Report of the judgement of a motion file, in types of JSON."""
     replay = judgement.verification
-    assert replay is not None  # noqa: S101
     return {
         "motion": judgement.path,
         "T": judgement.duration,
@@ -219,7 +218,6 @@ def check_data(judgement: ExportCheck) -> dict[str, Any]:
 def check_text(judgement: ExportCheck) -> str:
     """Format the judgement of a motion file as text."""
     replay = judgement.verification
-    assert replay is not None  # noqa: S101
     verdict = "solves the problem" if replay.ok else "does not solve the problem"
     if replay.ok and not judgement.ok:
         verdict = "solves the problem, but a controller would refuse it"
@@ -321,26 +319,20 @@ def _row(label: str, items: list[str], width: int | None) -> str:
 
 def _table(joints: list[dict[str, Any]]) -> list[str]:
     """Format the table of joints; its lines are never shortened to fit a terminal."""
-    heads = {key: key.replace("position_", "").replace("_", " ") for key in joints[0]}
-    heads["name"] = "joint"
-    if heads.pop("effort_lower", None):
-        heads["effort_upper"] = "effort"
-    rows = [list(heads.values())]
-    for joint in joints:
-        cells = {key: _cell(key, value) for key, value in joint.items()}
-        low, high = joint.get("effort_lower", 0.0), joint.get("effort_upper", 0.0)
-        if high is None or low != -high:
-            cells["effort_upper"] = (
-                f"{cells['effort_lower']} to {cells['effort_upper']}"
-            )
-        rows.append([cells[key] for key in heads])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for name, kind, *numbers in rows:
-        words = [name.ljust(widths[0]), kind.ljust(widths[1])]
-        words += [n.rjust(w) for n, w in zip(numbers, widths[2:], strict=True)]
-        lines.append("  ".join(words))
-    return lines
+    columns = {key: [_cell(key, joint[key]) for joint in joints] for key in joints[0]}
+    lower, upper = columns.pop("effort_lower", []), columns.get("effort_upper", [])
+    for i, (low, high) in enumerate(zip(lower, upper, strict=True)):
+        opposite = joints[i]["effort_upper"]
+        if opposite is None or joints[i]["effort_lower"] != -opposite:
+            upper[i] = f"{low} to {high}"
+    heads = {"name": "joint", "effort_upper": "effort"}
+    padded = []
+    for key, cells in columns.items():
+        head = heads.get(key, key.replace("position_", "").replace("_", " "))
+        width = max(map(len, [head, *cells]))
+        pad = str.ljust if key in ("name", "kind") else str.rjust
+        padded.append([pad(cell, width) for cell in (head, *cells)])
+    return ["  ".join(row) for row in zip(*padded, strict=True)]
 
 
 def _cell(key: str, value: Any) -> str:

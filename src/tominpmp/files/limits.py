@@ -151,7 +151,6 @@ class MoveItLimits(Record):
 def load_limited_robot(
     moveit: MoveItLimits | None,
     robot: str | os.PathLike[str] | RobotSource,
-    changes: Mapping[str, Any],
     **arguments: Any,
 ) -> Robot:
     """Load a robot with the limits of a ``joint_limits.yaml``, including accelerations.
@@ -163,14 +162,14 @@ def load_limited_robot(
         moveit: The limits; None for the robot's own limits only.
         robot: Source of the robot, as for :func:`~tominpmp.load_robot`, or its
             result of reading.
-        changes: Values per joint and gravity, which take precedence over the file.
-        **arguments: Further arguments of ``load_robot``.
+        **arguments: Further arguments of ``load_robot``; values per joint take
+            precedence over the file.
 
     Raises:
         TominpmpError: As raised by :func:`~tominpmp.load_robot`.
     """
     if moveit is None:
-        return load_robot(robot, **arguments, **changes)
+        return load_robot(robot, **arguments)
     file_arguments = {"package_dirs", "srdf", "xacro_args"}
     files = {k: arguments[k] for k in file_arguments & arguments.keys()}
     source = read_source(robot, **files)
@@ -178,7 +177,7 @@ def load_limited_robot(
     joints = [joint.name for joint in source.description.joints]
     _warn_of_joints(moveit, joints, linkage.followers)
     stated = {quantity: getattr(moveit, quantity) for quantity in _KEYS}
-    return load_robot(replace(source, stated=stated), **arguments, **changes)
+    return load_robot(replace(source, stated=stated), **arguments)
 
 
 def _warn_of_joints(

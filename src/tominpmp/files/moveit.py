@@ -676,7 +676,7 @@ def _grouped_robot(
     if not isinstance(robot, Robot):
         source = read_source(robot)
         more = {"locked_joints": _locks(request, start, source), "kinematic": kinematic}
-        return load_limited_robot(limits, source, {}, **more)
+        return load_limited_robot(limits, source, **more)
     if limits is not None:
         raise ProblemError(
             "joint_limits is given, expected None for a robot that is loaded",

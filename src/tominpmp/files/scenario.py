@@ -81,7 +81,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -475,28 +475,6 @@ def read_conditions(table: Field, robot: Robot) -> dict[str, Any]:
 ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class Extras:
-    """Files to be written next to a scenario.
-
-    Attributes:
-        stem: Common beginning of their names.
-        files: Their contents by name.
-    """
-
-    stem: str
-    files: dict[str, bytes] = field(default_factory=dict)
-
-    def write(self, folder: Path) -> None:
-        """Write the files into a folder.
-
-        Raises:
-            ScenarioError: If a file cannot be written.
-        """
-        for name, content in self.files.items():
-            write_bytes(folder / name, content)
-
-
 def difference_of(robot: Robot, other: Robot) -> str:
     """First field in which two robots differ by more than rounding; empty if none."""
     values, others = _compared_values(robot), _compared_values(other)
@@ -577,7 +555,6 @@ def read_robot(table: Field) -> Robot:
         robot = load_limited_robot(
             None if moveit is None else load_joint_limits(moveit),
             file("path") or table.get("name").text(),
-            {key: value for key, value in values.items() if value is not None},
             package_dirs=[folder / _path(k) for k in table.get("package_dirs").items()],
             srdf=file("srdf"),
             group=table.get("group").value,
@@ -585,6 +562,7 @@ def read_robot(table: Field) -> Robot:
             locked_joints=table.get("locked_joints").value or {},
             kinematic=table.get("kinematic").given and table.get("kinematic").flag(),
             xacro_args=table.get("xacro_args").value or {},
+            **{key: value for key, value in values.items() if value is not None},
         )
         limits = read_motion_limits(table.get("motion_limits"), robot)
         if limits is not None:
@@ -610,15 +588,16 @@ def _path(item: Field) -> Path:
 
 
 def robot_table(
-    robot: Robot, folder: Path, extras: Extras | None = None
+    robot: Robot, scenario: Path, files: dict[str, bytes] | None = None
 ) -> dict[str, Any]:
     """Make the table from which a robot can be loaded again.
 
     Args:
         robot: The robot.
-        folder: Folder of the scenario; paths inside it are written relative to it.
-        extras: Collects the files of a robot without files of its own; None refuses
-            such a robot.
+        scenario: File of the scenario; paths inside its folder are written relative to
+            it.
+        files: Collects the contents of the files that a robot without files of its own
+            needs beside the scenario, by name; None refuses such a robot.
 
     Returns:
         The table for :func:`read_robot`.
@@ -631,23 +610,24 @@ def robot_table(
             f"it was combined from several: {', '.join(robot.parts)}; expected one "
             "that was loaded"
         )
+    folder, stem = scenario.parent, f"{scenario.stem}_robot"
     loads = [payload.name for payload in robot.payloads]
 
     def file(ending: str, path: Path, said: str) -> str:
         """Name of a file, which is collected for the scenario if it does not exist."""
         if path.is_file():
             return file_name(path, folder)
-        if extras is None:
+        if files is None:
             raise TypeError(
                 f"{said} {path}, expected one that was loaded from a file: "
                 "tominpmp.save_scenario() writes one beside the scenario"
             )
-        name = f"{extras.stem}.{ending}"
+        name = f"{stem}.{ending}"
         if ending == "urdf":
-            text, meshes = urdf_file(robot.description, loads, extras.stem)
-            extras.files.update(meshes | {name: text})
+            text, meshes = urdf_file(robot.description, loads, stem)
+            files.update(meshes | {name: text})
         elif robot.srdf is not None:
-            extras.files[name] = srdf_file(robot.srdf, robot.name, loads)
+            files[name] = srdf_file(robot.srdf, robot.name, loads)
         return name
 
     path, table = robot.urdf_path, dict[str, Any]()
@@ -686,7 +666,7 @@ def robot_table(
 
 
 def check_given_back(
-    robot: Robot, table: Mapping[str, Any], path: Path, extras: Extras | None
+    robot: Robot, table: Mapping[str, Any], path: Path, files: dict[str, bytes]
 ) -> None:
     """Check that a robot that is written and loaded again is the same.
 
@@ -697,7 +677,7 @@ def check_given_back(
         robot: The robot.
         table: The table that :func:`robot_table` made of it.
         path: File of the scenario.
-        extras: The collected files to be written next to it.
+        files: Contents of the files to be written next to it, by name.
 
     Raises:
         ScenarioError: If it cannot be loaded again.
@@ -705,17 +685,17 @@ def check_given_back(
     """
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they were shown when the robot was loaded
-        if extras is None or not extras.files:
+        if not files:
             if read_robot(Field(table, path, "robot")) != robot:
                 raise TypeError(
                     "it differs from its files by more than the arguments of load_robot"
                 )
             return
         # Paths of the table are relative to its folder, which is temporary here.
-        copies = Path(name)
-        table = robot_table(robot, copies, Extras(extras.stem))
-        extras.write(copies)
-        restored = read_robot(Field(table, copies / path.name, "robot"))
+        copy = Path(name) / path.name
+        table = robot_table(robot, copy, {})
+        _write_files(copy.parent, files)
+        restored = read_robot(Field(table, copy, "robot"))
         difference = difference_of(restored, robot)
     if difference:
         raise TypeError(
@@ -865,10 +845,15 @@ def save_scenario(
             written.
     """
     path = checked_path(path, "path", ScenarioError)
-    extras = Extras(f"{path.stem}_robot")
-    content = scenario_text(path, problem, options, extras=extras).encode()
-    extras.write(path.parent)
+    files: dict[str, bytes] = {}
+    content = scenario_text(path, problem, options, files=files).encode()
+    _write_files(path.parent, files)
     return write_bytes(path, content)
+
+
+def _write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    for name, content in files.items():
+        write_bytes(folder / name, content)
 
 
 def scenario_text(
@@ -877,7 +862,7 @@ def scenario_text(
     options: Options | None = None,
     *,
     check: bool = True,
-    extras: Extras | None = None,
+    files: dict[str, bytes] | None = None,
 ) -> str:
     """A problem as the text of a scenario file.
 
@@ -886,14 +871,48 @@ def scenario_text(
         problem: The problem.
         options: The options; None for the defaults.
         check: Whether to read the robot back, and check that it is the same.
-        extras: Collects files to be written next to it; None refuses robots that need
-            such files.
+        files: Collects the contents of files to be written next to it, by name; None
+            refuses robots that need such files.
 
     Raises:
         ScenarioError: If a file cannot represent a value of the problem.
     """
     instance(problem, Problem, "problem")
-    text = toml_text(_document(path, problem, Options.of(options), check, extras))
+    start = {"q": problem.q_start}
+    if np.any(problem.v_start):
+        start["v"] = problem.v_start
+    parts: dict[str, Any] = {
+        "may_touch": problem.may_touch or None,
+        "margin": problem.margin or None,
+        "self_collision": problem.self_collision,
+        "robot": problem.robot,
+        "start": start,
+        "goal": None if problem.segments else problem.goal,
+        "scene": problem.scene if len(problem.scene) else None,
+        "motion_limits": _beyond_robot(problem),
+        "constraints": problem.constraints or None,
+    }
+
+    def written(key: str, part: Any) -> Any:
+        try:
+            if not isinstance(part, Robot):
+                return to_table(part, path.parent)
+            table = robot_table(part, path, files)
+            if check:
+                check_given_back(part, table, path, files or {})
+        except TypeError as error:
+            reason = f"{path}: {key}: cannot be saved: {error}"
+            raise ScenarioError(reason, path, key) from error
+        return table
+
+    document = {k: written(k, part) for k, part in parts.items() if part is not None}
+    if problem.segments:
+        each = enumerate(problem.segments)
+        document["segments"] = [written(f"segments[{i}]", item) for i, item in each]
+    changed = written("options", replace(Options.of(options), callback=None))
+    if changed:
+        document["options"] = changed
+    text = toml_text(document)
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -927,46 +946,3 @@ def read_options(table: Field) -> Options:
     if "callback" in table.table():
         table.get("callback").fail("a file cannot hold a function")
     return make(Options, table.table(), table, {})
-
-
-def _document(
-    path: Path, problem: Problem, options: Options, check: bool, extras: Extras | None
-) -> dict[str, Any]:
-    """Turn problem and options into tables.
-
-    Raises:
-        ScenarioError: If a file cannot represent one of their values.
-    """
-    start = {"q": problem.q_start}
-    if np.any(problem.v_start):
-        start["v"] = problem.v_start
-    parts: dict[str, Any] = {
-        "may_touch": problem.may_touch or None,
-        "margin": problem.margin or None,
-        "self_collision": problem.self_collision,
-        "robot": problem.robot,
-        "start": start,
-        "goal": None if problem.segments else problem.goal,
-        "scene": problem.scene if len(problem.scene) else None,
-        "motion_limits": _beyond_robot(problem),
-        "constraints": problem.constraints or None,
-    }
-
-    def written(key: str, part: Any) -> Any:
-        try:
-            if not isinstance(part, Robot):
-                return to_table(part, path.parent)
-            table = robot_table(part, path.parent, extras)
-            if check:
-                check_given_back(part, table, path, extras)
-        except TypeError as error:
-            reason = f"{path}: {key}: cannot be saved: {error}"
-            raise ScenarioError(reason, path, key) from error
-        return table
-
-    document = {k: written(k, part) for k, part in parts.items() if part is not None}
-    if problem.segments:
-        each = enumerate(problem.segments)
-        document["segments"] = [written(f"segments[{i}]", item) for i, item in each]
-    table = written("options", replace(options, callback=None))
-    return document | ({"options": table} if table else {})
