@@ -16,7 +16,7 @@ import yaml
 from motion_samples import END, START, speed_up_and_brake
 
 from tominpmp.exceptions import MissingDependency, ProblemError, ScenarioError
-from tominpmp.files.export import export, load_message, load_motion
+from tominpmp.files.export import export, load_motion, read_motion
 from tominpmp.files.ros import TOPIC, TYPE, controller_refusals
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot.robot import Robot
@@ -57,7 +57,7 @@ def motion(planar3r: Robot) -> Trajectory:
 
 def sound(motion: Trajectory, folder: Path, **options: Any) -> dict[str, Any]:
     path = export(motion, folder / "sound.json", **options)
-    message: dict[str, Any] = load_message(path)
+    message: dict[str, Any] = read_motion(path)[1]
     return message
 
 
@@ -67,13 +67,13 @@ def test_exports_are_taken(
     motion: Trajectory, ending: str, dt: float | None, tmp_path: Path
 ) -> None:
     path = export(motion, tmp_path / f"m.{ending}", dt=dt)
-    assert controller_refusals(load_message(path), NAMES) == ()
+    assert controller_refusals(read_motion(path)[1], NAMES) == ()
 
 
 @pytest.mark.parametrize("message", ["FollowJointTrajectory", "RobotTrajectory"])
 def test_goals_are_taken(motion: Trajectory, message: str, tmp_path: Path) -> None:
     path = export(motion, tmp_path / "m.yaml", message=message)
-    assert controller_refusals(load_message(path), NAMES) == ()
+    assert controller_refusals(read_motion(path)[1], NAMES) == ()
 
 
 def test_effort_needs_a_controller_for_it(motion: Trajectory, tmp_path: Path) -> None:
@@ -311,7 +311,7 @@ def test_bag_holds_one_message_on_the_topic_of_a_controller(
         assert (connection.topic, connection.msgtype) == (TOPIC, TYPE)
         assert reader.message_count == 1
     json_file = export(motion, tmp_path / "m.json", with_effort=True)
-    assert load_message(path) == json.loads(json_file.read_text())
+    assert read_motion(path)[1] == json.loads(json_file.read_text())
 
 
 def test_what_is_no_bag(motion: Trajectory, tmp_path: Path) -> None:

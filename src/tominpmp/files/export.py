@@ -177,41 +177,32 @@ def load_motion(
         ScenarioError: If the file cannot be read or is wrong: the message names the
             place.
     """
+    return read_motion(path, interpolation)[0]
+
+
+def read_motion(
+    path: str | Path, interpolation: Interpolation | None = None
+) -> tuple[Samples, Any]:
+    """Read a motion as :func:`load_motion` does, with the message that holds it.
+
+    Returns:
+        The samples; and the ROS message as plain values, None for other files.
+    """
     read = _chosen(READERS, path)
     if interpolation is not None:
         check_interpolation(interpolation)
-    path = checked_path(path)
+    path, message = checked_path(path), None
+    largest = MAX_MESSAGE if is_message(path) else MAX_BYTES
     try:
+        found = read(read_bytes(path, largest), path)
         if is_message(path):
-            samples = message_motion(load_message(path), path)
-        else:
-            samples = _checked(read(read_bytes(path, MAX_BYTES), path), path)
+            found, message = read_message(Field(found, path)), found
+        samples = _checked(found, path)
     except ProblemError as error:  # the content is not valid samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
-    if interpolation is None:
-        return samples
-    return replace(samples, interpolation=interpolation)
-
-
-def load_message(path: str | Path) -> Any:
-    """Read a ROS message as plain values, from a YAML, JSON or MCAP file.
-
-    Raises:
-        ProblemError: If the ending is not that of a message file.
-        ScenarioError: If the file cannot be read.
-    """
-    parse = _chosen(PARSERS, path)
-    path = checked_path(path)
-    return parse(read_bytes(path, MAX_MESSAGE), path)
-
-
-def message_motion(message: Any, path: Path) -> Samples:
-    """Extract the motion from a message of plain values; the path is for errors.
-
-    Raises:
-        ScenarioError: If it contains no motion, or a wrong one.
-    """
-    return _checked(read_message(Field(message, path)), path)
+    if interpolation is not None:
+        samples = replace(samples, interpolation=interpolation)
+    return samples, message
 
 
 def _chosen(

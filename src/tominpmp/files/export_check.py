@@ -17,22 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, MaybeNone
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError
-from tominpmp.files.export import (
-    file_samples,
-    is_message,
-    load_message,
-    load_motion,
-    message_motion,
-)
-from tominpmp.files.ros import Refusal, controller_needs, controller_refusals
+from tominpmp.files.export import file_samples, is_message, read_motion
+from tominpmp.files.ros import Refusal, controller_refusals
 from tominpmp.files.tables import known_quantities
 from tominpmp.motion.joining import Joined, join, with_controls
-from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
+from tominpmp.motion.samples import Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem.controls import control_bounds
@@ -85,7 +79,7 @@ class ExportCheck:
     joined: str
     refusals: tuple[Refusal, ...]
     violations: tuple[LimitViolation, ...]
-    verification: Verification | None = field(repr=False)
+    verification: MaybeNone = field(repr=False)
     holding: tuple[float | None, ...] = ()
     tried: tuple[float | None, ...] = ()
     replan: float | None = None
@@ -158,8 +152,6 @@ def check_file(
         ScenarioError: If the file cannot be read, or belongs to another robot.
     """
     instance(problem, Problem, "problem")
-    if interpolation is not None:
-        check_interpolation(interpolation)
     within = Tolerances() if tolerances is None else tolerances
     instance(within, Tolerances, "tolerances", "Tolerances or None")
 
@@ -232,17 +224,23 @@ def _check(
     path = checked_path(path)
     refusals: tuple[Refusal, ...] = ()
     notes: list[str] = []
-    if is_message(path):
-        message = load_message(path)
-        samples = message_motion(message, path)
+    samples, message = read_motion(path, interpolation)
+    if message is not None:
         effort, moving = "u" in known_quantities(samples), problem.goal.ends_moving
         refusals = controller_refusals(
             message, effort_interface=effort, moving_end=moving
         )
-        notes += controller_needs(samples, moving)
-    else:
-        samples = load_motion(path)
-    joined = _joined(samples, problem, path, interpolation)
+        if effort:
+            notes.append(
+                "The points have efforts: only controllers that command efforts take "
+                "them."
+            )
+        if moving:
+            notes.append(
+                "The motion ends in motion: the controller needs "
+                "allow_nonzero_velocity_at_trajectory_end."
+            )
+    joined = _joined(samples, problem, path)
     violations, verification = judge(joined.trajectory)
     return ExportCheck(
         path,
@@ -257,20 +255,9 @@ def _check(
     )
 
 
-def _joined(
-    samples: Samples,
-    problem: Problem,
-    path: Path,
-    interpolation: Interpolation | None = None,
-) -> Joined:
-    return join(
-        samples,
-        problem.robot,
-        path,
-        start=problem.q_start,
-        start_velocity=problem.v_start,
-        interpolation=interpolation,
-    )
+def _joined(samples: Samples, problem: Problem, path: Path) -> Joined:
+    start, velocity = problem.q_start, problem.v_start
+    return join(samples, problem.robot, path, start=start, start_velocity=velocity)
 
 
 def _replan(solution: Solution, path: Path, dt: float | None) -> float | None:

@@ -547,21 +547,6 @@ def controller_refusals(
     return tuple(broken)
 
 
-def controller_needs(samples: Samples, moving: bool) -> list[str]:
-    """Settings that a controller needs for a message, in sentences."""
-    notes = []
-    if "u" in known_quantities(samples):
-        notes.append(
-            "The points have efforts: only controllers that command efforts take them."
-        )
-    if moving:
-        notes.append(
-            "The motion ends in motion: the controller needs "
-            "allow_nonzero_velocity_at_trajectory_end."
-        )
-    return notes
-
-
 def _joints(
     names: list[str], known: Sequence[str] | None, partial: bool
 ) -> Iterator[Refusal]:
@@ -606,25 +591,21 @@ def _numbers(
     """Rule: arrays contain one finite number for each joint, or are empty."""
     for index, point in enumerate(points):
         for field in POINT_FIELDS.values():
-            yield from _array(_values(point, field), names, field, index)
+            row = _values(point, field)
+            if not isinstance(row, list | tuple):
+                yield Refusal("is no list of numbers", field, index)
+            elif len(row) != len(names) and (row or field == "positions"):
+                reason = f"holds {len(row)} numbers for {len(names)} joints"
+                yield Refusal(reason, field, index)
+            else:
+                for name, value in zip(names, row, strict=False):
+                    if not _is_finite(value):
+                        reason = f"is {brief(value)}, expected a finite number"
+                        yield Refusal(reason, field, index, name)
         if _values(point, "effort") and not effort_interface:
             reason = "is refused by controllers that do not command efforts"
             yield Refusal(reason, "effort", index)
             return  # all other points have the same fault
-
-
-def _array(row: Any, names: list[str], field: str, index: int) -> Iterator[Refusal]:
-    if not isinstance(row, list | tuple):
-        yield Refusal("is no list of numbers", field, index)
-        return
-    if len(row) != len(names) and (row or field == "positions"):
-        reason = f"holds {len(row)} numbers for {len(names)} joints"
-        yield Refusal(reason, field, index)
-        return
-    for name, value in zip(names, row, strict=False):
-        if not _is_finite(value):
-            reason = f"is {brief(value)}, expected a finite number"
-            yield Refusal(reason, field, index, name)
 
 
 def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
