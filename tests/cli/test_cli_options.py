@@ -175,6 +175,10 @@ def test_limits_are_typed(run: Run, planner: Planner) -> None:
     limits = planner.problem.motion_limits
     for name, value in (("jerk", 5), ("acceleration", 3), ("effort_rate", 1)):
         assert limits.by_joint(name, names).tolist() == [value] * 3
+    words = ("--motion-limits", "more.yaml", "--acceleration", "none")
+    assert run(*PLAN, *words).exit_code == 0
+    limits = planner.problem.motion_limits
+    assert limits.acceleration is None and limits.effort_rate is not None
     wrong = run(*PLAN, "--jerk", "elbow=3")
     assert wrong.exit_code == 2 and "no joint 'elbow'" in wrong.stderr
 

@@ -15,6 +15,7 @@ from typing import Any, NoReturn, cast
 import numpy as np
 
 from tominpmp.arrays import Array, field_type
+from tominpmp.cli.option_fields import typed_values
 from tominpmp.cli.options import (
     PlayOptions,
     ProblemOptions,
@@ -319,9 +320,10 @@ def _limits(args: ProblemOptions, robot: Robot) -> MotionLimits | None:
     """The motion limits of the options, which override the file of --motion-limits."""
     path = args.motion_limits
     table: dict[str, Any] = {} if path is None else {"file": str(path)}
+    typed = typed_values(args)
     for name in LIMITS:
-        value = getattr(args, name, None)
-        if value is not None:
+        if name in typed:
+            value = typed[name]
             text = isinstance(value, str)
             table[name] = joint_values(value, _flag(name)) if text else value
     return scenario.read_motion_limits(Typed(table or None), robot)
