@@ -65,6 +65,18 @@ def test_what_a_controller_refuses_is_no_pass(robot: Robot, tmp_path: Path) -> N
     assert "a controller would refuse it" in found.message
 
 
+def test_a_message_that_names_a_joint_twice_is_a_wrong_file(
+    robot: Robot, tmp_path: Path
+) -> None:
+    path = export(quintic(robot, START, END, 2.0, 60), tmp_path / "m.json", dt=0.02)
+    message = json.loads(path.read_text())
+    message["joint_names"][2] = message["joint_names"][0]
+    path.write_text(json.dumps(message))
+    with pytest.raises(ScenarioError, match="all of them different") as error:
+        check_file(Problem(robot, START, JointGoal(END)), path)
+    assert (error.value.path, error.value.key) == (path, "joint_names")
+
+
 def test_wrong_arguments(robot: Robot, tmp_path: Path) -> None:
     problem = Problem(robot, START, JointGoal(END))
     with pytest.raises(ProblemError, match="expected a Problem"):
