@@ -7,6 +7,7 @@ by state; everything after it is vectorised over the states.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -190,15 +191,15 @@ class SpatialSlopes(NamedTuple):
 
     Attributes:
         v_q: Derivatives of velocities by q, shape (m, 6, n).
-        v_v: Derivatives of velocities by v and of accelerations by a: the Jacobians.
         a_q: Derivatives of accelerations by q.
         a_v: Derivatives of accelerations by v.
+        v_v: Derivatives of velocities by v and of accelerations by a: the Jacobians.
     """
 
     v_q: Array
-    v_v: Array
     a_q: Array
     a_v: Array
+    v_v: Array
 
 
 class FrameMotions:
@@ -252,13 +253,7 @@ class FrameMotions:
 
     def velocities(self, q: Array, v: Array) -> Array:
         """Velocities of its origin in the world, shape (m, 3) [m/s]."""
-        model, data, index = self.robot.model, self._data, self._index
-        parts = self._expanded(q, v=v)
-        found = np.empty((len(parts[0]), 3))
-        for k, state in enumerate(zip(*parts, strict=True)):
-            pin.forwardKinematics(model, data, *state)
-            found[k] = pin.getFrameVelocity(model, data, index, WORLD).linear
-        return found
+        return self._of_origin(pin.getFrameVelocity, q, v=v)
 
     def velocity_slopes(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Velocities of its origin in the world, and their derivatives by q and v.
@@ -266,19 +261,12 @@ class FrameMotions:
         Returns:
             Shapes (m, 3), (m, 3, n) and (m, 3, n).
         """
-        q = array(q, "q", (None, self.robot.n), JOINTS)
-        state, slopes = self.spatial_slopes(q, v, np.zeros_like(q))
-        linear = state.velocity[:, :3]
-        # d(R v) = R (dv + w x v), as the axes of the frame turn with q.
-        turned = slopes.v_q[:, :3] - skew(linear) @ slopes.v_v[:, 3:]
-        rotation = state.rotation
-        velocity = times(rotation, linear)
-        return velocity, rotation @ turned, rotation @ slopes.v_v[:, :3]
+        by_q, *_, by_v = self._slopes(q, v, np.zeros(np.shape(q)))
+        return self.velocities(q, v), by_q, by_v
 
     def accelerations(self, q: Array, v: Array, a: Array) -> Array:
         """Accelerations of its origin in the world, shape (m, 3) [m/s^2]."""
-        state = self.spatial(q, v, a)
-        return times(state.rotation, _origin_acceleration(state))
+        return self._of_origin(pin.getFrameClassicalAcceleration, q, v=v, a=a)
 
     def acceleration_slopes(
         self, q: Array, v: Array, a: Array
@@ -289,15 +277,20 @@ class FrameMotions:
             Accelerations, shape (m, 3), and derivatives by q, v and a, shape (m, 3, n)
             each.
         """
-        state, by = self.spatial_slopes(q, v, a)
-        own = _origin_acceleration(state)
-        w, x = skew(state.velocity[:, 3:]), skew(state.velocity[:, :3])
-        # Derivatives of R own, where R turns with q by R dR = v_v[3:].
-        by_q = by.a_q[:, :3] + w @ by.v_q[:, :3] - x @ by.v_q[:, 3:]
-        by_q -= skew(own) @ by.v_v[:, 3:]
-        by_v = by.a_v[:, :3] + w @ by.v_v[:, :3] - x @ by.v_v[:, 3:]
-        turn = state.rotation
-        return times(turn, own), turn @ by_q, turn @ by_v, turn @ by.v_v[:, :3]
+        _, by_q, by_v, by_a = self._slopes(q, v, a)
+        return self.accelerations(q, v, a), by_q, by_v, by_a
+
+    def _of_origin(
+        self, quantity: Callable[..., pin.Motion], q: Array, **rates: Array
+    ) -> Array:
+        """Linear part of a quantity of Pinocchio in the world, shape (m, 3)."""
+        model, data, index = self.robot.model, self._data, self._index
+        parts = self._expanded(q, **rates)
+        found = np.empty((len(parts[0]), 3))
+        for k, state in enumerate(zip(*parts, strict=True)):
+            pin.forwardKinematics(model, data, *state)
+            found[k] = quantity(model, data, index, WORLD).linear
+        return found
 
     def spatial(self, q: Array, v: Array, a: Array) -> SpatialStates:
         """Spatial velocities and accelerations, without derivatives.
@@ -307,30 +300,54 @@ class FrameMotions:
             v: Velocities, shape (m, n).
             a: Accelerations, shape (m, n).
         """
+        model, data, index = self.robot.model, self._data, self._index
         parts = self._expanded(q, v=v, a=a)
-        states = self._empty(len(parts[0]))
-        model, data = self.robot.model, self._data
+        m = len(parts[0])
+        found = SpatialStates(np.empty((m, 3, 3)), np.empty((m, 6)), np.empty((m, 6)))
         for k, state in enumerate(zip(*parts, strict=True)):
             pin.forwardKinematics(model, data, *state)
-            self._read(states, k)
-        return states
+            found.rotation[k] = pin.updateFramePlacement(model, data, index).rotation
+            found.velocity[k] = pin.getFrameVelocity(model, data, index, LOCAL).vector
+            spatial = pin.getFrameAcceleration(model, data, index, LOCAL)
+            found.acceleration[k] = spatial.vector
+        return found
 
     def spatial_slopes(
         self, q: Array, v: Array, a: Array
     ) -> tuple[SpatialStates, SpatialSlopes]:
         """Spatial velocities and accelerations, and their derivatives."""
-        states, robot = self._expanded(q, v=v, a=a), self.robot
-        values = self._empty(len(states[0]))
-        model, data, index, nv = robot.model, self._data, self._index, robot.model.nv
-        parts = np.empty((4, len(states[0]), 6, nv))
+        return self.spatial(q, v, a), SpatialSlopes(
+            *self._slopes(q, v, a, spatial=True)
+        )
+
+    def _slopes(self, q: Array, v: Array, a: Array, *, spatial: bool = False) -> Array:
+        """Derivatives of the motion of its origin in the world, or of spatial motions.
+
+        Args:
+            q: Positions, shape (m, n).
+            v: Velocities, shape (m, n).
+            a: Accelerations, shape (m, n).
+            spatial: Whether to differentiate spatial vectors, in the axes of the frame.
+
+        Returns:
+            Derivatives of velocities by q, of accelerations by q and v, and of
+            velocities by v, which are those of accelerations by a; shape (4, m, 3, n),
+            or (4, m, 6, n) for spatial vectors.
+        """
+        model, data, frame = self.robot.model, self._data, self._index
+        derivatives, place = pin.getFrameAccelerationDerivatives, (frame, LOCAL)
+        if not spatial:
+            item = model.frames[frame]
+            derivatives = pin.getPointClassicAccelerationDerivatives
+            place = item.parentJoint, item.placement, WORLD
+        states = self._expanded(q, v=v, a=a)
+        found = np.empty((4, len(states[0]), 6 if spatial else 3, model.nv))
         for k, state in enumerate(zip(*states, strict=True)):
             pin.computeForwardKinematicsDerivatives(model, data, *state)
-            by = pin.getFrameAccelerationDerivatives(model, data, index, LOCAL)
-            for part, slope in zip(parts, by, strict=True):
-                part[k] = slope.reshape(6, nv)
-            self._read(values, k)
-        v_q, a_q, a_v, v_v = robot.reduce_tangent(parts)
-        return values, SpatialSlopes(v_q, v_v, a_q, a_v)
+            by = derivatives(model, data, *place)
+            # Pinocchio drops the second dimension of arms with a single joint.
+            found[:, k] = np.reshape(by, found[:, k].shape)
+        return self.robot.reduce_tangent(found)
 
     def _expanded(self, q: Array, **rates: Array) -> tuple[Array, ...]:
         """Check rows of states, and expand them to all joints of the model."""
@@ -338,18 +355,6 @@ class FrameMotions:
         q = array(q, "q", (None, robot.n), JOINTS)
         rows = [array(x, name, q.shape, JOINTS) for name, x in rates.items()]
         return robot.expand(q), *map(robot.expand_tangent, rows)
-
-    @staticmethod
-    def _empty(m: int) -> SpatialStates:
-        return SpatialStates(np.empty((m, 3, 3)), np.empty((m, 6)), np.empty((m, 6)))
-
-    def _read(self, states: SpatialStates, k: int) -> None:
-        """Copy the results for one state out of Pinocchio's data."""
-        model, data, index = self.robot.model, self._data, self._index
-        states.rotation[k] = pin.updateFramePlacement(model, data, index).rotation
-        states.velocity[k] = pin.getFrameVelocity(model, data, index, LOCAL).vector
-        spatial = pin.getFrameAcceleration(model, data, index, LOCAL)
-        states.acceleration[k] = spatial.vector
 
 
 def skew(rows: Array) -> Array:
@@ -364,9 +369,3 @@ def skew(rows: Array) -> Array:
 def times(matrices: Array, rows: Array) -> Array:
     """Products of matrices and vectors, shapes (m, k, l) or (k, l), and (m, l)."""
     return np.asarray((matrices @ rows[:, :, None])[:, :, 0])
-
-
-def _origin_acceleration(state: SpatialStates) -> Array:
-    """Accelerations of the origin from spatial ones: a + w x v, shape (m, 3)."""
-    turned = np.cross(state.velocity[:, 3:], state.velocity[:, :3])
-    return np.asarray(state.acceleration[:, :3] + turned)
