@@ -335,7 +335,8 @@ class FrameMotions:
             or (4, m, 6, n) for spatial vectors.
         """
         model, data, frame = self.robot.model, self._data, self._index
-        derivatives, place = pin.getFrameAccelerationDerivatives, (frame, LOCAL)
+        derivatives = pin.getFrameAccelerationDerivatives
+        place: tuple[object, ...] = frame, LOCAL
         if not spatial:
             item = model.frames[frame]
             derivatives = pin.getPointClassicAccelerationDerivatives

@@ -5,12 +5,13 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan
-from tominpmp.checks import choice, instance, number, text, whole, wrong
+from tominpmp.checks import choice, instance, number, optional, text, whole, wrong
 from tominpmp.exceptions import OptionsError, brief
 
 if TYPE_CHECKING:
@@ -35,33 +36,79 @@ CHOICES = {
     "energy": get_args(Energy),
     "refine": (*get_args(Refinement), None),
 }
-# Integer options, with the least value of each.
-WHOLE = {"intervals": 4, "max_iterations": 1, "processes": 1, "seed": 0, "starts": 1}
-POSITIVE = (
-    *("max_planning_time", "initial_duration", "control_period", "trust_region"),
-    *("tolerance", "feasibility", "control_step", "time_step"),
-    *("goal_tolerance", "speed_tolerance", "limit_tolerance", "contact_tolerance"),
-)
-# Largest values: more is taken for a mistake, before it fills the memory or starts too
-# many processes.
-MOST = {
-    "intervals": 10_000,
-    "max_iterations": 1_000_000,
-    "processes": 256,
-    "seed": 2**63 - 1,
-    "starts": 10_000,
-    "slack": 10.0,
-    "control_period": 1.0,
-}
 # Default limit of the planning time, by effort [s]. On the golden set it cuts short a
 # tenth of the quick plans, and one of 37 standard ones (``python -m
 # benchmarks.latency``).
 TIME_LIMITS = {"quick": 2.0, "standard": 10.0, "thorough": 60.0}
-# Largest value of all other numbers: beyond any use, while its square is still finite.
-LARGEST = 1e9
 # Least number of periods of a motion on a controller's clock, or of a segment of it;
 # the shortest motions last longer than they need.
 FEWEST_PERIODS = 4
+
+
+# Largest value of numbers without a smaller one: beyond any use, while its square is
+# still finite.
+LARGEST = 1e9
+
+
+def _number(
+    value: object, name: str, expected: str, above: float = -1.0, most: float = LARGEST
+) -> float:
+    """Check a number that is 0 at least, or above a bound, and not too large."""
+    if number_or_nan(value) > most:
+        expected = f"{expected}, at most {most:g}"
+    return number(value, name, expected, 0.0, above, most, error=OptionsError)
+
+
+def _time_limit(value: object, name: str) -> float:
+    """Check a positive time, which may be infinite [s]."""
+    return np.inf if number_or_nan(value) == np.inf else _positive(value, name)
+
+
+def _torques(value: Any, name: str) -> Array:
+    """Check torques of one instant or of all intervals."""
+    control = array_or_nan(value)
+    shaped = control.ndim in (1, 2) and control.size > 0
+    if not shaped or not np.all(np.isfinite(control)):
+        expected = "finite torques, of shape (n,) or (N, n) [N m]"
+        raise wrong(value, name, expected, OptionsError)
+    return control
+
+
+def _function(value: object, name: str) -> object:
+    """Check a callback."""
+    if not callable(value):
+        raise wrong(value, name, "a function", OptionsError)
+    return value
+
+
+_whole = partial(whole, error=OptionsError)
+_positive = partial(_number, expected="a positive number", above=0.0)
+_share = partial(_number, expected="a number >= 0, or None")
+_weight = partial(_number, expected="a number >= 0 [1/(N^2 m^2) or s/J]")
+_solver = partial(text, expected="the name of a solver", error=OptionsError)
+# Types of the options with their checks. Larger values are taken for a mistake, before
+# they fill the memory or start too many processes.
+Intervals: TypeAlias = Annotated[int, partial(_whole, least=4, most=10_000)]
+Iterations: TypeAlias = Annotated[int, partial(_whole, least=1, most=1_000_000)]
+Processes: TypeAlias = Annotated[int, partial(_whole, least=1, most=256)]
+Seed: TypeAlias = Annotated[int, partial(_whole, most=2**63 - 1)]
+StartsOrNone: TypeAlias = Annotated[
+    int | None, optional(partial(_whole, least=1, most=10_000))
+]
+Positive: TypeAlias = Annotated[float, _positive]
+PositiveOrNone: TypeAlias = Annotated[float | None, optional(_positive)]
+TimeOrNone: TypeAlias = Annotated[float | None, optional(_time_limit)]
+PeriodOrNone: TypeAlias = Annotated[
+    float | None, optional(partial(_positive, most=1.0))
+]
+ShareOrNone: TypeAlias = Annotated[float | None, optional(_share)]
+SlackOrNone: TypeAlias = Annotated[float | None, optional(partial(_share, most=10.0))]
+Weight: TypeAlias = Annotated[float, _weight]
+SolverName: TypeAlias = Annotated[str, _solver]
+TorquesOrNone: TypeAlias = Annotated[Array | None, optional(_torques)]
+CallbackOrNone: TypeAlias = Annotated[
+    "Callable[[IterationRecord], bool | None] | None", optional(_function)
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,81 +232,42 @@ class Options(Record):
     """
 
     method: Method = "auto"
-    intervals: int = 40
+    intervals: Intervals = 40
     grid: Grid = "cosine"
     control: Control = "auto"
     objective: Objective = "time"
     effort: Effort = "standard"
-    energy_weight: float = 0.0
+    energy_weight: Weight = 0.0
     energy: Energy = "torque_squared"
-    slack: float | None = None
+    slack: SlackOrNone = None
     refine: Refinement | None = "auto"
-    smoothing: float | None = None
-    starts: int | None = None
-    seed: int = 0
-    max_planning_time: float | None = None
-    max_iterations: int = 100
-    tolerance: float = 2e-4
-    feasibility: float = 1e-6
-    goal_tolerance: float = 1e-3
-    speed_tolerance: float = 1e-2
-    limit_tolerance: float = 5e-3
-    contact_tolerance: float = 1e-5
-    trust_region: float = 0.3
+    smoothing: ShareOrNone = None
+    starts: StartsOrNone = None
+    seed: Seed = 0
+    max_planning_time: TimeOrNone = None
+    max_iterations: Iterations = 100
+    tolerance: Positive = 2e-4
+    feasibility: Positive = 1e-6
+    goal_tolerance: Positive = 1e-3
+    speed_tolerance: Positive = 1e-2
+    limit_tolerance: Positive = 5e-3
+    contact_tolerance: Positive = 1e-5
+    trust_region: Positive = 0.3
     step_rule: StepRule = "adaptive"
-    control_step: float = 0.05
-    time_step: float = 0.01
-    initial_duration: float | None = None
-    initial_control: Array | None = None
-    lp_solver: str = "auto"
-    control_period: float | None = None
-    processes: int = 1
-    callback: Callable[[IterationRecord], bool | None] | None = None
+    control_step: Positive = 0.05
+    time_step: Positive = 0.01
+    initial_duration: PositiveOrNone = None
+    initial_control: TorquesOrNone = None
+    lp_solver: SolverName = "auto"
+    control_period: PeriodOrNone = None
+    processes: Processes = 1
+    callback: CallbackOrNone = None
 
     def __post_init__(self) -> None:
         """Check every option."""
         for name, known in CHOICES.items():
             choice(getattr(self, name), known, name, error=OptionsError)
-        for name, least in WHOLE.items():
-            value, most = getattr(self, name), int(MOST[name])
-            if value is not None or not self._is_optional(name):
-                found = whole(value, name, least, most, error=OptionsError)
-                self._keep(**{name: found})
-        for name in POSITIVE:
-            self._number(name, "a positive number", above=0.0)
-        for name in ("smoothing", "slack"):
-            self._number(name, "a number >= 0, or None")
-        self._number("energy_weight", "a number >= 0 [1/(N^2 m^2) or s/J]")
-        text(self.lp_solver, "lp_solver", "the name of a solver", OptionsError)
-        if self.callback is not None and not callable(self.callback):
-            raise wrong(self.callback, "callback", "a function", OptionsError)
-        if self.initial_control is not None:
-            control = array_or_nan(self.initial_control)
-            shaped = control.ndim in (1, 2) and control.size > 0
-            if not shaped or not np.all(np.isfinite(control)):
-                expected = "finite torques, of shape (n,) or (N, n) [N m]"
-                given = self.initial_control
-                raise wrong(given, "initial_control", expected, OptionsError)
-            self._keep(initial_control=control)
-
-    @classmethod
-    def _is_optional(cls, name: str) -> bool:
-        """Whether an option may be None, for the planner to choose."""
-        return getattr(cls, name) is None
-
-    def _number(self, name: str, expected: str, above: float = -1.0) -> None:
-        value, most = getattr(self, name), MOST.get(name, LARGEST)
-        if value is None and self._is_optional(name):
-            return
-        endless = name == "max_planning_time" and number_or_nan(value) == np.inf
-        most = np.inf if endless else most
-        if number_or_nan(value) > most:
-            expected = f"{expected}, at most {most:g}"
-        error = OptionsError
-        value = number(
-            value, name, expected, 0.0, above, most, infinite=endless, error=error
-        )
-        self._keep(**{name: value})
+        super().__post_init__()
 
     @property
     def time_limit(self) -> float:

@@ -97,14 +97,28 @@ class Deadline:
 
     @contextmanager
     def in_force(self) -> Iterator[None]:
-        """Put this deadline in force, and let Ctrl-C request a stop."""
+        """Put this deadline in force; Ctrl-C then requests a stop.
+
+        It does so where it would raise KeyboardInterrupt.
+        """
+        main = threading.current_thread() is threading.main_thread()
+        usual = signal.default_int_handler
+        taken = main and signal.getsignal(signal.SIGINT) is usual
         token = _current.set(self)
         try:
-            with self._interruptible():
-                yield
+            if taken:
+                signal.signal(signal.SIGINT, self._interrupted)
+            yield
         finally:
+            if taken:
+                signal.signal(signal.SIGINT, usual)
             self.heeded = True
             _current.reset(token)
+
+    def _interrupted(self, number: int, frame: FrameType | None) -> None:
+        """Handle Ctrl-C: the first request is for a stop, the next one interrupts."""
+        if not self.request_stop():
+            signal.default_int_handler(number, frame)
 
     @contextmanager
     def grace(self, until: float) -> Iterator[None]:
@@ -121,26 +135,6 @@ class Deadline:
         finally:
             end, requested, self._poll, self._requested_before = before
             self.end, self.requested = end, self.requested or requested
-
-    @contextmanager
-    def _interruptible(self) -> Iterator[None]:
-        """Let Ctrl-C request a stop, where it would raise KeyboardInterrupt."""
-        main = threading.current_thread() is threading.main_thread()
-        usual = signal.default_int_handler
-        if not main or signal.getsignal(signal.SIGINT) is not usual:
-            yield
-            return
-
-        def interrupted(number: int, frame: FrameType | None) -> None:
-            if not self.request_stop():
-                usual(number, frame)
-
-        signal.signal(signal.SIGINT, interrupted)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, usual)
-            self.heeded = True
 
     def request_stop(self) -> bool:
         """Request a stop; False if one was requested before."""
@@ -162,7 +156,9 @@ class Deadline:
             self._wait()
 
 
-_current: ContextVar[Deadline | None] = ContextVar("deadline", default=None)
+# In force where no other one is: it never comes.
+_NEVER = Deadline()
+_current: ContextVar[Deadline] = ContextVar("deadline", default=_NEVER)
 
 
 def check() -> None:
@@ -171,44 +167,35 @@ def check() -> None:
     Raises:
         Stop: If it is time to stop.
     """
-    deadline = _current.get()
-    if deadline is not None and deadline.due:
-        raise Stop(deadline.requested)
+    _current.get().check()
 
 
 def due() -> bool:
     """Whether it is time to stop."""
-    deadline = _current.get()
-    return deadline is not None and deadline.due
+    return _current.get().due
 
 
 def seconds_left() -> float:
     """Time until the deadline, 1 ms at least; infinite without a deadline [s]."""
-    deadline = _current.get()
-    if deadline is None or math.isinf(deadline.end):
-        return math.inf
-    return max(deadline.end - time.perf_counter(), 1e-3)
+    return max(_current.get().end - time.perf_counter(), 1e-3)
 
 
 def seconds_to_end() -> float:
     """Time until the plan must have returned; infinite without a limit [s]."""
-    deadline = _current.get()
-    if deadline is None or math.isinf(deadline.last):
-        return math.inf
-    return max(deadline.last - time.perf_counter(), 0.0)
+    return max(_current.get().last - time.perf_counter(), 0.0)
 
 
 def request() -> bool:
     """Request a stop of the running computation; False if none accepts the request."""
     deadline = _current.get()
-    return deadline is not None and deadline.request_stop()
+    return deadline is not _NEVER and deadline.request_stop()
 
 
 @contextmanager
 def grace(seconds: float) -> Iterator[None]:
     """Continue for a grace period after the deadline, to save the results."""
     deadline = _current.get()
-    if deadline is None:
+    if deadline is _NEVER:
         yield
         return
     with deadline.grace(time.perf_counter() + seconds):
@@ -218,7 +205,7 @@ def grace(seconds: float) -> Iterator[None]:
 @contextmanager
 def bounded(seconds: float | None) -> Iterator[None]:
     """A stage with a time limit of its own, unless a deadline is in force already."""
-    if _current.get() is not None:
+    if _current.get() is not _NEVER:
         yield
         return
     deadline = Deadline()
