@@ -28,7 +28,7 @@ def table(sizes: list[int], seed: int, ends: bool = True, **known: bool) -> LegT
         # Times that differ there and back.
         for i, j in permutations(range(len(sizes)), 2):
             for a, b in product(range(sizes[i]), range(sizes[j])):
-                out.learn((i, a, j, b), float(rng.uniform(0.2, 3.0)))
+                out.known[i, a, j, b] = float(rng.uniform(0.2, 3.0))
     return out
 
 

@@ -150,8 +150,6 @@ def _with_jerk(distance: Array, v: Array, a: Array, jerk: Array) -> Array:
 
 # A leg: node and configuration of its begin, node and configuration of its end.
 Leg = tuple[int, int, int, int]
-# Nodes of a leg, or indices of the configurations there.
-Pair = tuple[int, int]
 
 
 @dataclass(eq=False)
@@ -168,8 +166,7 @@ class LegTable:
         ends: Whether the last node is the end of the tour; otherwise the tour ends at
             any station.
         factor: Factor of the estimates.
-        known: Times of planned legs [s], by the nodes of a leg and by the indices of
-            the configurations there; infinite where no motion was found.
+        known: Times of planned legs [s]; infinite where no motion was found.
     """
 
     nodes: list[Array]
@@ -177,7 +174,7 @@ class LegTable:
     times: JointTimes
     ends: bool
     factor: float = 1.0
-    known: dict[Pair, dict[Pair, float]] = field(default_factory=dict)
+    known: dict[Leg, float] = field(default_factory=dict)
 
     @property
     def stations(self) -> int:
@@ -206,35 +203,25 @@ class LegTable:
         """Times from each configuration of a node to each of another, shape (k, m)."""
         nodes, resting = self.nodes, self.resting(i, j)
         times = self.factor * self.times.matrix(nodes[i], nodes[j], resting)
-        for pair, value in self.known.get((i, j), {}).items():
-            times[pair] = value
+        for (begin, a, end, b), seconds in self.known.items():
+            if (begin, end) == (i, j):
+                times[a, b] = seconds
         return times
-
-    def learn(self, leg: Leg, seconds: float) -> None:
-        """Note the time of a leg that was planned [s]."""
-        i, a, j, b = leg
-        self.known.setdefault((i, j), {})[a, b] = seconds
-
-    def known_time(self, leg: Leg) -> float | None:
-        """Time of a leg that was planned [s]; None if it was not planned yet."""
-        i, a, j, b = leg
-        return self.known.get((i, j), {}).get((a, b))
 
     def time(self, leg: Leg) -> float:
         """Time of a leg, known or estimated [s]."""
-        known, resting = self.known_time(leg), self.resting(leg[0], leg[2])
-        if known is not None:
-            return known
+        if leg in self.known:
+            return self.known[leg]
+        resting = self.resting(leg[0], leg[2])
         return self.factor * float(self.times.between(*self.rows(leg), resting))
 
     def calibrate(self) -> None:
         """Set the factor of the estimates to the median of known over least times."""
         ratios = []
-        for (i, j), known in self.known.items():
-            for (a, b), seconds in known.items():
-                guess = float(self.times.between(*self.rows((i, a, j, b))))
-                if guess > 0.0 and np.isfinite(seconds):
-                    ratios.append(seconds / guess)
+        for leg, seconds in self.known.items():
+            guess = float(self.times.between(*self.rows(leg)))
+            if guess > 0.0 and np.isfinite(seconds):
+                ratios.append(seconds / guess)
         self.factor = max(1.0, float(np.median(ratios))) if ratios else 1.0
 
     def along(self, order: Sequence[int], rows: list[Array]) -> LegTable:
@@ -252,8 +239,9 @@ class LegTable:
         for count in np.unique(resting).tolist():
             which = resting == count
             out[which] = self.factor * self.times.matrix(q, q, count)[which]
-        for (i, j), known in self.known.items():
-            out[i, j] = known.get((chosen[i], chosen[j]), out[i, j])
+        for (i, a, j, b), seconds in self.known.items():
+            if (a, b) == (chosen[i], chosen[j]):
+                out[i, j] = seconds
         np.fill_diagonal(out, 0.0)
         return out
 

@@ -70,8 +70,14 @@ MOST_ROUNDS = 60
 # Difference below which a planned time equals its estimate [s].
 AS_ESTIMATED = 1e-9
 
+# Largest number of legs without a stop between them that are planned as one motion.
+MOST_TOGETHER = 8
+
 # Nodes of a tour in their order, each with the index of one of its configurations.
 Route = list[tuple[int, int]]
+# Time at which the robot comes to rest [s], and the dwells of its arms there (None for
+# all arms) [s]: several arms may dwell at once.
+Halt = tuple[float, list[tuple[str | None, float]]]
 
 
 class TourSearch:
@@ -199,32 +205,66 @@ class TourSearch:
         """
         table, off = self.table, 0.0
         for leg in _legs(route):
-            if table.known_time(leg) is None and table.resting(leg[0], leg[2]) == 2:
-                before, seconds = table.time(leg), self.legs.seconds(leg)
-                table.learn(leg, seconds)
-                off = max(off, abs(seconds - before))
+            if leg not in table.known and table.resting(leg[0], leg[2]) == 2:
+                before = table.time(leg)
+                table.known[leg] = self.legs.seconds(leg)
+                off = max(off, abs(table.known[leg] - before))
         if off > AS_ESTIMATED and not self.exact:
             table.calibrate()
         return off <= AS_ESTIMATED
 
     # -- the tour ----------------------------------------------------------------------
 
+    def _motions(
+        self, route: Route, q: Sequence[Array]
+    ) -> list[tuple[Solution | None, list[int]]] | None:
+        """Motions of a tour, and the places in its route that each of them reaches.
+
+        Motions end where the arm stops; elsewhere only if stops are rare, or if no
+        motion passes the places between two stops.
+
+        Returns:
+            Pairs of a motion, None for a place where the arm is already, and the places
+            that it reaches; None if one of the places is not reached.
+        """
+        legs, table, nodes = self.legs, self.table, [node for node, _ in route]
+        stops, motions = [0], list[tuple[Solution | None, list[int]]]()
+        for place in range(1, len(nodes)):
+            final = place == len(nodes) - 1
+            if table.rests[nodes[place]] or final or place - stops[-1] >= MOST_TOGETHER:
+                stops.append(place)
+        for first, last in pairwise(stops):
+            places, stretch = [*range(first + 1, last + 1)], slice(first, last + 1)
+            if len(places) > 1:
+                passing = legs.passing(nodes[stretch], q[stretch])
+                if passing is not None:
+                    motions.append((passing, places))
+                    continue
+            for place in places:
+                leg = (*route[place - 1], *route[place])
+                motion = None if legs.stays(leg) else legs.motion(leg)
+                if motion is None and not legs.stays(leg):
+                    return None
+                motions.append((motion, [place]))
+        return motions
+
     def _assembled(self, route: Route, status: Status) -> Tour:
         """Assemble the tour from the motions of its legs."""
-        legs, table, nodes = self.legs, self.table, [node for node, _ in route]
+        legs, table = self.legs, self.table
         q = [table.nodes[node][c] for node, c in route]
+        runs = self._motions(route, q)
+        if runs is None:
+            return self._failed()
         motions, visits = list[Solution](), list[Visit]()
         kinematics = RobotKinematics(legs.problem.robot)
-        # Halts: the time at which the robot comes to rest [s], and the dwells of its
-        # arms (None for all arms) [s]: several arms may dwell at once.
-        halts: list[tuple[float, list[tuple[str | None, float]]]] = [(0.0, [])]
+        halts: list[Halt] = [(0.0, [])]
 
-        def visit(place: int, there: Array) -> None:
+        def visit(place: int, there: Array, halt: Halt) -> None:
             """Note the visit of the station of a place, as soon as its arm is free."""
-            number = table.station(nodes[place])
+            number = table.station(route[place][0])
             if number is None:
                 return
-            station, (begin, stays) = legs.stations[number], halts[-1]
+            station, (begin, stays) = legs.stations[number], halt
             met = station.goal.nearest(kinematics, there, np.zeros_like(there))
             arm = arm_of(kinematics.robot, met)
             before = [item for item in stays if arm is None or item[0] in (arm, None)]
@@ -233,21 +273,18 @@ class TourSearch:
             stays.append((arm, stay))
             visits.append(Visit(station.name, there, arrival, arrival + stay))
 
-        for first, last in pairwise(_stops(table, nodes)):
-            runs = _run(legs, route, q, first, last)
-            if runs is None:
-                return self._failed()
-            for motion, reached in runs:
-                if motion is None:
-                    visit(reached[0], q[reached[0]])  # the arm is there already
-                    continue
-                begin = halts[-1][0] + together(halts[-1][1])
-                motions.append(motion)
-                for k, part in zip(reached, motion.segments, strict=True):
-                    if k != reached[0]:
-                        halts.pop()
-                    halts.append((begin + part.arrival, []))
-                    visit(k, motion.trajectory(part.arrival).q)
+        for motion, reached in runs:
+            if motion is None:
+                visit(reached[0], q[reached[0]], halts[-1])  # the arm is there already
+                continue
+            motions.append(motion)
+            begin = halts[-1][0] + together(halts[-1][1])
+            passed: list[Halt] = [
+                (begin + part.arrival, []) for part in motion.segments
+            ]
+            halts.append(passed[-1])
+            for k, part, halt in zip(reached, motion.segments, passed, strict=True):
+                visit(k, motion.trajectory(part.arrival).q, halt)
         subject = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
         count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
         return Tour(
@@ -283,52 +320,6 @@ def _status(stop: BaseException) -> Status:
     """The status of planning that was interrupted, or ended by the time limit."""
     requested = not isinstance(stop, Stop) or stop.requested
     return Status.INTERRUPTED if requested else Status.TIME_LIMIT
-
-
-# Largest number of legs without a stop between them that are planned as one motion.
-MOST_TOGETHER = 8
-
-
-def _stops(table: LegTable, nodes: Sequence[int]) -> list[int]:
-    """Places where motions end: the start, stops, and others if stops are rare."""
-    stops = [0]
-    for place in range(1, len(nodes)):
-        final = place == len(nodes) - 1
-        if table.rests[nodes[place]] or final or place - stops[-1] >= MOST_TOGETHER:
-            stops.append(place)
-    return stops
-
-
-def _run(
-    legs: Legs,
-    route: Route,
-    q: Sequence[Array],
-    first: int,
-    last: int,
-) -> list[tuple[Solution | None, list[int]]] | None:
-    """Motions from one stop to the next, and the places that each motion reaches.
-
-    Returns:
-        Pairs of a motion, None for a place where the arm is already, and the places
-        that it reaches; None if one of the places is not reached.
-    """
-    places = list(range(first + 1, last + 1))
-    if len(places) > 1:
-        stretch = slice(first, last + 1)
-        passing = legs.passing([node for node, _ in route[stretch]], q[stretch])
-        if passing is not None:
-            return [(passing, places)]
-    motions: list[tuple[Solution | None, list[int]]] = []
-    for place in places:
-        leg = (*route[place - 1], *route[place])
-        if legs.stays(leg):
-            motions.append((None, [place]))
-            continue
-        solution = legs.motion(leg)
-        if solution is None:
-            return None
-        motions.append((solution, [place]))
-    return motions
 
 
 def _torque_limited(problem: Problem, by_station: Sequence[Array]) -> Array:
