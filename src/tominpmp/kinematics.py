@@ -28,20 +28,6 @@ LOCAL = pin.ReferenceFrame.LOCAL
 WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
-class FrameMotion(NamedTuple):
-    """Velocity of a frame's origin, with derivatives.
-
-    Attributes:
-        velocity: Linear velocity in the world [m/s], shape (3,).
-        by_q: Derivative with respect to q, shape (3, n).
-        by_v: Derivative with respect to v (the Jacobian), shape (3, n).
-    """
-
-    velocity: Array
-    by_q: Array
-    by_v: Array
-
-
 class RobotKinematics:
     """Frame placements and Jacobians of a robot.
 
@@ -89,17 +75,6 @@ class RobotKinematics:
         jacobian = pin.computeFrameJacobian(robot.model, self._data, row, index, axes)
         # Pinocchio drops the second dimension of arms with a single joint.
         return robot.reduce_tangent(np.reshape(jacobian, (6, -1)))
-
-    def motion(self, q: Array, v: Array, frame: str) -> FrameMotion:
-        """Linear velocity of a frame's origin, with derivatives.
-
-        Args:
-            q: Positions, shape (n,).
-            v: Velocities, shape (n,).
-            frame: Name of the frame.
-        """
-        slopes = FrameMotions(self.robot, frame).velocity_slopes(q[None], v[None])
-        return FrameMotion(*(part[0] for part in slopes))
 
     @property
     def length(self) -> float:

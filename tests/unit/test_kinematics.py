@@ -10,7 +10,7 @@ import pytest
 from robot_samples import chain, joint, link, load, robot
 
 from tominpmp.exceptions import FrameNotFound
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.kinematics import FrameMotions, RobotKinematics, prismatic_joints
 from tominpmp.robot.robot import Robot, load_robot
 
 LENGTHS = np.array([3.0, 2.0, 1.0])
@@ -48,28 +48,31 @@ def test_jacobian_by_the_formula(planar3r: Robot) -> None:
 
 
 def test_motion_by_the_formula(planar3r: Robot) -> None:
-    motion = RobotKinematics(planar3r).motion(Q, V, "tip")
+    slopes = FrameMotions(planar3r, "tip").velocity_slopes(Q[None], V[None])
+    velocity, by_q, by_v = (part[0] for part in slopes)
     jacobian = planar_jacobian(Q)[:3]
-    np.testing.assert_allclose(motion.velocity, jacobian @ V, atol=1e-14)
-    np.testing.assert_allclose(motion.by_v, jacobian, atol=1e-14)
+    np.testing.assert_allclose(velocity, jacobian @ V, atol=1e-14)
+    np.testing.assert_allclose(by_v, jacobian, atol=1e-14)
     # d(J v)/dq: each section turns the velocities of those after it.
     angles, rates = np.cumsum(Q), np.cumsum(V)
     parts = -LENGTHS * rates * np.array([np.cos(angles), np.sin(angles)])
     tails = np.cumsum(parts[:, ::-1], axis=1)[:, ::-1]
-    np.testing.assert_allclose(motion.by_q[:2], tails, atol=1e-13)
+    np.testing.assert_allclose(by_q[:2], tails, atol=1e-13)
 
 
 def test_a_call_does_not_change_what_another_returned(planar3r: Robot) -> None:
     kinematics = RobotKinematics(planar3r)
     place, jacobian = kinematics.placement(Q, "tip"), kinematics.jacobian(Q, "tip")
-    motion = kinematics.motion(Q, V, "tip")
+    motions = FrameMotions(planar3r, "tip")
+    motion = motions.velocity_slopes(Q[None], V[None])
     for q in (np.zeros(3), np.ones(3)):
         kinematics.placement(q, "link1")
         kinematics.jacobian(q, "tip")
-        kinematics.motion(q, -V, "tip")
+        motions.velocity_slopes(q[None], -V[None])
     np.testing.assert_allclose(place.translation, planar_tip(Q), atol=1e-14)
     np.testing.assert_array_equal(jacobian, kinematics.jacobian(Q, "tip"))
-    for before, after in zip(motion, kinematics.motion(Q, V, "tip"), strict=True):
+    again = motions.velocity_slopes(Q[None], V[None])
+    for before, after in zip(motion, again, strict=True):
         np.testing.assert_array_equal(before, after)
 
 
@@ -86,7 +89,7 @@ def test_unknown_frame(planar3r: Robot) -> None:
     for ask in (
         lambda: kinematics.placement(Q, "hand"),
         lambda: kinematics.jacobian(Q, "hand"),
-        lambda: kinematics.motion(Q, V, "hand"),
+        lambda: FrameMotions(planar3r, "hand"),
         lambda: kinematics.reach("hand"),
     ):
         with pytest.raises(FrameNotFound, match="'hand'"):

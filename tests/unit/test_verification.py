@@ -15,7 +15,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import PositionGoal
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
 from tominpmp.goals.sets import AnyGoal
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options, Tolerances
@@ -282,7 +282,7 @@ def test_goal_on_a_frame_is_measured_there() -> None:
     robot = make_arm(*RODS, effort=100.0)
     motion = swing(robot, 1.0)
     tip = RobotKinematics(robot).placement(motion.q[-1], "tip").translation
-    v = RobotKinematics(robot).motion(motion.q[-1], motion.v[-1], "tip").velocity
+    v = FrameMotions(robot, "tip").velocities(motion.q[-1:], motion.v[-1:])[0]
     reached = Problem(robot, motion.q[0], PositionGoal("tip", tip, v))
     assert verify(reached, motion).ok
     beside = PositionGoal("tip", tip - np.array([0.0, 0.02, 0.0]), v)

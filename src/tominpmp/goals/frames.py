@@ -42,7 +42,7 @@ from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import across, deviations
 from tominpmp.goals.place import Ball, Label, Place
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.rotations import rotation_matrix
 
@@ -131,8 +131,10 @@ class FrameGoal(Record, Goal):
         if self.v is None:
             return super().motion_residual(kinematics, q, v)
         v = joint_row(kinematics, v, "v")
-        motion = kinematics.motion(q, v, self.frame)
-        return motion.velocity - self.v, motion.by_q, motion.by_v
+        motions = FrameMotions(kinematics.robot, self.frame)
+        slopes = motions.velocity_slopes(q[None], v[None])
+        velocity, by_q, by_v = (part[0] for part in slopes)
+        return velocity - self.v, by_q, by_v
 
     def label(self, unit: str) -> Label:
         """Label of a residual component of the frame."""

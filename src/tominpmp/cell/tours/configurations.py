@@ -47,17 +47,15 @@ class GoalRows:
     def __init__(self, robot: Robot, goals: Sequence[Goal]) -> None:
         self.goals, self.kinematics = tuple(goals), RobotKinematics(robot)
         nothing = FrameTarget(np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6)), False)
-        targets, frames = list[FrameTarget](), list[str]()
-        for goal in goals:
-            target = frame_target(goal)
-            targets.append(target or nothing)
-            # Other kinds of goals are evaluated one by one.
-            frames.append(str(goal.frame_name) if target else "")
+        targets = [frame_target(goal) or nothing for goal in goals]
         zero = np.zeros(robot.n)
         self.rows = max(6, *(g.place(self.kinematics, zero).value.size for g in goals))
+        self._targets = tuple(np.stack(part) for part in zip(*targets, strict=True))
+        # Goals of other kinds are evaluated one by one; their frame has an empty name.
+        named = zip(goals, targets, strict=True)
+        frames = [str(g.frame_name) if t is not nothing else "" for g, t in named]
         self._frames = np.array(frames)
         self._motions = {name: FrameMotions(robot, name) for name in {*frames} - {""}}
-        self._targets = tuple(np.stack(part) for part in zip(*targets, strict=True))
 
     def __call__(self, q: Array, which: IntArray) -> tuple[Array, Array]:
         """Evaluate residuals.
@@ -198,18 +196,18 @@ class Configurations:
 
     def _nearest_alternatives(self, q: Array, which: IntArray) -> IntArray:
         """Index of the alternative with the smallest residual at each q, shape (m,)."""
-        counts, first = self._counts[which], self._first[which]
+        counts = self._counts[which]
         if np.all(counts == 1):
-            return first
-        best, least = np.zeros(len(which), dtype=np.int64), np.full(len(which), np.inf)
-        for k in range(int(counts.max())):
-            rows = np.flatnonzero(counts > k)
-            value, _ = self._rows(q[rows], first[rows] + k)
-            missed = np.max(np.abs(value), axis=1)
-            nearer = rows[missed < least[rows]]
-            least[rows] = np.minimum(least[rows], missed)
-            best[nearer] = k
-        return first + best
+            return self._first[which]
+        # The alternatives of all starts, one start after the other.
+        row, begin = (
+            np.repeat(np.arange(len(which)), counts),
+            np.cumsum(counts) - counts,
+        )
+        aim = np.arange(len(row)) + np.repeat(self._first[which] - begin, counts)
+        missed = np.max(np.abs(self._rows(q[row], aim)[0]), axis=1)
+        nearest: IntArray = aim[np.lexsort((missed, row))[begin]]
+        return nearest
 
     def free(self, q: Array, g: int) -> BoolArray:
         """Whether configurations are admissible at a station, shape (m,).
