@@ -15,7 +15,8 @@ calling function to accept or to refuse with its own message.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from types import EllipsisType
 from typing import Annotated, Any, TypeAlias, TypeGuard, TypeVar
@@ -43,7 +44,7 @@ from tominpmp.exceptions import (
 
 T = TypeVar("T")
 #: Makes an error from a message and the name of an argument.
-MakeError = Callable[[str, str], TominpmpError]
+MakeError = Callable[[str, str | None], TominpmpError]
 
 # Integers from here on exceed NumPy's 64 bits.
 LARGEST = 2**63
@@ -61,10 +62,22 @@ def wrong(
         value: The argument.
         name: Its name.
         expected: Description of valid values.
-        error: Makes the error from the message and the name, here and in the checks
-            below.
+        error: Makes the error from the message and the name.
     """
     return error(f"{name} is {brief(value)}, expected {expected}", name)
+
+
+@contextmanager
+def raised_as(error: MakeError) -> Iterator[None]:
+    """Raise the errors of the checks within this block as errors of another class.
+
+    Args:
+        error: Makes the error from the message and the name of the argument.
+    """
+    try:
+        yield
+    except ProblemError as found:
+        raise error(str(found), found.field) from found.__cause__
 
 
 def instance(
@@ -110,29 +123,18 @@ def flag(value: object, name: str) -> bool:
     return bool(instance(value, (bool, np.bool_), name, FLAG))
 
 
-def text(
-    value: str,
-    name: str,
-    expected: str = "a text",
-    error: MakeError = ProblemError,
-) -> str:
+def text(value: str, name: str, expected: str = "a text") -> str:
     """Check a text that must not be empty.
 
     Raises:
         ProblemError: If it is not a text, or empty.
     """
     if not isinstance(value, str) or not value:
-        raise wrong(value, name, expected, error)
+        raise wrong(value, name, expected)
     return value
 
 
-def choice(
-    value: T,
-    known: Sequence[object],
-    name: str,
-    expected: str = "",
-    error: MakeError = ProblemError,
-) -> T:
+def choice(value: T, known: Sequence[object], name: str, expected: str = "") -> T:
     """Check that an argument is one of the known texts, or None if that is known, too.
 
     Raises:
@@ -140,7 +142,7 @@ def choice(
     """
     if not isinstance(value, str | None) or value not in known:
         expected = expected or f"one of: {', '.join(map(str, known))}"
-        raise wrong(value, name, expected, error)
+        raise wrong(value, name, expected)
     return value
 
 
@@ -153,7 +155,6 @@ def number(
     most: float = math.inf,
     *,
     infinite: bool = False,
-    error: MakeError = ProblemError,
 ) -> float:
     """Check a number in a range; ``infinite`` allows it to be infinite.
 
@@ -163,17 +164,11 @@ def number(
     converted = value if type(value) is float else number_or_nan(value)
     in_range = least <= converted <= most and (above == -math.inf or converted > above)
     if not in_range or not (infinite or math.isfinite(converted)):
-        raise wrong(value, name, expected, error)
+        raise wrong(value, name, expected)
     return converted
 
 
-def positive(
-    value: object,
-    name: str,
-    unit: str = "",
-    most: float = math.inf,
-    error: MakeError = ProblemError,
-) -> float:
+def positive(value: object, name: str, unit: str = "", most: float = math.inf) -> float:
     """Check a positive number, with its unit in the message.
 
     Raises:
@@ -181,7 +176,7 @@ def positive(
     """
     expected = "a positive number" + (f" [{unit}]" if unit else "")
     expected += "" if math.isinf(most) else f", {most:.4g} at most"
-    return number(value, name, expected, above=0.0, most=most, error=error)
+    return number(value, name, expected, above=0.0, most=most)
 
 
 def _is_whole(value: object) -> TypeGuard[int]:
@@ -195,8 +190,6 @@ def whole(
     least: int = 0,
     most: float = LARGEST - 1,
     expected: str = "",
-    *,
-    error: MakeError = ProblemError,
 ) -> int:
     """Check an integer in a range.
 
@@ -206,7 +199,7 @@ def whole(
     if not _is_whole(value) or not least <= value <= most:
         beyond = _is_whole(value) and value > most
         top = f", at most {most}" if beyond or most < LARGEST - 1 else ""
-        raise wrong(value, name, expected or f"an integer >= {least}{top}", error)
+        raise wrong(value, name, expected or f"an integer >= {least}{top}")
     return int(value)
 
 

@@ -236,7 +236,8 @@ class FrameMotions:
         Returns:
             Shapes (m, 3), (m, 3, n) and (m, 3, n).
         """
-        by_q, *_, by_v = self._slopes(q, v, np.zeros(np.shape(q)))
+        q = array(q, "q", (None, self.robot.n), JOINTS)
+        by_q, *_, by_v = self._slopes(q, v, np.zeros_like(q))
         return self.velocities(q, v), by_q, by_v
 
     def accelerations(self, q: Array, v: Array, a: Array) -> Array:

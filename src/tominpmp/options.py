@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from tominpmp import checks
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan
-from tominpmp.checks import choice, instance, number, optional, text, whole, wrong
 from tominpmp.exceptions import OptionsError, brief
 
 if TYPE_CHECKING:
@@ -43,8 +43,6 @@ TIME_LIMITS = {"quick": 2.0, "standard": 10.0, "thorough": 60.0}
 # Least number of periods of a motion on a controller's clock, or of a segment of it;
 # the shortest motions last longer than they need.
 FEWEST_PERIODS = 4
-
-
 # Largest value of numbers without a smaller one: beyond any use, while its square is
 # still finite.
 LARGEST = 1e9
@@ -56,7 +54,7 @@ def _number(
     """Check a number that is 0 at least, or above a bound, and not too large."""
     if number_or_nan(value) > most:
         expected = f"{expected}, at most {most:g}"
-    return number(value, name, expected, 0.0, above, most, error=OptionsError)
+    return checks.number(value, name, expected, 0.0, above, most)
 
 
 def _time_limit(value: object, name: str) -> float:
@@ -70,44 +68,45 @@ def _torques(value: Any, name: str) -> Array:
     shaped = control.ndim in (1, 2) and control.size > 0
     if not shaped or not np.all(np.isfinite(control)):
         expected = "finite torques, of shape (n,) or (N, n) [N m]"
-        raise wrong(value, name, expected, OptionsError)
+        raise checks.wrong(value, name, expected)
     return control
 
 
 def _function(value: object, name: str) -> object:
     """Check a callback."""
     if not callable(value):
-        raise wrong(value, name, "a function", OptionsError)
+        raise checks.wrong(value, name, "a function")
     return value
 
 
-_whole = partial(whole, error=OptionsError)
 _positive = partial(_number, expected="a positive number", above=0.0)
 _share = partial(_number, expected="a number >= 0, or None")
 _weight = partial(_number, expected="a number >= 0 [1/(N^2 m^2) or s/J]")
-_solver = partial(text, expected="the name of a solver", error=OptionsError)
+_solver = partial(checks.text, expected="the name of a solver")
 # Types of the options with their checks. Larger values are taken for a mistake, before
 # they fill the memory or start too many processes.
-Intervals: TypeAlias = Annotated[int, partial(_whole, least=4, most=10_000)]
-Iterations: TypeAlias = Annotated[int, partial(_whole, least=1, most=1_000_000)]
-Processes: TypeAlias = Annotated[int, partial(_whole, least=1, most=256)]
-Seed: TypeAlias = Annotated[int, partial(_whole, most=2**63 - 1)]
+Intervals: TypeAlias = Annotated[int, partial(checks.whole, least=4, most=10_000)]
+Iterations: TypeAlias = Annotated[int, partial(checks.whole, least=1, most=1_000_000)]
+Processes: TypeAlias = Annotated[int, partial(checks.whole, least=1, most=256)]
+Seed: TypeAlias = Annotated[int, partial(checks.whole, most=2**63 - 1)]
 StartsOrNone: TypeAlias = Annotated[
-    int | None, optional(partial(_whole, least=1, most=10_000))
+    int | None, checks.optional(partial(checks.whole, least=1, most=10_000))
 ]
 Positive: TypeAlias = Annotated[float, _positive]
-PositiveOrNone: TypeAlias = Annotated[float | None, optional(_positive)]
-TimeOrNone: TypeAlias = Annotated[float | None, optional(_time_limit)]
+PositiveOrNone: TypeAlias = Annotated[float | None, checks.optional(_positive)]
+TimeOrNone: TypeAlias = Annotated[float | None, checks.optional(_time_limit)]
 PeriodOrNone: TypeAlias = Annotated[
-    float | None, optional(partial(_positive, most=1.0))
+    float | None, checks.optional(partial(_positive, most=1.0))
 ]
-ShareOrNone: TypeAlias = Annotated[float | None, optional(_share)]
-SlackOrNone: TypeAlias = Annotated[float | None, optional(partial(_share, most=10.0))]
+ShareOrNone: TypeAlias = Annotated[float | None, checks.optional(_share)]
+SlackOrNone: TypeAlias = Annotated[
+    float | None, checks.optional(partial(_share, most=10.0))
+]
 Weight: TypeAlias = Annotated[float, _weight]
 SolverName: TypeAlias = Annotated[str, _solver]
-TorquesOrNone: TypeAlias = Annotated[Array | None, optional(_torques)]
+TorquesOrNone: TypeAlias = Annotated[Array | None, checks.optional(_torques)]
 CallbackOrNone: TypeAlias = Annotated[
-    "Callable[[IterationRecord], bool | None] | None", optional(_function)
+    "Callable[[IterationRecord], bool | None] | None", checks.optional(_function)
 ]
 
 
@@ -130,12 +129,11 @@ class Tolerances:
 
     def __post_init__(self) -> None:
         """Check every tolerance."""
-        for item in fields(self):
-            given, expected = getattr(self, item.name), "a tolerance >= 0"
-            found = number(
-                given, item.name, expected, 0.0, infinite=True, error=OptionsError
-            )
-            object.__setattr__(self, item.name, found)
+        with checks.raised_as(OptionsError):
+            for item in fields(self):
+                given, expected = getattr(self, item.name), "a tolerance >= 0"
+                found = checks.number(given, item.name, expected, 0.0, infinite=True)
+                object.__setattr__(self, item.name, found)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -265,9 +263,10 @@ class Options(Record):
 
     def __post_init__(self) -> None:
         """Check every option."""
-        for name, known in CHOICES.items():
-            choice(getattr(self, name), known, name, error=OptionsError)
-        super().__post_init__()
+        with checks.raised_as(OptionsError):
+            for name, known in CHOICES.items():
+                checks.choice(getattr(self, name), known, name)
+            super().__post_init__()
 
     @property
     def time_limit(self) -> float:
@@ -295,7 +294,7 @@ class Options(Record):
         """
         if options is None:
             return cls()
-        return instance(options, Options, "options", "Options or None")
+        return checks.instance(options, Options, "options", "Options or None")
 
     def changed(self, changes: Mapping[str, Any]) -> Options:
         """A copy of these options with some values changed.
@@ -306,7 +305,7 @@ class Options(Record):
         Raises:
             OptionsError: If an option is unknown, or its value is wrong.
         """
-        instance(changes, Mapping, "changes", "values of options by name")
+        checks.instance(changes, Mapping, "changes", "values of options by name")
         for name in changes:
             if name not in self.names():
                 raise OptionsError(_unknown(name, self.names()), option=name)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import pytest
 from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run, needs_panda
 from command_line import invoke
 
+from tominpmp.arrays import field_type
 from tominpmp.cli.option_fields import attribute_texts, fields_of, typed_values
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import new_app
@@ -70,9 +71,9 @@ def test_every_option_reaches_the_planner(run: Run, planner: Planner) -> None:
     given: dict[str, Any] = {}
     for item in fields(Options):
         if item.name not in UNTYPED:
-            given[item.name] = VALUES.get(
-                item.name, 7 if "int" in str(item.type) else 0.25
-            )
+            kind = getattr(field_type(Options, item.name), "__origin__", None)
+            whole = int in (kind, *get_args(kind))
+            given[item.name] = VALUES.get(item.name, 7 if whole else 0.25)
     words = [
         word
         for name, value in given.items()

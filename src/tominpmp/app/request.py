@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Record
-from tominpmp.checks import choice, number, wrong
+from tominpmp.checks import choice, number, raised_as, wrong
 from tominpmp.datasheets import find_datasheet
 from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning
 from tominpmp.goals.frames import PoseGoal, PositionGoal
@@ -234,14 +234,15 @@ class Item(Record):
         """Check kind and number of sizes; the obstacle checks the rest."""
         super().__post_init__()
 
-        def error(message: str, _: str) -> SceneError:
+        def error(message: str, _: str | None) -> SceneError:
             return SceneError(f"obstacle {self.name!r}: {message}", self.name)
 
-        choice(self.kind, tuple(SIZES), "kind", error=error)
-        sizes = SIZES[self.kind]
-        if len(self.size) != len(sizes):
-            expected = f"{len(sizes)} lengths: {', '.join(sizes)} [m]"
-            raise wrong(self.size, "size", expected, error)
+        with raised_as(error):
+            choice(self.kind, tuple(SIZES), "kind")
+            sizes = SIZES[self.kind]
+            if len(self.size) != len(sizes):
+                expected = f"{len(sizes)} lengths: {', '.join(sizes)} [m]"
+                raise wrong(self.size, "size", expected)
 
     def call(self) -> Call:
         """The call that makes the obstacle of the problem.

@@ -7,7 +7,7 @@ from functools import partial
 
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.checks import instance, number
+from tominpmp.checks import instance, number, raised_as
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.motion.measures import roughness, travel
 from tominpmp.planner.energy import reoptimised, run_stage
@@ -54,8 +54,8 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
         OptionsError: If the slack is not a share >= 0.
     """
     instance(solution, Solution, "solution")
-    expected = "a share of T >= 0"
-    share = number(slack, "slack", expected, least=0.0, error=OptionsError)
+    with raised_as(OptionsError):
+        share = number(slack, "slack", "a share of T >= 0", least=0.0)
     if solution.trajectory is None or not solution.success:
         raise ProblemError(
             f"there is no motion to smooth: {solution.message}", "solution"

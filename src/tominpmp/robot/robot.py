@@ -23,7 +23,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
-from tominpmp.checks import JOINTS, array, choice, instance, names
+from tominpmp.checks import JOINTS, array, choice, instance, names, raised_as
 from tominpmp.datasheets import OVERRIDES, published_values
 from tominpmp.description.files import (
     RobotFiles,
@@ -541,7 +541,8 @@ class RobotSource:
             OptionsError: If the argument has another value, or there is no data sheet.
         """
         expected = f"{DATASHEET!r}, {URDF!r} or None"
-        choice(limits, (None, DATASHEET, URDF), "limits", expected, OptionsError)
+        with raised_as(OptionsError):
+            choice(limits, (None, DATASHEET, URDF), "limits", expected)
         joints = self.description.joints
         beyond_urdf = {
             quantity: {j.name: getattr(j, quantity, math.inf) for j in joints}

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.checks import instance, positive, whole
+from tominpmp.checks import instance, positive, raised_as, whole
 from tominpmp.description.paths import checked_ending
 from tominpmp.exceptions import MissingDependency, OptionsError, warn_caller
 from tominpmp.files.writing import write_file
@@ -104,11 +104,12 @@ def play(
     instance(title, (str, NoneType), "title", "a text or None")
     instance(frame, (str, NoneType), "frame", "the name of a frame or None")
     check_motions(problem, (trajectory, *twins.values()))
-    rate = positive(rate, "rate", error=OptionsError)
-    fps = positive(fps, "fps", error=OptionsError)
+    with raised_as(OptionsError):
+        rate = positive(rate, "rate")
+        fps = positive(fps, "fps")
+        ghosts = whole(ghosts, "ghosts", 0, 100, "0 to 100")
     if path is not None:
         checked_ending(path, PAGE_ENDINGS, "pages are not written as")
-    ghosts = whole(ghosts, "ghosts", 0, 100, "0 to 100", error=OptionsError)
     meshcat = meshcat_scene.import_meshcat()
     if viewer is not None:
         if not hasattr(getattr(viewer, "window", None), "send"):

@@ -35,7 +35,7 @@ from tominpmp.cell.tours.station import (
     together,
 )
 from tominpmp.cell.tours.tour import Tour
-from tominpmp.checks import JointsLike, flag, instance, whole, wrong
+from tominpmp.checks import JointsLike, flag, instance, raised_as, whole, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError, ProblemError, brief, naming, warn_caller
@@ -402,8 +402,8 @@ def plan_tour(
     chosen = chosen.changed(changes)
     items = checked_stations(stations)
     rules = Rules.of(items, precedence)
-    most, error = MOST_CONFIGURATIONS, OptionsError
-    count = whole(configurations, "configurations", 1, most, error=error)
+    with raised_as(OptionsError):
+        count = whole(configurations, "configurations", 1, MOST_CONFIGURATIONS)
     exact = flag(exact, "exact")
     problem, end = _problem(
         robot,
