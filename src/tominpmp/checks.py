@@ -525,8 +525,20 @@ def in_order(
             value of a joint that does not move is not its position.
     """
     for joint, value in values.items():
-        if joint not in joints:
-            _check_locked(joint, value, joints, name, others)
+        if joint in joints:
+            continue
+        if others is None or joint not in others:
+            raise ProblemError(
+                f"{name} has a value for {brief(joint)}{closest(joint, joints)}, "
+                f"expected one for each of: {', '.join(joints)}",
+                name,
+            )
+        if not abs(_number(value, joint, name) - others[joint]) <= LOCK_TOLERANCE:
+            raise ProblemError(
+                f"{name}: joint {joint!r} is {brief(value)}, but it is locked at "
+                f"{others[joint]:g}",
+                name,
+            )
     lacking = [joint for joint in joints if joint not in values]
     if lacking and missing is None:
         raise ProblemError(
@@ -544,25 +556,3 @@ def _number(value: object, joint: str, name: str) -> float:
         raise ProblemError(
             f"{name}: joint {joint!r} is {brief(value)}, expected a number", name
         ) from error
-
-
-def _check_locked(
-    joint: object,
-    value: object,
-    joints: Sequence[str],
-    name: str,
-    others: Mapping[str, float] | None,
-) -> None:
-    """Check the value of a joint that is not among the moving ones."""
-    if others is None or joint not in others:
-        raise ProblemError(
-            f"{name} has a value for {brief(joint)}{closest(joint, joints)}, expected "
-            f"one for each of: {', '.join(joints)}",
-            name,
-        )
-    at = others[str(joint)]
-    if not abs(_number(value, str(joint), name) - at) <= LOCK_TOLERANCE:
-        raise ProblemError(
-            f"{name}: joint {joint!r} is {brief(value)}, but it is locked at {at:g}",
-            name,
-        )
