@@ -10,10 +10,12 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeVar
 
 from tominpmp.exceptions import MissingDependency, ProblemError, brief, shortened
 from tominpmp.initial_guess.parallel import available_processes
+
+T = TypeVar("T")
 
 # Backends that come with packages of their own.
 CLUSTERS = ("dask", "ray")
@@ -72,42 +74,43 @@ class Executor:
                 warnings.simplefilter("ignore")
                 stream.close()
 
-    def results(self, work: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
-        """Results as they finish, with the numbers of their work items.
+    def results(self, work: Iterator[tuple[T, Any]]) -> Iterator[tuple[T, Any]]:
+        """Results as they finish, with the labels of their work items.
 
         Items are taken from the iterator only shortly before a worker is free. If a
         process is killed, the items under way are done again, each in a separate
         process; if that process dies, too, the result is None.
 
         Args:
-            work: Pairs of a number and the argument of the function.
+            work: Pairs of a label, which stays in this process, and the argument of the
+                function.
         """
         from joblib.externals.loky.process_executor import BrokenProcessPool
 
-        under_way: dict[int, Any] = {}
+        under_way: dict[int, tuple[T, Any]] = {}
+        numbered = enumerate(work)
 
         def handed_out() -> Iterator[tuple[int, Any]]:
-            for number, item in work:
+            for number, item in numbered:
                 under_way[number] = item
-                yield number, item
+                yield number, item[1]
 
         while True:
             with closing(self._run(handed_out(), self.workers)) as results:
                 try:
                     for number, result in results:
-                        del under_way[number]
-                        yield number, result
+                        yield under_way.pop(number)[0], result
                     return
                 except BrokenProcessPool:
                     pass
-            for number, item in sorted(under_way.items()):
-                del under_way[number]
+            for number in sorted(under_way):
+                label, item = under_way.pop(number)
                 # joblib would run a single worker in this process.
                 with closing(self._run([(number, item)], 2)) as alone:
                     try:
-                        yield next(alone)
+                        yield label, next(alone)[1]
                     except BrokenProcessPool:
-                        yield number, None
+                        yield label, None
 
 
 def _numbered(

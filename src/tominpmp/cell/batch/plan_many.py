@@ -188,20 +188,17 @@ def _outcomes(
     starts: Mapping[int, Start],
 ) -> Iterator[Outcome]:
     """Outcomes of tasks as they finish; some tasks have warm starts."""
-    sent: dict[int, BatchTask] = {}
 
-    def work() -> Iterator[tuple[int, bytes]]:
+    def work() -> Iterator[tuple[BatchTask, bytes]]:
         for task in tasks:
             try:
                 packed = _packed((task, settings, starts.get(task.index)))
             except Exception as error:  # pickling a caller's object may raise any error
                 reason = f"the problem cannot be sent: {brief(str(error), 300)}"
                 packed = _packed(task.failed(BROKEN, reason))
-            sent[task.index] = task
-            yield task.index, packed
+            yield task, packed
 
-    for index, result in executor.results(work()):
-        task = sent.pop(index)
+    for task, result in executor.results(work()):
         if result is None:
             yield task.failed(LOST, "the process that planned it was killed, twice")
         else:

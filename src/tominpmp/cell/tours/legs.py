@@ -24,7 +24,6 @@ from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Station
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
@@ -452,10 +451,8 @@ class Legs:
                 may meet the goals at other configurations.
         """
         indices = [self.table.station(node) for node in nodes]
-        goals: list[Goal] = [JointGoal(there, wrap=False) for there in q[1:]]
-        for place, k in enumerate(indices[1:-1]):
-            if k is not None:
-                goals[place] = self.stations[k].goal
+        passed = [self.stations[k].goal for k in indices[1:-1] if k is not None]
+        goals = [*passed, JointGoal(q[-1], wrap=False)]
 
         def make_problem() -> Problem:
             segments = [

@@ -143,10 +143,9 @@ class Tour:
 
         None without a tour, or if the arm does not move in it.
         """
-        motions = [item.trajectory for item in self.motions]
-        if not self.success or not motions:
+        if not self.success or not self.motions:
             return None
-        return joined([m for m in motions if m is not None], self.stays)
+        return joined([item.trajectory for item in self.motions], self.stays)
 
     @cached_property
     def sensitivities(self) -> Sensitivities:
@@ -366,8 +365,6 @@ def _place(
     """
     if station.goal.configuration is not None:
         return None
-    first, second = before.trajectory, after.trajectory
-    assert first is not None and second is not None  # noqa: S101 (a tour has motions)
     begin = Segment(
         station.goal,
         payload=None if last is None else last.payload,
@@ -386,7 +383,8 @@ def _place(
         segments=[begin, then],
     )
     try:
-        sensitivities = analyse(both, joined([first, second], (0.0, 0.0, 0.0)))
+        whole = joined([before.trajectory, after.trajectory], (0.0, 0.0, 0.0))
+        sensitivities = analyse(both, whole)
     except ProblemError:
         return None  # no multipliers, or a goal that a segment cannot have
     if sensitivities.promise > MOST_PROMISE:
