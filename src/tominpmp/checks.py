@@ -324,14 +324,20 @@ def plain_rotation(value: object) -> object:
 
 
 def split_pose(value: object) -> tuple[object, object] | None:
-    """Position and rotation of a pose, as plain numbers; None if it is not a pose."""
+    """Position and rotation of a pose, as plain numbers; None if it is not a pose.
+
+    An array is a 4x4 matrix, or seven numbers: a position and a quaternion.
+    """
     if isinstance(value, type):
         return None
     parts = _by_names(value)
     if parts is None and isinstance(value, list | tuple) and len(value) == 2:
         parts = value[0], value[1]
     if parts is None:
-        return _of_array(value)
+        array = array_or_nan(value)
+        if array.shape == (4, 4) and np.array_equal(array[3], [0.0, 0.0, 0.0, 1.0]):
+            return array[:3, 3], array[:3, :3]
+        return (array[:3], array[3:]) if array.shape == (7,) else None
     position, rotation = parts
     return plain_vector(position), plain_rotation(rotation)
 
@@ -348,16 +354,6 @@ def _by_names(value: object) -> tuple[object, object] | None:
         parts = _attribute(value, place), _attribute(value, turn)
         if all(part is not None and not callable(part) for part in parts):
             return parts
-    return None
-
-
-def _of_array(value: object) -> tuple[object, object] | None:
-    """Position and rotation of a 4x4 matrix, or of seven numbers (xyz, quaternion)."""
-    array = array_or_nan(value)
-    if array.shape == (4, 4) and np.array_equal(array[3], [0.0, 0.0, 0.0, 1.0]):
-        return array[:3, 3], array[:3, :3]
-    if array.shape == (7,):
-        return array[:3], array[3:]
     return None
 
 

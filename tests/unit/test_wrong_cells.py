@@ -80,8 +80,8 @@ def test_what_was_configured_does_the_work_later() -> None:
     assert executor.workers == 2
 
 
-def in_main_thread(_: int) -> bool:
-    return threading.current_thread() is threading.main_thread()
+def in_main_thread(number: int, _: int) -> tuple[int, bool]:
+    return number, threading.current_thread() is threading.main_thread()
 
 
 def test_a_backend_without_its_package_is_told(

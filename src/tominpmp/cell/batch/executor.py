@@ -25,7 +25,8 @@ class Executor:
     """Applies a function to a stream of work items, and yields results as they finish.
 
     Args:
-        function: The function; it and the work items must be picklable.
+        function: Function of a number and an argument, which returns the number and the
+            result; it and the work items must be picklable.
         workers: Number of work items done at once; None for the number that the backend
             is configured with, or the number of cores.
         backend: Name of a backend of joblib; None for the configured backend.
@@ -39,7 +40,7 @@ class Executor:
     """
 
     def __init__(
-        self, function: Callable[[Any], Any], workers: int | None, backend: str | None
+        self, function: Callable[..., Any], workers: int | None, backend: str | None
     ) -> None:
         self._function = function
         try:
@@ -64,8 +65,8 @@ class Executor:
         """Results as they finish, with the numbers of their work."""
         from joblib import delayed
 
-        call = delayed(_numbered)
-        stream = self._parallel(workers)(call(self._function, *item) for item in work)
+        call = delayed(self._function)
+        stream = self._parallel(workers)(call(*item) for item in work)
         try:
             yield from stream
         finally:
@@ -111,12 +112,6 @@ class Executor:
                         yield label, next(alone)[1]
                     except BrokenProcessPool:
                         yield label, None
-
-
-def _numbered(
-    function: Callable[[Any], Any], number: int, item: Any
-) -> tuple[int, Any]:
-    return number, function(item)
 
 
 def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:

@@ -351,19 +351,20 @@ def _packed(item: Any) -> bytes:
     return file.getvalue()
 
 
-def _run_packed(packed: bytes) -> bytes:
-    """Plan a pickled task in a worker process, and return the pickled outcome.
+def _run_packed(number: int, packed: bytes) -> tuple[int, bytes]:
+    """Plan a pickled task in a worker process; returns the pickled outcome.
 
     Args:
+        number: Number of the work item, which is returned, too.
         packed: The pickle of a task, the settings and a warm start; or of the outcome
             of a task that could not be pickled, which is returned unchanged.
     """
     message = pickle.loads(packed)
     if isinstance(message, Outcome):
-        return packed
+        return number, packed
     task, settings, start = message
     _end_with(settings.parent)
-    return _packed(_planned(task, settings, start))
+    return number, _packed(_planned(task, settings, start))
 
 
 @cache
