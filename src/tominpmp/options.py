@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from tominpmp import checks
+import tominpmp.checks as checks
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan
 from tominpmp.exceptions import OptionsError, brief
 
