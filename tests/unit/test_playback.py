@@ -31,6 +31,8 @@ from motion_samples import (
     speed_up_and_brake,
 )
 from robot_samples import INERTIAL, link, write_tetrahedron
+from trimesh import Trimesh
+from trimesh.creation import box
 
 from tominpmp.exceptions import (
     FrameNotFound,
@@ -59,17 +61,15 @@ from tominpmp.viz.shares import Shares
 from tominpmp.viz.skeleton import best_view, end_frame, skeleton
 from tominpmp.viz.surfaces import (
     STEEL,
-    Surface,
-    box,
     capsule,
     cone,
     cylinder,
     native_surface,
     obstacle_surface,
     robot_bodies,
-    scaled,
     shaded,
     sphere,
+    triangle_colors,
     tube,
 )
 
@@ -77,12 +77,6 @@ CAMERA = "/Cameras/default/rotated"
 
 
 # Surfaces
-
-
-def volume(surface: Surface) -> float:
-    """Volume inside a closed surface whose triangles face outwards."""
-    a, b, c = np.moveaxis(surface.vertices[surface.faces], 1, 0)
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
 @pytest.mark.parametrize(
@@ -93,12 +87,12 @@ def volume(surface: Surface) -> float:
         (capsule(0.5, 2.0), np.pi * 0.5**2 * 2.0 + 4 / 3 * np.pi * 0.5**3),
         (cone(0.5, 2.0), np.pi * 0.5**2 * 2.0 / 3.0),
         (box([1.0, 2.0, 3.0]), 6.0),
-        (scaled(sphere(1.0), [0.5, 1.0, 2.0]), 4 / 3 * np.pi),
+        (sphere(1.0).apply_scale([0.5, 1.0, 2.0]), 4 / 3 * np.pi),
     ],
     ids=["sphere", "cylinder", "capsule", "cone", "box", "ellipsoid"],
 )
-def test_solids_are_closed_and_face_outwards(surface: Surface, expected: float) -> None:
-    assert volume(surface) == pytest.approx(expected, rel=0.015)
+def test_solids_are_closed_and_face_outwards(surface: Trimesh, expected: float) -> None:
+    assert surface.volume == pytest.approx(expected, rel=0.015)
     edges = surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     edges = edges[(np.diff(surface.vertices[edges], axis=1) != 0).any(axis=(1, 2))]
     there = {(int(a), int(b)) for a, b in edges}
@@ -126,18 +120,19 @@ def test_smooth_bodies_have_smooth_normals_and_boxes_sharp_ones() -> None:
 
 def test_shading_keeps_triangles_and_colours() -> None:
     plain = box([1, 1, 1])
-    colors = np.linspace(0.0, 1.0, 36).reshape(12, 3)
-    soup = Surface(
-        plain.vertices[plain.faces].reshape(-1, 3), np.arange(36).reshape(12, 3), colors
+    colors = np.linspace(0, 255, 36).astype(np.uint8).reshape(12, 3)
+    soup = Trimesh(
+        plain.vertices[plain.faces].reshape(-1, 3),
+        np.arange(36).reshape(12, 3),
+        face_colors=colors,
+        process=False,
     )
     drawn = shaded(soup)
     corners = plain.vertices[plain.faces]
     np.testing.assert_allclose(drawn.positions[drawn.faces], corners)
     assert drawn.colors is not None
-    np.testing.assert_array_equal(
-        drawn.colors[drawn.faces[:, 0]], np.rint(255 * colors).astype(int)
-    )
-    flat = shaded(Surface(np.eye(3), np.array([[0, 1, 2], [0, 1, 1]])))
+    np.testing.assert_array_equal(drawn.colors[drawn.faces[:, 0]], colors)
+    flat = shaded(Trimesh(np.eye(3), [[0, 1, 2], [0, 1, 1]], process=False))
     assert len(flat.faces) == 1
 
 
@@ -244,7 +239,7 @@ def test_meshes_are_scaled_and_placed(tmp_path: Path) -> None:
     (body,) = [b for b in robot_bodies(simple_arm(tmp_path, ["0 0 1"], inside=inside))]
     np.testing.assert_allclose(np.ptp(body.surface.vertices, axis=0), [1, 2, 3])
     np.testing.assert_allclose(body.placement[:3, 3], [0, 0, 1])
-    assert volume(body.surface) == pytest.approx(1.0)
+    assert body.surface.volume == pytest.approx(1.0)
 
 
 def write_colored(folder: Path, time_scale: float) -> str:
@@ -261,10 +256,11 @@ def test_colours_of_mesh_files(tmp_path: Path) -> None:
     inside = write_colored(tmp_path, 1.0)
     robot = simple_arm(tmp_path, ["0 0 1"], inside=inside)
     (body,) = robot_bodies(robot)
-    assert body.surface.colors is not None
-    found = {tuple(color) for color in body.surface.colors.tolist()}
-    assert found == {(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)}
-    assert volume(body.surface) == pytest.approx(1 / 6)
+    colors = triangle_colors(body.surface)
+    assert colors is not None
+    found = {tuple(color) for color in colors.tolist()}
+    assert found == {(255, 0, 0), (0, 0, 255)}
+    assert body.surface.volume == pytest.approx(1 / 6)
 
 
 def test_colours_are_not_worth_a_wrong_shape(tmp_path: Path) -> None:
@@ -273,7 +269,7 @@ def test_colours_are_not_worth_a_wrong_shape(tmp_path: Path) -> None:
     assert robot.visual_model.ngeoms == 1
     write_colored(tmp_path, 1.1)  # as if another reader saw another size
     (body,) = robot_bodies(robot)
-    assert body.surface.colors is None
+    assert triangle_colors(body.surface) is None
     assert np.ptp(body.surface.vertices, axis=0)[0] == pytest.approx(1.0)
 
 
@@ -282,7 +278,7 @@ def test_colour_of_the_description_goes_before_that_of_the_file(tmp_path: Path) 
         "</visual>", '<material name="m"><color rgba="0 1 0 0.5"/></material></visual>'
     )
     (body,) = robot_bodies(simple_arm(tmp_path, ["0 0 1"], inside=inside))
-    assert body.surface.colors is None
+    assert triangle_colors(body.surface) is None
     assert body.color == pytest.approx((0.0, 1.0, 0.0, 0.5))
 
 

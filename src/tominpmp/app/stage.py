@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from trimesh import Trimesh
 
 from tominpmp.app.controller import Controller
 from tominpmp.app.request import UPRIGHT, Item, Request
@@ -18,11 +19,12 @@ from tominpmp.viz.skeleton import camera_view, skeleton
 from tominpmp.viz.surfaces import (
     STEEL,
     Body,
-    Surface,
     geometry_bodies,
     obstacle_surface,
     path_tube,
+    plain,
     shaded,
+    triangle_colors,
 )
 from tominpmp.viz.surroundings import HAZARD_COLOR, PATH_RGB, VIA_RGB, rgb
 
@@ -113,11 +115,11 @@ def _put(scene: Any, name: str, body: Body, tint: Color | None) -> None:
 
 
 def put_surface(
-    scene: Any, name: str, surface: Surface, color: Color, opacity: float, **look: Any
+    scene: Any, name: str, surface: Trimesh, color: Color, opacity: float, **look: Any
 ) -> None:
     """Put a surface of one colour on the stage; ``look`` has options for viser."""
     # With colours of triangles, shared vertices would not be merged.
-    mesh = shaded(surface.plain)
+    mesh = shaded(plain(surface))
     scene.add_mesh_simple(
         name,
         mesh.positions,
@@ -128,17 +130,18 @@ def put_surface(
     )
 
 
-def _by_color(body: Body) -> list[tuple[Surface, Color]]:
+def _by_color(body: Body) -> list[tuple[Trimesh, Color]]:
     """Split a body into parts of one colour each."""
-    surface, own = body.surface, body.color[:3]
-    if surface.colors is None:
-        return [(surface, own)]
-    colors, which = np.unique(np.round(surface.colors, 2), axis=0, return_inverse=True)
-    if len(colors) > MOST_COLORS:
-        colors, which = surface.colors.mean(axis=0)[None], np.zeros_like(which)
+    surface, colors = body.surface, triangle_colors(body.surface)
+    if colors is None:
+        return [(surface, body.color[:3])]
+    shares = np.round(colors / 255.0, 2)
+    shown, which = np.unique(shares, axis=0, return_inverse=True)
+    if len(shown) > MOST_COLORS:
+        shown, which = np.mean(colors / 255.0, axis=0)[None], np.zeros_like(which)
     return [
-        (Surface(surface.vertices, surface.faces[which.ravel() == k]), tuple(color))
-        for k, color in enumerate(colors.tolist())
+        (Trimesh(surface.vertices, surface.faces[which.ravel() == k]), tuple(color))
+        for k, color in enumerate(shown.tolist())
     ]
 
 

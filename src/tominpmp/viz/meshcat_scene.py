@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from trimesh import Trimesh, transform_points
+from trimesh.bounds import corners
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.exceptions import optional
@@ -33,11 +35,11 @@ from tominpmp.viz.skeleton import (
 )
 from tominpmp.viz.surfaces import (
     Body,
-    Surface,
+    ShadedSurface,
     cylinder,
-    moved,
     obstacle_surface,
     path_tube,
+    plain,
     robot_bodies,
     shaded,
     sphere,
@@ -112,14 +114,14 @@ def draw(
     shown = surroundings.scene_items(problem, trajectory, times)
     # Moving obstacles count at their first and last placements.
     obstacles = [
-        moved(obstacle_surface(item.shape), placement).vertices
+        transform_points(obstacle_surface(item.shape).vertices, placement)
         for item in shown
         if item.load is None
         for placement in item.placements[[0, -1] if item.moves else [0]]
     ]
     points = points_in_view(_robot_points(motion, bodies), obstacles)
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-    depths = [np.ptp(body.surface.extent, axis=0).min() for body in bodies]
+    depths = [body.surface.extents.min() for body in bodies]
     view = camera_view(motion.points, max(depths, default=0.0), obstacles)
     _surroundings(viewer, view, points, size)
     moving = _robot(viewer, robot, bodies, motion.placements, "/meshcat/robot")
@@ -188,7 +190,7 @@ def _robot(
     paths = {i: f"{path}/{node_name(str(robot.model.names[i]))}" for i in joints}
     for body in bodies:
         node = viewer[f"{paths[body.joint]}/{node_name(body.name)}"]
-        surface = body.surface if tint is None else body.surface.plain
+        surface = body.surface if tint is None else plain(body.surface)
         put_body(node, surface, tint or body.color, body.placement)
     for joint in joints:
         viewer[paths[joint]].set_transform(poses[0, joint])
@@ -244,10 +246,10 @@ def _marks(
         put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR, transform(target))
     elif target is not None:
         length = TRIAD_LENGTH * size
-        rod = moved(cylinder(0.05 * length, length), transform([0.0, 0.0, length / 2]))
+        rod = cylinder(0.05 * length, length).apply_translation([0.0, 0.0, length / 2])
         for axis, color in enumerate(TRIAD_COLORS):
             turn = transform(np.zeros(3), np.roll(np.eye(3), axis + 1, axis=0))
-            put_body(node["xyz"[axis]], moved(rod, turn), (*color, 1.0))
+            put_body(node["xyz"[axis]], rod.copy().apply_transform(turn), (*color, 1.0))
         node.set_transform(np.array(target.homogeneous))
     times = np.linspace(0.0, trajectory.duration, TRAIL_POINTS)
     points = _poses(problem.robot, trajectory, times, frame).end
@@ -265,11 +267,10 @@ def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
     """Points that enclose the robot along its whole motion, shape (m, 3) [m]."""
     clouds = [motion.points.reshape(-1, 3), motion.end]
     instants = np.unique(np.linspace(0, len(motion.placements) - 1, 25).astype(int))
-    corners = np.array(list(np.ndindex(2, 2, 2)))
     for body in bodies:
-        cuboid = np.take_along_axis(body.surface.extent, corners, axis=0)
+        cuboid = corners(body.surface.bounds)
         for pose in motion.placements[instants, body.joint] @ body.placement:
-            clouds.append(cuboid @ pose[:3, :3].T + pose[:3, 3])
+            clouds.append(transform_points(cuboid, pose))
     return np.concatenate(clouds)
 
 
@@ -357,7 +358,7 @@ class ShadedGeometry:
     """
 
     uuid: str
-    surface: Surface
+    surface: ShadedSurface
 
     def intrinsic_transform(self) -> Array:
         """Placement of the geometry in its mesh."""
@@ -365,7 +366,7 @@ class ShadedGeometry:
 
     def lower_in_object(self, data: Command) -> None:
         """Add the geometry to the geometries of an object."""
-        mesh = shaded(self.surface)
+        mesh = self.surface
         attributes = {
             "position": _packed(mesh.positions),
             "normal": _packed(mesh.normals, normalized=True),
@@ -392,7 +393,7 @@ def _packed(values: np.ndarray[Any, Any], normalized: bool = False) -> Command:
 
 def put_body(
     viewer: Any,
-    surface: Surface,
+    surface: Trimesh,
     color: Sequence[float],
     placement: Array | None = None,
 ) -> None:
@@ -402,10 +403,10 @@ def put_body(
         viewer.set_transform(placement)
 
 
-def _mesh(path: str, surface: Surface, color: Sequence[float]) -> Any:
+def _mesh(path: str, surface: Trimesh, color: Sequence[float]) -> Any:
     """A ``meshcat.geometry.Mesh`` with a fixed identifier, for repeatable pages."""
-    geometry = import_meshcat().geometry
-    colored = surface.colors is not None
+    geometry, drawn = import_meshcat().geometry, shaded(surface)
+    colored = drawn.colors is not None
     *rgb, opacity = np.clip(color, 0.0, 1.0).tolist()
     red, green, blue = (round(255 * value) for value in rgb)
     material = geometry.MeshPhongMaterial(
@@ -418,7 +419,7 @@ def _mesh(path: str, surface: Surface, color: Sequence[float]) -> Any:
         depthWrite=opacity >= 1.0,
     )
     material.uuid = f"{path}#m"
-    body = geometry.Mesh(ShadedGeometry(f"{path}#g", surface), material)
+    body = geometry.Mesh(ShadedGeometry(f"{path}#g", drawn), material)
     body.uuid = path
     return body
 

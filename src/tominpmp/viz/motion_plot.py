@@ -9,6 +9,7 @@ from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from trimesh import transform_points
 
 from tominpmp.arrays import Array
 from tominpmp.checks import instance, whole
@@ -24,7 +25,7 @@ from tominpmp.viz.skeleton import (
     end_frame,
     skeleton,
 )
-from tominpmp.viz.surfaces import moved, obstacle_surface
+from tominpmp.viz.surfaces import obstacle_surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -151,7 +152,7 @@ def _outlines(items: Sequence[surroundings.SceneItem], view: View) -> list[Patch
             look["facecolor"] = "none"
         for k, shade in enumerate(shades):
             place = item.placements[k]
-            points = view.project(moved(surface, place).vertices)
+            points = view.project(transform_points(surface.vertices, place))
             look |= {"alpha": shade, "zorder": 1.5}
             outline: Patch = Polygon(points[ConvexHull(points).vertices], **look)
             if isinstance(item.shape, Sphere):

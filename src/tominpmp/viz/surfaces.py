@@ -1,23 +1,26 @@
 """Triangulated surfaces: the common representation of bodies in viewers and plots.
 
-Solids of revolution, boxes, tubes and meshes all become vertices and triangles here, so
-that drawing code needs no case for each shape. The bodies of a robot are coloured
-surfaces on its joints.
+Solids of revolution, boxes, tubes and meshes all become meshes of trimesh here, so that
+drawing code needs no case for each shape. The bodies of a robot are surfaces on its
+joints; a surface has colours by triangle, or the colour of its body.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from trimesh import Trimesh
+from trimesh.util import concatenate
+from trimesh.visual import ColorVisuals
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import obstacle_shape
@@ -31,8 +34,8 @@ from tominpmp.scene.obstacles import Obstacle
 # Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle.
 AROUND = 40
 
-# Brightness of uncoloured surfaces that are joined with coloured ones.
-LIGHT = 0.9
+# Colour of uncoloured surfaces that are joined with coloured ones.
+LIGHT = (230, 230, 230, 255)
 
 # Least angle between triangles at a sharp edge; others are shaded smoothly [rad].
 CREASE = np.radians(35.0)
@@ -43,33 +46,6 @@ STEEL = (0.52, 0.58, 0.66, 1.0)
 UPWARDS = np.array([0.0, 0.0, 1.0])
 # Largest difference between a mesh file and Pinocchio's mesh, as a share of its size.
 MESH_AGREEMENT = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """A surface of triangles.
-
-    Attributes:
-        vertices: Points [m], shape (m, 3).
-        faces: Indices of the three corners of each triangle, shape (k, 3).
-        colors: Colour of each triangle, red, green and blue from 0 to 1, shape (k, 3);
-            None if the whole body has the same colour.
-    """
-
-    vertices: Array
-    faces: IntArray
-    colors: Array | None = None
-
-    @property
-    def extent(self) -> Array:
-        """Lower and upper corner of the bounding box, shape (2, 3) [m]."""
-        corners = self.vertices[self.faces.ravel()]
-        return np.stack([corners.min(axis=0), corners.max(axis=0)])
-
-    @property
-    def plain(self) -> Surface:
-        """The surface without colours."""
-        return replace(self, colors=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +65,7 @@ class ShadedSurface:
     faces: NDArray[np.uint32]
 
 
-def _lathe(profile: ArrayLike) -> Surface:
+def _lathe(profile: ArrayLike) -> Trimesh:
     """Surface of revolution of a profile about the z axis.
 
     Args:
@@ -100,14 +76,11 @@ def _lathe(profile: ArrayLike) -> Surface:
     # trimesh drops triangles of less than 1e-8, whatever the size of the body.
     unit = 1e-4 * float(np.abs(points).max())
     mesh = trimesh.creation.revolve(points / unit, sections=AROUND)
-    return scaled(_surface(mesh), unit)
+    mesh.apply_scale(unit)
+    return mesh
 
 
-def _surface(mesh: Any) -> Surface:
-    return Surface(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64))
-
-
-def capsule(radius: float, length: float) -> Surface:
+def capsule(radius: float, length: float) -> Trimesh:
     """Capsule along z about the origin; the length excludes the caps [m]."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 2)
     cap = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -116,44 +89,24 @@ def capsule(radius: float, length: float) -> Surface:
     return _lathe([*(cap[angle < 0.0] - half), *middle, *(cap[angle >= 0.0] + half)])
 
 
-def sphere(radius: float) -> Surface:
+def sphere(radius: float) -> Trimesh:
     """Sphere about the origin."""
     return capsule(radius, 0.0)
 
 
-def cylinder(radius: float, length: float) -> Surface:
+def cylinder(radius: float, length: float) -> Trimesh:
     """Cylinder along z about the origin."""
     half = length / 2
     return _lathe([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
 
 
-def cone(radius: float, length: float) -> Surface:
+def cone(radius: float, length: float) -> Trimesh:
     """Cone along z with its apex up; the origin is halfway between base and apex."""
     half = length / 2
     return _lathe([[0.0, -half], [radius, -half], [0.0, half]])
 
 
-def box(size: ArrayLike) -> Surface:
-    """Box about the origin.
-
-    Args:
-        size: Edge lengths, shape (3,) [m].
-    """
-    return _surface(trimesh.creation.box(np.asarray(size, dtype=np.float64)))
-
-
-def scaled(surface: Surface, factors: ArrayLike) -> Surface:
-    """Stretch a surface along the axes by factors of shape (3,)."""
-    return replace(surface, vertices=surface.vertices * np.asarray(factors))
-
-
-def moved(surface: Surface, placement: Array) -> Surface:
-    """Transform a surface by a homogeneous matrix, shape (4, 4)."""
-    vertices = surface.vertices @ placement[:3, :3].T + placement[:3, 3]
-    return replace(surface, vertices=vertices)
-
-
-def tube(points: Array, radius: float, around: int = 8) -> Surface:
+def tube(points: Array, radius: float, around: int = 8) -> Trimesh:
     """A tube along a polyline.
 
     Args:
@@ -186,10 +139,10 @@ def tube(points: Array, radius: float, around: int = 8) -> Surface:
         high = low + around
         faces.append(np.stack([low + this, low + after, high + after], axis=1))
         faces.append(np.stack([low + this, high + after, high + this], axis=1))
-    return Surface(rings.reshape(-1, 3), np.concatenate(faces))
+    return Trimesh(rings.reshape(-1, 3), np.concatenate(faces), process=False)
 
 
-def path_tube(points: Array, radius: float, size: float) -> Surface | None:
+def path_tube(points: Array, radius: float, size: float) -> Trimesh | None:
     """A tube along the path of a frame; None if the frame does not move.
 
     Args:
@@ -202,43 +155,31 @@ def path_tube(points: Array, radius: float, size: float) -> Surface | None:
     return tube(points, radius * size) if len(points) > 1 else None
 
 
-def obstacle_surface(obstacle: Obstacle) -> Surface:
+def obstacle_surface(obstacle: Obstacle) -> Trimesh:
     """Surface of an obstacle in the axes of the obstacle.
 
     Raises:
         SceneError: If the type of the obstacle has no shape.
     """
     if isinstance(obstacle, Mesh):
-        return Surface(obstacle.points, np.array(obstacle.triangles))
+        return Trimesh(obstacle.points, obstacle.triangles, process=False)
     if isinstance(obstacle, HeightField):
-        return joined([_prism(corners) for corners in obstacle.cells])
+        return _prisms(np.array(list(obstacle.cells)))
     if isinstance(obstacle, OcTree):
         places = zip(*obstacle.boxes, strict=True)
-        return joined([moved(box(size), transform(at)) for at, size in places])
+        cubes = [trimesh.creation.box(size, transform(at)) for at, size in places]
+        return cast("Trimesh", concatenate(cubes))
     solid = obstacle_shape(obstacle)
     return SOLIDS[type(solid).__name__](solid)
 
 
-def _prism(corners: Array) -> Surface:
-    """Prism from four corners around the top and the four below them, shape (8, 3)."""
+def _prisms(corners: Array) -> Trimesh:
+    """Prisms, each from four corners around the top and the four below: (k, 8, 3)."""
     faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]]
     for here, there in ((0, 1), (1, 2), (2, 3), (3, 0)):
         faces += [[here, here + 4, there + 4], [here, there + 4, there]]
-    return Surface(corners, np.array(faces, dtype=np.int64))
-
-
-def joined(surfaces: list[Surface]) -> Surface:
-    """Join surfaces; if some have colours, the others become light grey."""
-    points, faces = trimesh.util.append_faces(
-        [surface.vertices for surface in surfaces],
-        [surface.faces for surface in surfaces],
-    )
-    colors = None
-    if any(surface.colors is not None for surface in surfaces):
-        light = [np.full((len(s.faces), 3), LIGHT) for s in surfaces]
-        pairs = zip(surfaces, light, strict=True)
-        colors = np.concatenate([a if s.colors is None else s.colors for s, a in pairs])
-    return Surface(points.astype(np.float64), faces.astype(np.int64), colors)
+    every = 8 * np.arange(len(corners))[:, None, None] + faces
+    return Trimesh(corners.reshape(-1, 3), every.reshape(-1, 3), process=False)
 
 
 def transform(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
@@ -259,15 +200,25 @@ def transform(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
     return placements
 
 
-def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
+def triangle_colors(surface: Trimesh) -> NDArray[np.uint8] | None:
+    """Colours of the triangles, 0 to 255, shape (k, 3); None for one of the body."""
+    visual: Any = surface.visual
+    return visual.face_colors[:, :3] if visual.kind == "face" else None
+
+
+def plain(surface: Trimesh) -> Trimesh:
+    """A surface without colours of its own."""
+    return Trimesh(surface.vertices, surface.faces, process=False)
+
+
+def shaded(surface: Trimesh) -> ShadedSurface:
     """Add normals to a surface: smooth ones, except at sharp edges.
 
     Args:
         surface: The surface; its corners may be shared between triangles or not.
-        crease: Least angle between neighbouring triangles at a sharp edge [rad].
     """
     # Adding zero turns -0.0 into 0.0, as rows are compared by their bytes.
-    exact = surface.vertices.astype(np.float32) + np.float32(0.0)
+    exact = np.array(surface.vertices, dtype=np.float32) + np.float32(0.0)
     first, back = _distinct_rows(exact.view(np.uint8))
     points, faces = exact[first], back[surface.faces]
     corners = points[faces].astype(np.float64)
@@ -276,14 +227,14 @@ def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
     solid = double_area > 1e-9 * double_area.max(initial=0.0)
     faces, cross, double_area = faces[solid], cross[solid], double_area[solid]
     unit = cross / double_area[:, None]
-    normals = _corner_normals(faces, unit, cross, np.cos(crease))
+    normals = _corner_normals(faces, unit, cross, np.cos(CREASE))
     parts = [
         points[faces.reshape(-1)].view(np.uint8).reshape(-1, 12),
         np.rint(127.0 * normals).astype(np.int8).view(np.uint8),
     ]
-    if surface.colors is not None:
-        colors = np.rint(255.0 * surface.colors[solid]).astype(np.uint8)
-        parts.append(np.repeat(colors, 3, axis=0))
+    colors = triangle_colors(surface)
+    if colors is not None:
+        parts.append(np.repeat(colors[solid], 3, axis=0))
     # Corners with equal position, normal and colour become one vertex.
     rows = np.concatenate(parts, axis=1)
     first, back = _distinct_rows(rows)
@@ -291,7 +242,7 @@ def shaded(surface: Surface, crease: float = CREASE) -> ShadedSurface:
     return ShadedSurface(
         np.ascontiguousarray(distinct[:, :12]).view(np.float32),
         np.ascontiguousarray(distinct[:, 12:15]).view(np.int8),
-        distinct[:, 15:18] if surface.colors is not None else None,
+        distinct[:, 15:18] if colors is not None else None,
         back.reshape(-1, 3).astype(np.uint32),
     )
 
@@ -334,25 +285,25 @@ def _corner_normals(
 
 
 # Solids by the names of Coal's classes, so that nothing depends on the release of Coal.
-SOLIDS: dict[str, Callable[[Any], Surface]] = {
-    "Box": lambda shape: box(2.0 * np.asarray(shape.halfSide)),
+SOLIDS: dict[str, Callable[[Any], Trimesh]] = {
+    "Box": lambda shape: trimesh.creation.box(2.0 * np.asarray(shape.halfSide)),
     "Sphere": lambda shape: sphere(shape.radius),
     "Capsule": lambda shape: capsule(shape.radius, 2.0 * shape.halfLength),
     "Cylinder": lambda shape: cylinder(shape.radius, 2.0 * shape.halfLength),
     "Cone": lambda shape: cone(shape.radius, 2.0 * shape.halfLength),
-    "Ellipsoid": lambda shape: scaled(sphere(1.0), shape.radii),
+    "Ellipsoid": lambda shape: sphere(1.0).apply_scale(shape.radii),
 }
 
 
-def native_surface(geometry: Any) -> Surface | None:
+def native_surface(geometry: Any) -> Trimesh | None:
     """Surface of a geometry of Coal in its axes; None for an unbounded geometry."""
     kind = type(geometry).__name__
     if kind in SOLIDS:
         return SOLIDS[kind](geometry)
     if is_mesh(geometry):
-        return Surface(*mesh_arrays(geometry))
+        return Trimesh(*mesh_arrays(geometry), process=False)
     if kind.startswith("Convex"):
-        return _surface(trimesh.convex.convex_hull(np.array(geometry.points())))
+        return cast("Trimesh", trimesh.convex.convex_hull(geometry.points()))
     return None
 
 
@@ -371,7 +322,7 @@ class Body:
     name: str
     joint: int
     placement: Array
-    surface: Surface
+    surface: Trimesh
     color: tuple[float, float, float, float]
 
 
@@ -420,7 +371,7 @@ def geometry_bodies(
     return bodies
 
 
-def _body_surface(item: pin.GeometryObject) -> Surface | None:
+def _body_surface(item: pin.GeometryObject) -> Trimesh | None:
     """Surface of a geometry object, with the colours in its file unless overridden."""
     surface = native_surface(item.geometry)
     if surface is None or item.overrideMaterial or not is_mesh(item.geometry):
@@ -428,15 +379,15 @@ def _body_surface(item: pin.GeometryObject) -> Surface | None:
     colored = _colored_mesh(item.meshPath)
     if colored is None:
         return surface
-    colored = scaled(colored, item.meshScale)
+    colored.apply_scale(item.meshScale)
     # Readers differ in units and axes; Pinocchio's mesh is authoritative, and colours
     # are not worth a link in the wrong place.
-    box, other = surface.extent, colored.extent
-    agree = np.abs(box - other).max() <= MESH_AGREEMENT * np.ptp(box, axis=0).max()
+    apart = np.abs(surface.bounds - colored.bounds).max()
+    agree = apart <= MESH_AGREEMENT * surface.extents.max()
     return colored if agree else surface
 
 
-def _colored_mesh(path: str) -> Surface | None:
+def _colored_mesh(path: str) -> Trimesh | None:
     """Read a mesh with its colours; None if it has no colours or cannot be read."""
     if Path(path).suffix.lower() not in (".dae", ".obj", ".ply", ".glb", ".gltf"):
         return None  # colours of STL files are not standard
@@ -444,26 +395,22 @@ def _colored_mesh(path: str) -> Surface | None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # trimesh warns of nonstandard files
             scene: Any = trimesh.load(path, force="scene", process=False)
-            parts = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
-            surfaces = [
-                Surface(np.array(mesh.vertices), np.array(mesh.faces), _colors(mesh))
-                for mesh in parts
-            ]
+            parts = [mesh for mesh in scene.dump() if isinstance(mesh, Trimesh)]
+            colors = [_colors(mesh) for mesh in parts]
     except Exception:  # a mesh reader may raise any error; the shape is known already
         return None
-    if all(surface.colors is None for surface in surfaces):
+    if all(color is None for color in colors):
         return None
-    return joined(surfaces)
+    for mesh, color in zip(parts, colors, strict=True):
+        mesh.visual = ColorVisuals(mesh, LIGHT if color is None else color)
+    return cast("Trimesh", concatenate(parts))
 
 
-def _colors(mesh: Any) -> Array | None:
-    """Colours of the triangles of a mesh, shape (k, 3); None without colours."""
+def _colors(mesh: Any) -> ArrayLike | None:
+    """Colours of the triangles of a mesh, or the colour of all; None without any."""
     if mesh.visual.kind == "texture":
-        color = np.asarray(mesh.visual.material.main_color)[:3] / 255.0
-        return np.tile(color, (len(mesh.faces), 1))
-    if mesh.visual.kind in ("face", "vertex"):
-        return np.asarray(mesh.visual.face_colors)[:, :3] / 255.0
-    return None
+        return np.asarray(mesh.visual.material.main_color)
+    return mesh.visual.face_colors if mesh.visual.kind else None
 
 
 def _sticks(robot: Robot) -> list[Body]:
@@ -484,6 +431,6 @@ def _sticks(robot: Robot) -> list[Body]:
         length = float(np.linalg.norm(end))
         if length > 1e-6 * longest or joint:
             turn = pin.Quaternion.FromTwoVectors(UPWARDS, end).toRotationMatrix()
-            surface = moved(capsule(radius, length), transform(end / 2, turn))
+            surface = capsule(radius, length).apply_transform(transform(end / 2, turn))
             bodies.append(Body(f"{name}_stick", joint, np.eye(4), surface, STEEL))
     return bodies
