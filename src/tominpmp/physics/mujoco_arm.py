@@ -1,6 +1,6 @@
 """A robot as a model of MuJoCo, made from its Pinocchio model.
 
-Bodies, axes, inertias, rotors and friction are written as MJCF; no algorithm is shared.
+Bodies, axes, inertias, rotors and friction are handed over; no algorithm is shared.
 Contacts and joint limits are left out: the simulation checks only whether the torques
 move the arm along the motion.
 """
@@ -8,7 +8,6 @@ move the arm along the motion.
 from __future__ import annotations
 
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -21,12 +20,13 @@ from tominpmp.robot.robot import Robot
 
 # Ratio of damping times step to inertia beyond which the integration is implicit.
 STIFF = 0.5
-# Inertia of the MJCF file until it is replaced: one that MuJoCo does not simplify.
+# Inertia of a body until it is replaced: one that MuJoCo does not simplify.
 PLACEHOLDER = {
-    "pos": "0.11 0.12 0.13",
-    "quat": "0.8 0.36 0.48 0",
-    "mass": "1",
-    "diaginertia": "1 1.1 1.2",
+    "explicitinertial": True,
+    "ipos": (0.11, 0.12, 0.13),
+    "iquat": (0.8, 0.36, 0.48, 0.0),
+    "mass": 1.0,
+    "inertia": (1.0, 1.1, 1.2),
 }
 
 
@@ -56,14 +56,37 @@ class MujocoArm:
                 "robot",
             )
         self.robot = robot
-        self.model = self.mujoco.MjModel.from_xml_string(_mjcf(robot))
+        self.model = self._bodies()
+        self.model.opt.gravity[:] = robot.gravity
         # Indices of the robot's joints in both models, which may have another order.
         order = [int(robot.model.getJointId(name)) - 1 for name in robot.joint_names]
         self._order = np.array(order)
+        self.model.dof_armature[self._order] = robot.armature
+        self.model.dof_damping[self._order] = robot.damping
+        self.model.dof_frictionloss[self._order] = robot.friction
         for joint in range(1, robot.model.njoints):
             self._set_inertia(joint, robot.model.inertias[joint])
         self.data = self.mujoco.MjData(self.model)
         self.mujoco.mj_setConst(self.model, self.data)
+
+    def _bodies(self) -> Any:
+        """MuJoCo's model of the joints, with placeholders of inertias."""
+        model, kinds, spec = (
+            self.robot.model,
+            self.mujoco.mjtJoint,
+            self.mujoco.MjSpec(),
+        )
+        placements, bodies = Placements(model), [spec.worldbody]
+        for joint in range(1, model.njoints):
+            place, above = model.jointPlacements[joint], bodies[model.parents[joint]]
+            quaternion = np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)
+            body = above.add_body(pos=place.translation, quat=quaternion, **PLACEHOLDER)
+            kind, axis = kinds.mjJNT_HINGE, placements.axes(joint)[1]
+            if not np.any(axis):
+                kind, axis = kinds.mjJNT_SLIDE, placements.axes(joint)[0]
+            body.add_joint(type=kind, axis=axis)
+            bodies.append(body)
+        return spec.compile()
 
     def _set_inertia(self, body: int, inertia: pin.Inertia) -> None:
         """Set mass and moments after compilation, which refuses some values."""
@@ -151,45 +174,3 @@ class MujocoArm:
         self.model.opt.timestep = seconds
         self.data.qfrc_applied[self._order] = torque
         self.mujoco.mj_step(self.model, self.data)
-
-
-def _mjcf(robot: Robot) -> str:
-    """The robot as MJCF, without shapes and with placeholders of inertias."""
-    model = robot.model
-    root = Element("mujoco", model=robot.name)
-    SubElement(root, "compiler", angle="radian", autolimits="false")
-    option = SubElement(root, "option", gravity=_numbers(robot.gravity))
-    SubElement(option, "flag", contact="disable")
-    bodies = {0: SubElement(root, "worldbody")}
-    placements = Placements(model)
-    for joint in range(1, model.njoints):
-        place = model.jointPlacements[joint]
-        slide, turn, _ = placements.axes(joint)
-        kind = {"type": "hinge", "axis": _numbers(turn)}
-        if not np.any(turn):
-            kind = {"type": "slide", "axis": _numbers(slide)}
-        quaternion = np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)
-        body = SubElement(
-            bodies[int(model.parents[joint])],
-            "body",
-            name=f"body{joint}",
-            pos=_numbers(place.translation),
-            quat=_numbers(quaternion),
-        )
-        SubElement(body, "inertial", PLACEHOLDER)
-        i = robot.joint_names.index(str(model.names[joint]))
-        SubElement(
-            body,
-            "joint",
-            kind,
-            name=f"joint{joint}",
-            armature=repr(float(robot.armature[i])),
-            damping=repr(float(robot.damping[i])),
-            frictionloss=repr(float(robot.friction[i])),
-        )
-        bodies[joint] = body
-    return tostring(root, encoding="unicode")
-
-
-def _numbers(values: Any) -> str:
-    return " ".join(repr(float(x)) for x in values)
