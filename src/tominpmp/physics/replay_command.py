@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -67,20 +66,9 @@ def run_replay(
     ).trajectory
     step = STEP if args.step is None else args.step
     result = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
-    say(json_text(_data(result)) if args.json else _text(result, motion))
+    data = {"ok": result.ok, **plain(result)}
+    say(json_text(data) if args.json else _text(result, motion))
     return PLANNED if result.ok else NO_PLAN
-
-
-def _data(result: PhysicsReplay) -> dict[str, Any]:
-    runs = {"open_loop": result.open_loop, "with_feedback": result.with_feedback}
-    numbers = ("goal_error", "tracking_error", "excess")
-    return {
-        "ok": result.ok,
-        "engine": result.engine,
-        "integrator": result.integrator,
-        "torque_difference": result.torque_difference,
-        **{k: {n: getattr(run, n) for n in numbers} for k, run in runs.items()},
-    }
 
 
 def _text(result: PhysicsReplay, path: Path) -> str:
