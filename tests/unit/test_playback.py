@@ -108,13 +108,13 @@ def test_solids_have_their_sizes() -> None:
 
 def test_smooth_bodies_have_smooth_normals_and_boxes_sharp_ones() -> None:
     ball = shaded(sphere(2.0))
-    outwards = ball.positions / 2.0
-    assert np.abs(ball.normals / 127.0 - outwards).max() < 0.03
+    outwards = ball["position"] / 2.0
+    assert np.abs(ball["normal"] / 127.0 - outwards).max() < 0.03
     crate = shaded(box([1, 2, 3]))
-    assert len(crate.positions) == 24
-    assert set(np.abs(crate.normals).sum(axis=1).tolist()) == {127}
+    assert len(crate["position"]) == 24
+    assert set(np.abs(crate["normal"]).sum(axis=1).tolist()) == {127}
     can = shaded(cylinder(1.0, 2.0))
-    heights = np.abs(can.normals[:, 2])
+    heights = np.abs(can["normal"][:, 2])
     assert set(heights.tolist()) == {0, 127}
 
 
@@ -129,11 +129,10 @@ def test_shading_keeps_triangles_and_colours() -> None:
     )
     drawn = shaded(soup)
     corners = plain.vertices[plain.faces]
-    np.testing.assert_allclose(drawn.positions[drawn.faces], corners)
-    assert drawn.colors is not None
-    np.testing.assert_array_equal(drawn.colors[drawn.faces[:, 0]], colors)
+    np.testing.assert_allclose(drawn["position"][drawn["index"]], corners)
+    np.testing.assert_array_equal(drawn["color"][drawn["index"][:, 0]], colors)
     flat = shaded(Trimesh(np.eye(3), [[0, 1, 2], [0, 1, 1]], process=False))
-    assert len(flat.faces) == 1
+    assert len(flat["index"]) == 1
 
 
 def test_tube_keeps_its_distance_from_the_line(rng: np.random.Generator) -> None:

@@ -122,8 +122,8 @@ def put_surface(
     mesh = shaded(plain(surface))
     scene.add_mesh_simple(
         name,
-        mesh.positions,
-        mesh.faces,
+        mesh["position"],
+        mesh["index"],
         color=color,
         opacity=None if opacity >= 1.0 else opacity,
         **look,

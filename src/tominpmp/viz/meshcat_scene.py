@@ -35,7 +35,7 @@ from tominpmp.viz.skeleton import (
 )
 from tominpmp.viz.surfaces import (
     Body,
-    ShadedSurface,
+    Buffers,
     cylinder,
     obstacle_surface,
     path_tube,
@@ -354,11 +354,11 @@ class ShadedGeometry:
 
     Attributes:
         uuid: Identifier in the references of meshes.
-        surface: The surface.
+        buffers: Its arrays.
     """
 
     uuid: str
-    surface: ShadedSurface
+    buffers: Buffers
 
     def intrinsic_transform(self) -> Array:
         """Placement of the geometry in its mesh."""
@@ -366,20 +366,15 @@ class ShadedGeometry:
 
     def lower_in_object(self, data: Command) -> None:
         """Add the geometry to the geometries of an object."""
-        mesh = self.surface
-        attributes = {
-            "position": _packed(mesh.positions),
-            "normal": _packed(mesh.normals, normalized=True),
-        }
-        if mesh.colors is not None:
-            attributes["color"] = _packed(mesh.colors, normalized=True)
-        buffers = {"attributes": attributes, "index": _packed(mesh.faces)}
+        attributes = {name: _packed(values) for name, values in self.buffers.items()}
+        index = attributes.pop("index")
+        buffers = {"attributes": attributes, "index": index}
         geometry = {"uuid": self.uuid, "type": "BufferGeometry", "data": buffers}
         data["geometries"].append(geometry)
 
 
-def _packed(values: np.ndarray[Any, Any], normalized: bool = False) -> Command:
-    """Pack an attribute of a geometry as a typed array, one row for each vertex."""
+def _packed(values: np.ndarray[Any, Any]) -> Command:
+    """Pack a buffer as a typed array, one row for each vertex or triangle."""
     import umsgpack
 
     kind, code = ARRAY_CODES[values.dtype.name]
@@ -387,7 +382,8 @@ def _packed(values: np.ndarray[Any, Any], normalized: bool = False) -> Command:
         "itemSize": int(values.shape[1]),
         "type": kind,
         "array": umsgpack.Ext(code, np.ascontiguousarray(values).tobytes()),
-        "normalized": normalized,
+        # Bytes are shares of their largest value.
+        "normalized": values.itemsize == 1,
     }
 
 
@@ -405,8 +401,8 @@ def put_body(
 
 def _mesh(path: str, surface: Trimesh, color: Sequence[float]) -> Any:
     """A ``meshcat.geometry.Mesh`` with a fixed identifier, for repeatable pages."""
-    geometry, drawn = import_meshcat().geometry, shaded(surface)
-    colored = drawn.colors is not None
+    geometry, buffers = import_meshcat().geometry, shaded(surface)
+    colored = "color" in buffers
     *rgb, opacity = np.clip(color, 0.0, 1.0).tolist()
     red, green, blue = (round(255 * value) for value in rgb)
     material = geometry.MeshPhongMaterial(
@@ -419,7 +415,7 @@ def _mesh(path: str, surface: Trimesh, color: Sequence[float]) -> Any:
         depthWrite=opacity >= 1.0,
     )
     material.uuid = f"{path}#m"
-    body = geometry.Mesh(ShadedGeometry(f"{path}#g", drawn), material)
+    body = geometry.Mesh(ShadedGeometry(f"{path}#g", buffers), material)
     body.uuid = path
     return body
 

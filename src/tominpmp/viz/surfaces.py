@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import pinocchio as pin
@@ -48,21 +48,10 @@ UPWARDS = np.array([0.0, 0.0, 1.0])
 MESH_AGREEMENT = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class ShadedSurface:
-    """A surface in the format of graphics hardware, with a normal at each vertex.
-
-    Attributes:
-        positions: Vertices, shape (m, 3) [m].
-        normals: Unit vectors times 127, shape (m, 3).
-        colors: Colours from 0 to 255, shape (m, 3); None without colours.
-        faces: Indices of the corners of triangles, shape (k, 3).
-    """
-
-    positions: NDArray[np.float32]
-    normals: NDArray[np.int8]
-    colors: NDArray[np.uint8] | None
-    faces: NDArray[np.uint32]
+# Arrays of graphics hardware by the names of three.js: "position" [m], "normal" (unit
+# vectors times 127) and, with colours, "color" (0 to 255), shape (m, 3) each with a row
+# for each vertex; "index" of the vertices of the triangles, shape (k, 3).
+Buffers: TypeAlias = dict[str, NDArray[Any]]
 
 
 def _lathe(profile: ArrayLike) -> Trimesh:
@@ -211,8 +200,8 @@ def plain(surface: Trimesh) -> Trimesh:
     return Trimesh(surface.vertices, surface.faces, process=False)
 
 
-def shaded(surface: Trimesh) -> ShadedSurface:
-    """Add normals to a surface: smooth ones, except at sharp edges.
+def shaded(surface: Trimesh) -> Buffers:
+    """Buffers of a surface, with normals: smooth ones, except at sharp edges.
 
     Args:
         surface: The surface; its corners may be shared between triangles or not.
@@ -239,12 +228,12 @@ def shaded(surface: Trimesh) -> ShadedSurface:
     rows = np.concatenate(parts, axis=1)
     first, back = _distinct_rows(rows)
     distinct = rows[first]
-    return ShadedSurface(
-        np.ascontiguousarray(distinct[:, :12]).view(np.float32),
-        np.ascontiguousarray(distinct[:, 12:15]).view(np.int8),
-        distinct[:, 15:18] if colors is not None else None,
-        back.reshape(-1, 3).astype(np.uint32),
-    )
+    buffers: Buffers = {
+        "position": np.ascontiguousarray(distinct[:, :12]).view(np.float32),
+        "normal": np.ascontiguousarray(distinct[:, 12:15]).view(np.int8),
+        "index": back.reshape(-1, 3).astype(np.uint32),
+    }
+    return buffers if colors is None else buffers | {"color": distinct[:, 15:18]}
 
 
 def _distinct_rows(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
