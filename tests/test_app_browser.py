@@ -261,7 +261,7 @@ def test_the_browser_shows_what_a_drag_leads_to(
         assert "\nacceleration\n" in headline("\nacceleration\n")
         assert awaited(page, after.number + 1).ok
         request, panel = page.controller.request, page.panel  # type: ignore[attr-defined]
-        assert request.robot.kinematic and request.limits.acceleration == 15.0
+        assert request.robot.kinematic and request.acceleration == 15.0
         assert panel._bounded.value and panel._acceleration.visible
         assert not panel._sliders["effort_scale"].visible
         assert view.complaints() == []

@@ -15,7 +15,6 @@ from tominpmp.app.first_request import EXAMPLES, first_request, known, tool_fram
 from tominpmp.app.planning import BindingLimit, Outcome, ShownMotion
 from tominpmp.app.request import (
     Item,
-    Limits,
     Request,
     RobotChoice,
     follows_datasheet,
@@ -44,7 +43,9 @@ ALL_KINDS = (
 REQUESTS = {
     "as it is": PLANAR,
     "kinds of obstacles": replace(PLANAR, items=ALL_KINDS),
-    "limits": replace(PLANAR, limits=Limits(0.8, 0.5, 12.0, 0.01)),
+    "limits": replace(
+        PLANAR, effort_scale=0.8, speed_scale=0.5, acceleration=12.0, margin=0.01
+    ),
     "a position": replace(PLANAR, goal="position"),
     "a pose": replace(PLANAR, goal="pose"),
     "points on the way": replace(PLANAR, via=((3.0, 2.5, 0.0), (4.5, 2.0, 0.0))),
@@ -89,8 +90,8 @@ def test_sliders_reach_the_problem() -> None:
         ({"goal": "anything"}, "goal"),
         ({"q_goal": (0.0, 0.0)}, "goal"),
         ({"q_start": (np.nan, 0.0, 0.0)}, "q_start"),
-        ({"limits": Limits(effort_scale=2.0)}, "effort_scale"),
-        ({"limits": Limits(margin=-1.0)}, "margin"),
+        ({"effort_scale": 2.0}, "effort_scale"),
+        ({"margin": -1.0}, "margin"),
     ],
 )
 def test_wrong_values_are_named(changes: dict[str, object], field: str) -> None:
@@ -101,7 +102,7 @@ def test_wrong_values_are_named(changes: dict[str, object], field: str) -> None:
 
 def test_speed_must_remain() -> None:
     with pytest.raises(ProblemError, match="speed_scale is 0"):
-        Limits(speed_scale=0.0)
+        replace(PLANAR, speed_scale=0.0)
 
 
 def test_wrong_obstacles_are_named() -> None:
@@ -173,9 +174,9 @@ def test_robots_have_the_limits_that_the_page_says(limits: str | None) -> None:
 
 def test_robots_without_dynamics_have_accelerations() -> None:
     own = first_request(replace(known("so100"), limits="urdf", kinematic=True))
-    assert own.limits.acceleration == 15.0
+    assert own.acceleration == 15.0
     makers = first_request(replace(known("so100"), kinematic=True))
-    assert makers.limits.acceleration is None
+    assert makers.acceleration is None
     for request in (own, makers):
         assert request.problem().robot.kinematic
 

@@ -15,7 +15,7 @@ import pytest
 from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import EXAMPLES, known
 from tominpmp.app.planning import Outcome, Session
-from tominpmp.app.request import Limits, Request
+from tominpmp.app.request import Request
 from tominpmp.app.worker import Jobs, Worker, work
 from tominpmp.exceptions import ProblemError, RobotLoadError
 
@@ -96,8 +96,7 @@ def test_a_robot_loses_its_dynamics_and_has_them_again() -> None:
     session, kinds = Session(), []
     for kinematic in (True, False):
         robot = replace(PLANAR.robot, kinematic=kinematic)
-        limits = replace(PLANAR.limits, acceleration=15.0)
-        request = replace(PLANAR, robot=robot, limits=limits)
+        request = replace(PLANAR, robot=robot, acceleration=15.0)
         *_, last = session.outcomes(1, request, never)
         assert last.ok, last.message
         kinds.append(last.shown.control)
@@ -121,7 +120,7 @@ def test_what_is_wrong_is_told_and_the_last_motion_stays(
     session: Session, second: object
 ) -> None:
     before = session.solution
-    refused = replace(PLANAR, limits=Limits(effort_scale=1e9))
+    refused = replace(PLANAR, effort_scale=1e9)
     outcomes = list(session.outcomes(4, refused, never))
     assert [outcome.ok for outcome in outcomes] == [False]
     assert "effort_scale" in outcomes[0].message
@@ -203,12 +202,12 @@ def test_changes_are_planned_and_repeated_ones_are_not(controller: Controller) -
     controller.start()
     controller.change(q_goal=NEAR.q_goal)
     controller.change(q_goal=NEAR.q_goal)
-    controller.change(limits=replace(NEAR.limits, effort_scale=0.5))
+    controller.change(effort_scale=0.5)
     asked = recorder(controller).asked
     assert [number for number, _ in asked] == [1, 2, 3]
-    assert asked[-1][1] == replace(NEAR, limits=Limits(0.5, margin=0.0))
+    assert asked[-1][1] == replace(NEAR, effort_scale=0.5)
     with pytest.raises(ProblemError, match="speed_scale"):
-        controller.change(limits=replace(NEAR.limits, speed_scale=-1.0))
+        controller.change(speed_scale=-1.0)
     assert len(asked) == 3
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from tominpmp.app.request import (
     MODERATE,
     Item,
-    Limits,
     Request,
     RobotChoice,
     loaded,
@@ -65,13 +64,12 @@ def first_request(choice: RobotChoice) -> Request:
     free = robot.kinematic and (own is None or own.acceleration is None)
     acceleration = MODERATE if free else None
     if example is not None and len(example.q_start) == robot.n:
-        limits = replace(example.limits, acceleration=acceleration)
-        return replace(example, robot=choice, limits=limits)
+        return replace(example, robot=choice, acceleration=acceleration)
     frame = tool_frame(robot)
     start = _first_free(robot, _starts(robot))
     goal = _first_free(robot, _goals(robot, start))
-    limits = Limits(margin=0.01, acceleration=acceleration)
-    return Request(robot=choice, frame=frame, q_start=start, q_goal=goal, limits=limits)
+    request = Request(robot=choice, frame=frame, q_start=start, q_goal=goal)
+    return replace(request, acceleration=acceleration, margin=0.01)
 
 
 def tool_frame(robot: Robot) -> str:
@@ -154,6 +152,6 @@ EXAMPLES = {
         q_start=(0.5, 1.7, -1.7),
         q_goal=(0.9, -1.2, -0.9),
         items=(Item("sphere", "O", (0.8,), (4.0, 0.0, 0.0)),),
-        limits=Limits(margin=0.0),
+        margin=0.0,
     ),
 }

@@ -30,7 +30,6 @@ from tominpmp.app.request import (
     MODERATE,
     SIZES,
     Item,
-    Limits,
     Request,
     RobotChoice,
     follows_datasheet,
@@ -404,8 +403,7 @@ class Panel:
 
     def rebuild(self) -> None:
         """Show the fields of another robot."""
-        request, limits = self._request, self._request.limits
-        source = request.robot.source
+        request, source = self._request, self._request.robot.source
         # The robot was loaded; reading its groups or data sheet may still fail.
         with suppress(TominpmpError):
             if source not in self._robots.options:
@@ -423,8 +421,8 @@ class Panel:
             words = {goal: word for word, goal in GOAL_WORDS.items()}
             self._goals.value = words[request.goal]
             for name, slider in self._sliders.items():
-                slider.value = getattr(limits, name)
-            self._bounded.value = limits.acceleration is not None
+                slider.value = getattr(request, name)
+            self._bounded.value = request.acceleration is not None
             self._acceleration.visible = self._bounded.value
 
     def refresh_lines(self) -> None:
@@ -530,7 +528,7 @@ class Panel:
         self._acceleration.visible = bounded
         values = {name: float(s.value) for name, s in self._sliders.items()}
         limit = float(self._acceleration.value) if bounded else None
-        self._page.ask(limits=Limits(**values, acceleration=limit))
+        self._page.ask(**values, acceleration=limit)
 
     # -- obstacles ---------------------------------------------------------------------
 

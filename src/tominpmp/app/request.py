@@ -271,28 +271,6 @@ def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
     return Item(kind, f"{kind}{number}", sizes, rounded(position))
 
 
-@dataclass(frozen=True, eq=False)
-class Limits(Record):
-    """Limits that sliders set.
-
-    Attributes:
-        effort_scale: Share of the torque limits that may be used, above 0, 1 at most.
-        speed_scale: Share of the speed limits, likewise.
-        acceleration: Limit of all accelerations [rad/s^2 or m/s^2]; None for the
-            robot's limits only.
-        margin: Distance to keep from obstacles [m].
-
-    Raises:
-        ProblemError: If the share of the speed limits is not above 0 and at most 1; the
-            problem checks the other limits.
-    """
-
-    effort_scale: float = 1.0
-    speed_scale: SpeedShare = 1.0
-    acceleration: float | None = None
-    margin: float = 0.02
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Request(Record):
     """Robot, start, goal, scene and limits; plain numbers, so that requests compare.
@@ -306,10 +284,15 @@ class Request(Record):
             frame's pose in it) or "position" (the frame's position in it).
         via: Via points of the frame [m].
         items: The obstacles.
-        limits: The limits.
+        effort_scale: Share of the torque limits that may be used, above 0, 1 at most.
+        speed_scale: Share of the speed limits, likewise.
+        acceleration: Limit of all accelerations [rad/s^2 or m/s^2]; None for the
+            robot's limits only.
+        margin: Distance to keep from obstacles [m].
 
     Raises:
-        ProblemError: If the kind of the goal is unknown.
+        ProblemError: If the kind of the goal is unknown, or the share of the speed
+            limits is not above 0 and at most 1; the problem checks the other limits.
     """
 
     robot: RobotChoice
@@ -319,7 +302,10 @@ class Request(Record):
     goal: GoalKind = "joint"
     via: Points = ()
     items: tuple[Item, ...] = ()
-    limits: Limits = field(default_factory=Limits)
+    effort_scale: float = 1.0
+    speed_scale: SpeedShare = 1.0
+    acceleration: float | None = None
+    margin: float = 0.02
 
     def items_with(self, name: str, **changes: Any) -> tuple[Item, ...]:
         """The obstacles, with fields of the named one changed."""
@@ -336,7 +322,7 @@ class Request(Record):
                 goal are in collision.
         """
         options = self._options()
-        robot, scale = loaded(self.robot), self.limits.speed_scale
+        robot, scale = loaded(self.robot), self.speed_scale
         if scale != 1.0:
             robot = robot.with_changes(velocity=scale * robot.limits.velocity)
         problem: Problem = Call(Problem, (robot,), options).evaluate()
@@ -350,8 +336,8 @@ class Request(Record):
         lines = ["import tominpmp as tm", "", f"robot = {self.robot.call()}"]
         if self.goal == "pose":
             lines[:0] = ["import numpy as np", "import pinocchio as pin"]
-        if self.limits.speed_scale != 1.0:
-            speeds = f"{self.limits.speed_scale!r} * robot.limits.velocity"
+        if self.speed_scale != 1.0:
+            speeds = f"{self.speed_scale!r} * robot.limits.velocity"
             lines.append(f"robot = robot.with_changes(velocity={speeds})")
         lines.append("problem = tm.Problem(")
         lines += [f"    {argument}," for argument in ("robot", *arguments)]
@@ -369,12 +355,12 @@ class Request(Record):
             options["goal"] = goal
         if self.items:
             options["scene"] = Call(Scene, ([item.call() for item in self.items],))
-        options["margin"] = self.limits.margin
+        options["margin"] = self.margin
         limits: dict[str, float] = {}
-        if self.limits.effort_scale != 1.0:
-            limits["effort_scale"] = self.limits.effort_scale
-        if self.limits.acceleration is not None:
-            limits["acceleration"] = self.limits.acceleration
+        if self.effort_scale != 1.0:
+            limits["effort_scale"] = self.effort_scale
+        if self.acceleration is not None:
+            limits["acceleration"] = self.acceleration
         if limits:
             options["motion_limits"] = Call(MotionLimits, (), limits)
         return options
