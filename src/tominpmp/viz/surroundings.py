@@ -9,7 +9,7 @@ are the same body, whichever arm carries it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.kinematics import FrameMotions
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
-from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.grids import HeightField
 from tominpmp.scene.meshes import Mesh
@@ -92,55 +91,50 @@ def scene_items(problem: Problem, motion: Trajectory, times: Array) -> list[Scen
     """
     stages = stages_of(problem, motion)
     inside = np.minimum(times, motion.duration)
-    shown: list[SceneItem] = []
+    shown: dict[Obstacle, SceneItem] = {}
     names: Counter[str] = Counter()
     for stage in stages:
-        now = (stage.begin <= inside) & (inside <= stage.end)
         for obstacle in stage.problem.scene:
-            known = next((item for item in shown if item.shape == obstacle), None)
-            if known is not None:
-                known.present[now] = True
-                continue
-            names[obstacle.name] += 1
-            count = names[obstacle.name]
-            name = obstacle.name if count == 1 else f"{obstacle.name} ({count})"
-            rotations, positions = obstacle.poses(times)
-            places = transform(positions, rotations)
-            shown.append(SceneItem(name, obstacle, places, now.copy()))
-    return shown + _loads(problem, motion, stages, inside)
+            if obstacle not in shown:
+                names[obstacle.name] += 1
+                count = names[obstacle.name]
+                name = obstacle.name if count == 1 else f"{obstacle.name} ({count})"
+                rotations, positions = obstacle.poses(times)
+                places = transform(positions, rotations)
+                present = np.zeros(times.size, dtype=bool)
+                shown[obstacle] = SceneItem(name, obstacle, places, present)
+            now = (stage.begin <= inside) & (inside <= stage.end)
+            shown[obstacle].present[now] = True
+    return [*shown.values(), *_loads(problem, motion, stages, inside)]
 
 
 def _loads(
     problem: Problem, trajectory: Trajectory, stages: Sequence[Stage], times: Array
-) -> list[SceneItem]:
+) -> Iterator[SceneItem]:
     """The shapes of all loads."""
-    runs: dict[tuple[str, tuple[Obstacle, ...]], list[tuple[Stage, Payload]]] = {}
+    loads: dict[tuple[str, tuple[Obstacle, ...]], Array] = {}
     segments = problem.segments if len(stages) == len(problem.segments) else ()
     for stage, segment in zip(stages, segments, strict=False):
         payload = segment.payload
-        if payload is not None and payload.geometry:
-            # The body does not depend on the placement in which it is held.
-            bare = tuple(
-                replace(item, position=np.zeros(3), rotation=np.eye(3))
-                for item in payload.geometry
-            )
-            runs.setdefault((payload.name, bare), []).append((stage, payload))
-    items = []
-    for (name, shapes), carried in runs.items():
-        places = np.empty((len(shapes), times.size, 4, 4))
-        for number, (stage, payload) in enumerate(carried):
-            # A load rests at its pick-up before the first run, at its last place later.
-            mine = (times >= stage.begin) | (number == 0)
-            held = trajectory(np.clip(times[mine], stage.begin, stage.end)).q
-            frames = frame_placements(problem.robot, held, payload.frame)
-            for shape, rows in zip(payload.geometry, places, strict=True):
-                rows[mine] = frames @ transform(shape.position, shape.rotation)
-        present = np.ones(times.size, dtype=bool)
-        items += [
-            SceneItem(shape.name, shape, rows, present, name)
-            for shape, rows in zip(shapes, places, strict=True)
-        ]
-    return items
+        if payload is None:
+            continue
+        # The body does not depend on the placement in which it is held.
+        bare = tuple(
+            replace(item, position=np.zeros(3), rotation=np.eye(3))
+            for item in payload.geometry
+        )
+        body, every = (payload.name, bare), np.empty((len(bare), times.size, 4, 4))
+        # A load rests at its pick-up before it is carried, at its last place later.
+        mine = (times >= stage.begin) | (body not in loads)
+        held = trajectory(np.clip(times[mine], stage.begin, stage.end)).q
+        frames = frame_placements(problem.robot, held, payload.frame)
+        places = loads.setdefault(body, every)
+        for shape, rows in zip(payload.geometry, places, strict=True):
+            rows[mine] = frames @ transform(shape.position, shape.rotation)
+    always = np.ones(times.size, dtype=bool)
+    for (name, bare), places in loads.items():
+        for shape, rows in zip(bare, places, strict=True):
+            yield SceneItem(shape.name, shape, rows, always, name)
 
 
 def frame_placements(robot: Robot, q: Array, frame: str) -> Array:
