@@ -37,6 +37,8 @@ from tominpmp.goals.frames import PoseGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
+from tominpmp.scene.meshes import Mesh
+from tominpmp.scene.scene import Scene
 from tominpmp.status import IterationRecord
 from tominpmp.viz.figures import color
 from tominpmp.viz.plots import (
@@ -312,6 +314,18 @@ def test_outlines_of_the_other_obstacles() -> None:
         np.testing.assert_allclose(outline.max(axis=0), high, atol=2e-3)
         assert panel.get_xlim()[0] < low[0]
         assert panel.get_ylim()[0] < low[1]
+
+
+def test_a_flat_obstacle_is_drawn_as_a_line_from_its_edge() -> None:
+    """Its outline once ended in an error of Qhull."""
+    corners = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1.0]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    wall = Mesh("wall", vertices=corners, triangles=triangles, position=(0, -3, 0))
+    problem = planar_problem(scene=Scene([wall]))
+    motion = quintic(problem.robot, START, END, 1.0, 5)
+    (panel,) = plot_motion(problem, {"motion": motion}).axes
+    (patch,) = panel.patches
+    np.testing.assert_allclose(patch.get_xy(), [[-1, -3], [1, -3], [-1, -3]])
 
 
 def test_spatial_motion_is_projected_where_it_is_largest(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 from trimesh import transform_points
 
 from tominpmp.arrays import Array
@@ -141,7 +142,6 @@ def _outline_look(edge: str) -> dict[str, Any]:
 def _outlines(items: Sequence[surroundings.SceneItem], view: View) -> list[Patch]:
     """Outlines of obstacles and loads; of moving ones where they are present."""
     from matplotlib.patches import Circle, Polygon
-    from scipy.spatial import ConvexHull
 
     outlines: list[Patch] = []
     for item in items:
@@ -154,13 +154,22 @@ def _outlines(items: Sequence[surroundings.SceneItem], view: View) -> list[Patch
             place = item.placements[k]
             points = view.project(transform_points(surface.vertices, place))
             look |= {"alpha": shade, "zorder": 1.5}
-            outline: Patch = Polygon(points[ConvexHull(points).vertices], **look)
+            outline: Patch = Polygon(_hull(points), **look)
             if isinstance(item.shape, Sphere):
                 x, y = view.project(place[:3, 3]).tolist()
                 outline = Circle((x, y), item.shape.radius, **look)
             if item.present[k] or not item.moves:
                 outlines.append(outline)
     return outlines
+
+
+def _hull(points: Array) -> Array:
+    """Corners of the convex hull of points in a plane, shape (k, 2)."""
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:  # they lie on a line: a flat body is seen from its edge
+        order = np.lexsort(points.T)
+        return np.asarray(points[order[[0, -1]]])
 
 
 def _goal_point(problem: Problem, frame: str) -> Array | None:
