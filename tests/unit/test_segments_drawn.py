@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,6 +75,29 @@ def test_one_load_on_several_segments_goes_with_the_hand_on_all_of_them():
     # taken up again.
     expected = [0.5, 0.5, hand[2], hand[3], 0.7, 0.7, 0.2, hand[7]]
     np.testing.assert_allclose(places, expected, atol=1e-9)
+
+
+def test_other_loads_of_one_name_are_other_bodies(solution):
+    """The second once took the place of the first."""
+    small, large = (
+        tm.Payload(1.0, "tip", geometry=[tm.Box("crate", size=(size,) * 3)])
+        for size in (0.1, 0.2)
+    )
+    problem = replace(
+        solution.problem,
+        goal=None,
+        segments=[
+            replace(segment, payload=payload, scene=None)
+            for segment, payload in zip(
+                solution.problem.segments, (small, None, large), strict=True
+            )
+        ],
+    )
+    recorder = Recorder()
+    draw(meshcat.Visualizer(window=recorder), problem, solution.trajectory, fps=20.0)
+    put = [c["path"] for c in recorder.commands if c["type"] == "set_object"]
+    loads = [path for path in put if path.startswith("/meshcat/loads/")]
+    assert len(loads) == len(set(loads)) == 2
 
 
 def test_obstacles_are_there_on_their_segments(solution):

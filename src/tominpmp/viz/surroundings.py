@@ -66,7 +66,8 @@ class SceneItem:
         shape: The shape; its placement is ignored.
         placements: Placements shape_to_world, homogeneous, shape (m, 4, 4).
         present: Whether the item is in the scene, shape (m,).
-        load: Name of the load that the shape belongs to; None for an obstacle.
+        load: Name of the load that the shape belongs to, unique among the loads; None
+            for an obstacle.
     """
 
     name: str
@@ -96,9 +97,7 @@ def scene_items(problem: Problem, motion: Trajectory, times: Array) -> list[Scen
     for stage in stages:
         for obstacle in stage.problem.scene:
             if obstacle not in shown:
-                names[obstacle.name] += 1
-                count = names[obstacle.name]
-                name = obstacle.name if count == 1 else f"{obstacle.name} ({count})"
+                name = _distinct(obstacle.name, names)
                 rotations, positions = obstacle.poses(times)
                 places = transform(positions, rotations)
                 present = np.zeros(times.size, dtype=bool)
@@ -131,10 +130,17 @@ def _loads(
         places = loads.setdefault(body, every)
         for shape, rows in zip(payload.geometry, places, strict=True):
             rows[mine] = frames @ transform(shape.position, shape.rotation)
-    always = np.ones(times.size, dtype=bool)
+    always, names = np.ones(times.size, dtype=bool), Counter[str]()
     for (name, bare), places in loads.items():
+        load = _distinct(name, names)
         for shape, rows in zip(bare, places, strict=True):
-            yield SceneItem(shape.name, shape, rows, always, name)
+            yield SceneItem(shape.name, shape, rows, always, load)
+
+
+def _distinct(name: str, names: Counter[str]) -> str:
+    """A name with its number if it was used before; ``names`` counts the uses."""
+    names[name] += 1
+    return name if names[name] == 1 else f"{name} ({names[name]})"
 
 
 def frame_placements(robot: Robot, q: Array, frame: str) -> Array:
