@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import pickle
+import tempfile
 import threading
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.app.first_request import first_request
-from tominpmp.app.planning import Outcome, exported
+from tominpmp.app.planning import Outcome, plain_name
 from tominpmp.app.request import Request, RobotChoice, loaded, rounded
 from tominpmp.app.worker import Worker
 from tominpmp.exceptions import ProblemError
+from tominpmp.files.export_check import check_export
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.initial_guess.inverse_kinematics import solve_inverse_kinematics
 from tominpmp.problem.problem import Problem
@@ -195,7 +198,12 @@ class Controller:
         """
         if not self._solution:
             raise ProblemError("there is no motion to export yet", "solution")
-        return exported(pickle.loads(self._solution), ending, dt, message)
+        solution = pickle.loads(self._solution)
+        name = f"{plain_name(solution.problem.robot.name)}_motion{ending}"
+        with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
+            path = Path(folder) / name
+            solution.export(path, dt=dt, message=message, verify=False)
+            return name, path.read_bytes(), check_export(solution, path, dt=dt).message
 
     def close(self) -> None:
         """End the planning process."""

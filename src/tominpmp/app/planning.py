@@ -6,12 +6,10 @@ Outcomes are plain data, small enough to be sent between processes at once.
 from __future__ import annotations
 
 import pickle
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +17,6 @@ from tominpmp.app.request import Request
 from tominpmp.arrays import Array, Record
 from tominpmp.bounds.result import LowerBound
 from tominpmp.exceptions import ProblemError, TominpmpError, TominpmpWarning
-from tominpmp.files.export_check import check_export
 from tominpmp.kinematics import FrameMotions
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
@@ -207,30 +204,6 @@ def _plan(
     )
     # The callback refers to this request, and must not be pickled.
     return replace(solution, options=replace(solution.options, callback=None))
-
-
-def exported(
-    solution: Solution, ending: str, dt: float | None, message: str | None = None
-) -> tuple[str, bytes, str]:
-    """Write a motion to a file.
-
-    Args:
-        solution: Its solution.
-        ending: Ending of the file: ".csv", ".npz", ".yaml", ...
-        dt: Time between rows [s]; None for the nodes.
-        message: Type of the ROS message, for a file of ROS messages.
-
-    Returns:
-        Name and content of the file, and the message of its check.
-
-    Raises:
-        TominpmpError: If the file cannot be written.
-    """
-    with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
-        name = f"{plain_name(solution.problem.robot.name)}_motion{ending}"
-        path = Path(folder) / name
-        solution.export(path, dt=dt, message=message, verify=False)
-        return name, path.read_bytes(), check_export(solution, path, dt=dt).message
 
 
 def plain_name(name: str) -> str:
