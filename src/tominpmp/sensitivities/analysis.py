@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -43,14 +43,15 @@ from tominpmp.options import Tolerances
 from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
+from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity, summed
 from tominpmp.sensitivities.torques import TorqueWeights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.stages import with_segments
 
-# Steps of finite differences: of displacements [m, rad], and of gravity as a share.
-STEP, GRAVITY_STEP = 1e-6, 1e-4
+# Steps of finite differences: of displacements [m, rad], and of gravity [m/s^2].
+STEP, GRAVITY_STEP = 1e-6, 1e-3
 # Multiplier up to which a limit is neglected [1/m].
 NOTHING = 1e-9
 
@@ -289,20 +290,25 @@ class SegmentRows:
             return TorqueWeights(*np.zeros((5, 0, self._robot.n)))
         return TorqueWeights.of(self.motion, self.rows)
 
+    def _cost(self, robot: Robot) -> float:
+        """Sum of torques and constraint values for a changed robot, by multipliers."""
+        return self._torques.cost(robot) + self._cost_of_constraints(robot)
+
     @cached_property
-    def _torques_by_gravity(self) -> Array:
-        """Derivatives of ln T by gravity, through torques, shape (3,) [s^2/m]."""
-        return self._torques.by_gravity(self._robot)
+    def _by_gravity(self) -> Array:
+        """Derivatives of ln T by gravity, shape (3,) [s^2/m]."""
+        return _slopes(self._cost, partial(_pulled, self._robot), 3, GRAVITY_STEP)
 
     def _forces(self) -> Iterator[Sensitivity]:
         """Records of gravity, payloads, damping and dry friction."""
         robot, torques = self._robot, self._torques
-        by_gravity = self._torques_by_gravity
+        by_gravity = self._by_gravity
         size = float(np.linalg.norm(robot.gravity))
-        value = float(by_gravity @ robot.gravity) + self._constraints_by_gravity()
+        value = float(by_gravity @ robot.gravity)
         yield Sensitivity("gravity", None, "", value, "", size, "m/s^2", by_gravity)
         for item in robot.payloads:
-            value, unit = _by_share(torques.by_mass(robot, item), item.mass, "kg")
+            more = self._cost(_loaded(robot, item)) - self._cost(robot)
+            value, unit = _by_share(more, item.mass, "kg")
             yield Sensitivity("payload", None, item.name, value, unit, item.mass, "kg")
         viscous = [
             "N s/m" if unit == "m" else "N m s/rad" for unit in self._units(POSITION)
@@ -314,17 +320,6 @@ class SegmentRows:
             value = np.sum(torques.weight * coefficient * factor, axis=0)
             joints = np.flatnonzero(coefficient)
             yield from self._of_joints(kind, value, coefficient, units, joints=joints)
-
-    def _constraints_by_gravity(self) -> float:
-        """Derivative of ln T by ln gravity, through constraints such as held loads."""
-        robot = self._robot
-        if not np.any(robot.gravity) or not self._active_constraints:
-            return 0.0
-        less, more = (
-            self._weighted(robot.with_changes(gravity=robot.gravity * (1.0 + step)))
-            for step in (-GRAVITY_STEP, GRAVITY_STEP)
-        )
-        return (more - less) / (2.0 * GRAVITY_STEP)
 
     # -- positions of the goal, of obstacles and of the base ---------------------------
 
@@ -347,16 +342,9 @@ class SegmentRows:
             subject="{}" + of_segment,
         )
 
-    @cached_property
-    def _displaced_robots(self) -> list[list[Robot]]:
-        """The robot with its base displaced to both sides, along six coordinates."""
-        every = (STEP * axis for axis in np.eye(6))
-        return [[_displaced(self._robot, twist) for twist in (-x, x)] for x in every]
-
-    def _by_base(self, value: Callable[[Robot], float]) -> Array:
-        """Derivatives of a value by a displacement of the base, shape (6,)."""
-        pairs = ([value(robot) for robot in both] for both in self._displaced_robots)
-        return np.array([(after - before) / (2.0 * STEP) for before, after in pairs])
+    def _by_base(self, cost: Callable[[Robot], float]) -> Array:
+        """Derivatives of a cost by a displacement of the base, shape (6,)."""
+        return _slopes(cost, partial(_displaced, self._robot), 6, STEP)
 
     @cached_property
     def _base_of_goal(self) -> Array:
@@ -366,9 +354,11 @@ class SegmentRows:
             return np.zeros(6)
         state = self.motion.changes.q[node], self.motion.changes.v[node]
         goal = self._problem.goal.nearest(self.motion.system.kinematics, *state)
-        return self._by_base(
-            lambda robot: float(y @ goal.residual(RobotKinematics(robot), *state).value)
-        )
+
+        def cost(robot: Robot) -> float:
+            return float(y @ goal.residual(RobotKinematics(robot), *state).value)
+
+        return self._by_base(cost)
 
     @cached_property
     def _contacts(self) -> dict[str, Array]:
@@ -398,8 +388,8 @@ class SegmentRows:
         """Derivatives of ln T by a displacement of the base, (6,) [1/m, 1/rad]."""
         out = self._base_of_goal - sum(self._contacts.values(), np.zeros(6))
         # A rotation of the base turns gravity in the axes of the base.
-        out[3:] += np.cross(self._torques_by_gravity, self._robot.gravity)
-        return np.asarray(out + self._by_base(self._weighted))
+        out[3:] += np.cross(self._by_gravity, self._robot.gravity)
+        return np.asarray(out + self._by_base(self._cost_of_constraints))
 
     @cached_property
     def _active_constraints(self) -> list[tuple[PathConstraint, LimitRows]]:
@@ -412,7 +402,7 @@ class SegmentRows:
                 active.append((item, rows))
         return active
 
-    def _weighted(self, robot: Robot) -> float:
+    def _cost_of_constraints(self, robot: Robot) -> float:
         """Sum of constraint values for a changed robot, weighted by multipliers."""
         total = 0.0
         for item, rows in self._active_constraints:
@@ -435,13 +425,55 @@ def _by_share(value: float, limit: float, unit: str) -> tuple[float, str]:
     return (value * limit, "") if limit > 0.0 else (value, f"1/{unit}")
 
 
+def _slopes(
+    cost: Callable[[Robot], float],
+    change: Callable[[Array], Robot],
+    coordinates: int,
+    step: float,
+) -> Array:
+    """Derivatives of a cost by coordinates of a change of the robot.
+
+    Args:
+        cost: The cost of a robot.
+        change: The robot changed by coordinates.
+        coordinates: Number of coordinates.
+        step: Step of the central differences.
+    """
+    steps = step * np.eye(coordinates)
+    ends = [[cost(change(sign * x)) for sign in (-1.0, 1.0)] for x in steps]
+    return np.diff(ends)[:, 0] / (2.0 * step)
+
+
+def _pulled(robot: Robot, pull: Array) -> Robot:
+    """The robot with an additional gravity."""
+    model = robot.model.copy()
+    model.gravity.linear = model.gravity.linear + pull
+    return replace(robot, model=model)
+
+
+def _loaded(robot: Robot, payload: Payload) -> Robot:
+    """The robot with another kilogram of a payload.
+
+    The payload keeps its centre of mass and its radii of gyration.
+    """
+    tensor = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
+    if payload.mass > 0.0:
+        tensor = np.asarray(tensor) / payload.mass
+    unit = pin.Inertia(1.0, np.array(payload.com), np.array(tensor))
+    model = robot.model.copy()
+    frame = model.frames[robot.frame_id(payload.name)]
+    model.inertias[frame.parentJoint] += frame.placement.act(unit)
+    return replace(robot, model=model)
+
+
 def _displaced(robot: Robot, twist: Array) -> Robot:
     """The robot with its base displaced by a small twist in the world.
 
-    The shapes of the links are not displaced.
+    Gravity turns with the base; the shapes of the links are not displaced.
     """
     model = robot.model.copy()
     move = pin.SE3(pin.exp3(twist[3:]), twist[:3])
+    model.gravity.linear = move.rotation @ model.gravity.linear
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
             model.jointPlacements[joint] = move * model.jointPlacements[joint]

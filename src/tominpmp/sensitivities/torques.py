@@ -9,12 +9,9 @@ no finite differences.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.limits import (
@@ -26,7 +23,6 @@ from tominpmp.certificate.limits import (
 from tominpmp.certificate.motion import Motion
 from tominpmp.constraints.torque import MotorLimit, TorqueLimit
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
 
 
@@ -79,38 +75,7 @@ class TorqueWeights:
             every.append((q, v, a, motion.ways(at), weight))
         return cls(*map(np.concatenate, zip(*every, strict=True)))
 
-    def _of_model(self, robot: Robot, change: Callable[[pin.Model], None]) -> float:
-        """Change of ln T by the torques that a change of the robot model adds."""
-        model = robot.model.copy()
-        change(model)
-        rows = self.q, self.v, self.a
-        changed, unchanged = (
-            RobotDynamics(item, dry=False).inverse(*rows)
-            for item in (replace(robot, model=model), robot)
-        )
-        return float(np.sum(self.weight * (changed - unchanged)))
-
-    def by_gravity(self, robot: Robot) -> Array:
-        """Derivatives of ln T with respect to gravity, shape (3,) [s^2/m]."""
-
-        def pulled(model: pin.Model, axis: Array) -> None:
-            model.gravity.linear = model.gravity.linear + axis
-
-        changes = (partial(pulled, axis=axis) for axis in np.eye(3))
-        return np.array([self._of_model(robot, change) for change in changes])
-
-    def by_mass(self, robot: Robot, payload: Payload) -> float:
-        """Derivative of ln T with respect to the mass of a payload [1/kg].
-
-        The payload keeps its centre of mass and its radii of gyration.
-        """
-        tensor = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
-        if payload.mass > 0.0:
-            tensor = np.asarray(tensor) / payload.mass
-        unit = pin.Inertia(1.0, np.array(payload.com), np.array(tensor))
-
-        def loaded(model: pin.Model) -> None:
-            frame = model.frames[robot.frame_id(payload.name)]
-            model.inertias[frame.parentJoint] += frame.placement.act(unit)
-
-        return self._of_model(robot, loaded)
+    def cost(self, robot: Robot) -> float:
+        """Change of ln T by all torques that a changed robot needs for the motion."""
+        torque = RobotDynamics(robot, dry=False).inverse(self.q, self.v, self.a)
+        return float(np.sum(self.weight * torque))
