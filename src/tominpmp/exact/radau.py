@@ -19,9 +19,9 @@ from functools import cached_property
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.dynamics import Dynamics
+from tominpmp.dynamics import Dynamics, ForwardJacobians
 from tominpmp.exact.held_joints import Rates, differentiate_rates
-from tominpmp.transcription.integrator import forward_sweep, solve_systems
+from tominpmp.transcription.integrator import solve_steps
 
 _R = math.sqrt(6.0)
 NODES = np.array([(4.0 - _R) / 10.0, (4.0 + _R) / 10.0, 1.0])
@@ -34,9 +34,6 @@ WEIGHTS = np.array(
 )
 STAGES = 3
 NEWTON_STEPS = 12
-# Newton steps that increase the residual are tried at most this number of times, and
-# halved in between.
-HALVINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +64,19 @@ class IntegratedArcs:
         Shapes (M, 3, 2n, 2n), (M, 3, 2n, n) and (M, 3, 2n).
         """
         count, _, size = self.stages.shape
-        n = size // 2
-        f = self.rates.f.reshape(count, STAGES, size)
-        f_u = self.rates.f_u.reshape(count, STAGES, size, n)
-        by_u = np.einsum("ij,mjab->miab", WEIGHTS, f_u).reshape(count, -1, n)
-        by_h = np.einsum("ij,mja->mia", WEIGHTS, f).reshape(count, -1, 1)
-        by_u = by_u * self.h[:, None, None]
-        right = np.concatenate([_by_starts(count, size), by_u, by_h], axis=2)
-        matrix = _stage_matrix(self.h, self.rates.f_x, count, size)
+        n, every = size // 2, STAGES * size
+        weights = self.h[:, None, None] * WEIGHTS
+        f, f_x, f_u = (
+            part.reshape(count, STAGES, *part.shape[1:]) for part in self.rates[:3]
+        )
+        by_starts = np.broadcast_to(
+            np.tile(np.eye(size), (STAGES, 1)), (count, every, size)
+        )
+        by_u = np.einsum("mij,mjab->miab", weights, f_u).reshape(count, every, n)
+        by_h = (WEIGHTS @ f).reshape(count, every, 1)
+        right = np.concatenate([by_starts, by_u, by_h], axis=2)
+        coupling = np.einsum("mij,mjab->miajb", weights, f_x)
+        matrix = np.eye(every) - coupling.reshape(count, every, every)
         found = np.linalg.solve(matrix, right).reshape(count, STAGES, size, -1)
         return found[..., :size], found[..., size:-1], found[..., -1]
 
@@ -102,46 +104,25 @@ def integrate(
         The motion, or None if Newton's iteration fails; and the number of states at
         which the dynamics were evaluated.
     """
-    count, _, size = guess.shape
-    torque = np.repeat(u, STAGES, axis=0)
-    mode = np.repeat(modes, STAGES, axis=0)
-    by_starts = _by_starts(count, size)
+    torque, mode = np.repeat(u, STAGES, axis=0), np.repeat(modes, STAGES, axis=0)
+    cost = 0
 
-    def residual_at(stages: Array) -> tuple[Rates, Array]:
-        rates = differentiate_rates(dynamics, stages.reshape(-1, size), torque, mode)
-        starts = np.concatenate([x_start[None], stages[:-1, -1]])
-        slope = np.einsum("ij,mja->mia", WEIGHTS, rates.f.reshape(stages.shape))
-        return rates, stages - starts[:, None] - h[:, None, None] * slope
+    def rates(x: Array, torque: Array) -> ForwardJacobians:
+        nonlocal cost
+        cost += len(x)
+        found = differentiate_rates(dynamics, x, torque, mode)
+        return ForwardJacobians(found.f, found.f_x, found.f_u)
 
-    stages, each = guess, torque.shape[0]
     if not np.all(np.isfinite(guess)):
-        return None, 0
-    cost = each
+        return None, cost
     with np.errstate(all="ignore"):
-        rates, residual = residual_at(stages)
-        for _ in range(NEWTON_STEPS):
-            before = float(np.max(np.abs(residual)))
-            if not np.isfinite(before):
-                return None, cost
-            matrix = _stage_matrix(h, rates.f_x, count, size)
-            right = np.concatenate([-residual.reshape(count, -1, 1), by_starts], axis=2)
-            change = forward_sweep(solve_systems(matrix, right)).reshape(stages.shape)
-            damping = 1.0
-            for _ in range(HALVINGS):
-                trial = stages + damping * change
-                rates, residual = residual_at(trial)
-                cost += each
-                after = float(np.max(np.abs(residual)))
-                if after <= before or after < 1e-10:
-                    break
-                damping *= 0.5
-            else:
-                return None, cost
-            stages = trial
-            size_of = float(np.max(np.abs(change) / (1.0 + np.abs(stages))))
-            if damping == 1.0 and (size_of < 1e-7 and after < 1e-10):
-                return IntegratedArcs(x_start, stages, h, rates), cost
-    return None, cost
+        weights = h[:, None, None] * WEIGHTS
+        stages = solve_steps(rates, x_start, u, weights, guess, NEWTON_STEPS)
+        if stages is None:
+            return None, cost
+        x = stages.reshape(len(torque), -1)
+        solved = differentiate_rates(dynamics, x, torque, mode)
+    return IntegratedArcs(x_start, stages, h, solved), cost + len(x)
 
 
 def explicit_stages(
@@ -189,17 +170,3 @@ def explicit_stages(
             )
         x = end
     return out
-
-
-def _stage_matrix(h: Array, f_x: Array, count: int, size: int) -> Array:
-    """Jacobians of the step equations by the stages, shape (M, 3 s, 3 s)."""
-    blocks = f_x.reshape(count, STAGES, size, size)
-    coupling = WEIGHTS[None, :, None, :, None] * np.moveaxis(blocks, 1, 2)[:, None]
-    coupling = coupling.reshape(count, STAGES * size, STAGES * size)
-    return np.asarray(np.eye(STAGES * size) - h[:, None, None] * coupling)
-
-
-def _by_starts(count: int, size: int) -> Array:
-    """Negative Jacobians of the step equations by the starts, shape (M, 3 s, s)."""
-    block = np.tile(np.eye(size), (STAGES, 1))
-    return np.broadcast_to(block, (count, STAGES * size, size))

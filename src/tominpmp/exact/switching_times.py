@@ -10,7 +10,7 @@ that the optimisation does not exploit integration errors.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from scipy.optimize import minimize
 from tominpmp.arrays import Array, IntArray
 from tominpmp.exact.shooting import ArcProgram, Shot
 from tominpmp.exact.structure import Arcs
-from tominpmp.exact.switching_functions import Change, find_changes
+from tominpmp.exact.switching_functions import find_changes
 from tominpmp.stopping import EVALUATIONS, Budget
 from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -292,34 +292,22 @@ def improve(
 ) -> OptimisedArcs:
     """Change the structure of optimised arcs until no change gains time."""
     for _ in range(CHANGES):
-        T = optimised.duration
-        changes = find_changes(
-            optimised.program, optimised.y, optimised.shot, PROMISE * T
-        )
-        better = _changed(system, optimised, changes, budget, total)
-        if better is None or better.duration >= T * (1.0 - PROGRESS):
+        T, arcs = optimised.duration, optimised.arcs
+        least = PROMISE * T
+        changes = find_changes(optimised.program, optimised.y, optimised.shot, least)
+        if not changes:
+            break
+        # The last arc first, as a change may insert arcs.
+        for change in reversed(changes):
+            arcs = change.apply(arcs)
+        found = solve_lengths(system, arcs, optimised.states, budget, total)
+        better = None if found is None else polish(system, found, budget, total)
+        if better is None or not better.feasible:
+            break
+        if better.duration >= T * (1.0 - PROGRESS):
             break
         optimised = better
     return optimised
-
-
-def _changed(
-    system: ProblemFunctions,
-    optimised: OptimisedArcs,
-    changes: Sequence[Change],
-    budget: Budget,
-    total: int,
-) -> OptimisedArcs | None:
-    """Arcs with changes of the structure, solved again; None if the solve fails."""
-    if not changes:
-        return None
-    arcs = optimised.arcs
-    for change in sorted(changes, key=lambda change: -change.arc):
-        arcs = change.apply(arcs)
-    found = solve_lengths(system, arcs, optimised.states, budget, total)
-    if found is not None:
-        found = polish(system, found, budget, total)
-    return found if found is not None and found.feasible else None
 
 
 def refine_arcs(

@@ -18,15 +18,19 @@ the derivatives follow exactly from the implicit function theorem.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.dynamics import Dynamics
+from tominpmp.dynamics import Dynamics, ForwardJacobians
 from tominpmp.transcription.instants import Instants
+
+# Equations of motion, with their derivatives: a function of states and torques.
+Rates: TypeAlias = Callable[[Array, Array], ForwardJacobians]
 
 NODES = np.array([1.0 / 3.0, 1.0])
 WEIGHTS = np.array([[5.0 / 12.0, -1.0 / 12.0], [3.0 / 4.0, 1.0 / 4.0]])
@@ -351,26 +355,27 @@ def rollout(
         guess: A motion with the same number of steps.
     """
     each, length = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
+    weights, rates = length[:, None, None] * WEIGHTS, dynamics.forward_jacobians
     stages: Array | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         if guess is not None and guess.finite:
             first = np.stack([guess.inner, guess.ends[1:]], axis=1)
             most = NEWTON_STEPS_NEAR
-            stages = _solve_steps(dynamics, x_start, each, length, first, most)
+            stages = solve_steps(rates, x_start, each, weights, first, most)
         if stages is None:
-            stages = _one_by_one(dynamics, x_start, each, length)
+            stages = _one_by_one(rates, x_start, each, weights)
     ends = np.concatenate([x_start[None], stages[:, 1]])
     finite = bool(np.all(np.isfinite(ends)))
     return SteppedMotion(dynamics, ends, u, h, substeps, stages[:, 0], finite)
 
 
-def _one_by_one(dynamics: Dynamics, x_start: Array, u: Array, h: Array) -> Array:
+def _one_by_one(rates: Rates, x_start: Array, u: Array, weights: Array) -> Array:
     """Stages of successive steps, shape (M, 2, 2n); NaN from a failed step on."""
-    stages = np.full((h.size, 2, x_start.size), np.nan)
+    stages = np.full((len(u), 2, x_start.size), np.nan)
     x = x_start
-    for k in range(h.size):
+    for k in range(len(u)):
         start, step = np.stack([x, x])[None], slice(k, k + 1)
-        solved = _solve_steps(dynamics, x, u[step], h[step], start, NEWTON_STEPS)
+        solved = solve_steps(rates, x, u[step], weights[step], start, NEWTON_STEPS)
         if solved is None:
             break
         stages[k] = solved[0]
@@ -378,48 +383,48 @@ def _one_by_one(dynamics: Dynamics, x_start: Array, u: Array, h: Array) -> Array
     return stages
 
 
-def _solve_steps(
-    dynamics: Dynamics, x_start: Array, u: Array, h: Array, stages: Array, most: int
+def solve_steps(
+    rates: Rates, x_start: Array, u: Array, weights: Array, stages: Array, most: int
 ) -> Array | None:
     """Stages of successive steps, by Newton's iteration on all steps at once.
 
     Args:
-        dynamics: Equations of motion.
+        rates: Equations of motion, with their derivatives.
         x_start: State before the first step, shape (s,).
         u: Torques, shape (M, n).
-        h: Lengths [s], shape (M,).
-        stages: Initial guess, shape (M, 2, s).
+        weights: Weights of a scheme with k stages, the last of them at the end of the
+            step, times the lengths of the steps [s], shape (M, k, k).
+        stages: Initial guess, shape (M, k, s).
         most: Largest number of iterations.
 
     Returns:
-        Stages, shape (M, 2, s); None if the iteration fails.
+        Stages, shape (M, k, s); None if the iteration fails.
     """
-    count, _, size = stages.shape
-    weights = h[:, None, None] * WEIGHTS
-    torque = np.repeat(u, 2, axis=0)
-    identity = np.eye(2 * size)
-    by_start = np.broadcast_to(np.vstack([np.eye(size)] * 2), (count, 2 * size, size))
+    count, k, size = stages.shape
+    torque = np.repeat(u, k, axis=0)
+    identity = np.eye(k * size)
+    by_start = np.broadcast_to(np.vstack([np.eye(size)] * k), (count, k * size, size))
     progress = NewtonConvergence(1)
     for _ in range(most):
-        by = dynamics.forward_jacobians(stages.reshape(-1, size), torque)
-        f_x = by.f_x.reshape(count, 2, size, size)
-        starts = np.concatenate([x_start[None], stages[:-1, 1]])
+        by = rates(stages.reshape(-1, size), torque)
+        f_x = by.f_x.reshape(count, k, size, size)
+        starts = np.concatenate([x_start[None], stages[:-1, -1]])
         residual = stages - starts[:, None] - weights @ by.f.reshape(stages.shape)
         coupling = weights[:, :, None, :, None] * f_x.transpose(0, 2, 1, 3)[:, None]
-        matrix = identity - coupling.reshape(count, 2 * size, 2 * size)
-        residual = residual.reshape(count, 2 * size, 1)
+        matrix = identity - coupling.reshape(count, k * size, k * size)
+        residual = residual.reshape(count, k * size, 1)
         if count == 1:
-            change = -solve_systems(matrix, residual).reshape(1, 2 * size)
+            change = -solve_systems(matrix, residual).reshape(1, k * size)
         else:
             right = np.concatenate([-residual, by_start], axis=2)
-            change = forward_sweep(solve_systems(matrix, right))
+            change = _forward_sweep(solve_systems(matrix, right))
         stages = stages + change.reshape(stages.shape)
         if progress.reached(change.reshape(1, -1), stages.reshape(1, -1)):
             break
     return stages if progress.solved[0] else None
 
 
-def forward_sweep(parts: Array) -> Array:
+def _forward_sweep(parts: Array) -> Array:
     """Changes of the stages of linked steps: each starts at the end of the previous.
 
     Args:
