@@ -33,6 +33,24 @@ SHORTEST = 1e-7
 TOGETHER = 1e-3
 
 
+class Edit(NamedTuple):
+    """Torque of a joint on a piece of an arc, between its limits no longer unknown.
+
+    Attributes:
+        piece: Index of the piece.
+        joint: Index of the joint.
+        level: Torque as a share of its limits.
+        held: 1, -1 or 0, see :class:`Arcs`.
+        follows: Whether the torque follows from held joints.
+    """
+
+    piece: int
+    joint: int
+    level: float
+    held: int = 0
+    follows: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Arcs:
     """Structure of a motion: torques and held joints on each arc.
@@ -79,64 +97,26 @@ class Arcs:
         kinds: tuple[Any, ...] = self.levels, self.free, self.held, self.follows
         return Arcs(lengths, *(part[index] for part in kinds))
 
-    def _cut(self, arc: int, shares: Sequence[float]) -> Arcs:
-        """The arcs with one arc divided by shares of its length; arrays are copies."""
+    def divided(self, arc: int, shares: Sequence[float], edits: Sequence[Edit]) -> Arcs:
+        """Divide an arc into pieces with other torques.
+
+        Args:
+            arc: Index of the arc.
+            shares: Length of each piece as a share of the arc; zero for a piece whose
+                length an optimisation finds.
+            edits: The torques that differ from those of the arc.
+        """
         repeated = np.ones(self.count, dtype=np.int64)
         repeated[arc] = len(shares)
         index = np.repeat(np.arange(self.count), repeated)
         lengths = self.lengths[index]
         lengths[arc : arc + len(shares)] *= np.array(shares)
-        return self.pick(index, lengths)
-
-    def insert(
-        self, arc: int, share: float, joint: int, level: float, held: int = 0
-    ) -> Arcs:
-        """Divide an arc and insert an arc of zero length with another torque.
-
-        Args:
-            arc: Index of the arc to divide.
-            share: Share of the arc before the inserted arc, in [0, 1].
-            joint: The joint whose torque differs.
-            level: Torque of the joint on the inserted arc, as a share of the limits.
-            held: 1 or -1 if the joint moves at its speed limit on the inserted arc.
-        """
-        cut, new = self._cut(arc, (share, 0.0, 1.0 - share)), (arc + 1, joint)
-        cut.levels[new], cut.free[new] = level, False
-        cut.held[new], cut.follows[new] = held, held != 0
-        return cut
-
-    def hold_by(
-        self, arc: int, joint: int, level: float, other: int, *, last: bool
-    ) -> Arcs:
-        """Insert an arc of zero length on which the torque of another joint holds one.
-
-        Args:
-            arc: Index of the arc on which the joint's own torque holds it.
-            joint: The held joint.
-            level: Limit that the joint's own torque has reached, as a share of the
-                limits.
-            other: The joint whose torque holds it on the inserted arc.
-            last: Whether to insert the arc after the given one, instead of before it.
-        """
-        cut, new = self._cut(arc, (1.0, 0.0) if last else (0.0, 1.0)), arc + int(last)
-        cut.levels[new, joint], cut.free[new, other] = level, False
-        cut.follows[new, joint], cut.follows[new, other] = False, True
-        return cut
-
-    def split(
-        self, arc: int, joint: int, shares: Sequence[float], levels: Sequence[float]
-    ) -> Arcs:
-        """Divide an arc into pieces on which a torque is at its limits.
-
-        Args:
-            arc: Index of the arc to divide.
-            joint: The joint of the torque.
-            shares: Length of each piece as a share of the arc.
-            levels: Torque on each piece as a share of the limits.
-        """
-        cut, pieces = self._cut(arc, shares), slice(arc, arc + len(shares))
-        cut.levels[pieces, joint], cut.free[pieces, joint] = levels, False
-        return cut
+        out = self.pick(index, lengths)
+        for piece, joint, level, held, follows in edits:
+            place = arc + piece, joint
+            out.levels[place], out.free[place] = level, False
+            out.held[place], out.follows[place] = held, follows
+        return out
 
     def cleaned(self) -> Arcs:
         """The arcs without negligibly short ones, and with equal neighbours merged."""
@@ -163,7 +143,7 @@ class Arcs:
         return replace(self, levels=levels, free=self.free & ~bound)
 
 
-class JointArc(NamedTuple):
+class _JointArc(NamedTuple):
     """Arc of a single joint.
 
     Attributes:
@@ -193,7 +173,7 @@ def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -
     tracks = [
         _read_joint(t, shares[:, j], speeds[:, j])
         if driven[j]
-        else [JointArc(T, float(shares[0, j]), False, 0)]
+        else [_JointArc(T, float(shares[0, j]), False, 0)]
         for j in range(n)
     ]
     ends = np.sort([item.end for track in tracks for item in track])
@@ -209,7 +189,7 @@ def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -
     return Arcs(lengths, levels, free > 0.0, held.astype(np.int64)).cleaned()
 
 
-def _read_joint(t: Array, shares: Array, speeds: Array) -> list[JointArc]:
+def _read_joint(t: Array, shares: Array, speeds: Array) -> list[_JointArc]:
     """Arcs of one joint.
 
     Args:
@@ -224,13 +204,13 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[JointArc]:
     code = np.select([forwards, backwards, inside, shares > 0.0], [2, -2, 0, 1], -1)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1, [code.size]])
     runs = [(int(a), int(b), int(code[a])) for a, b in pairwise(starts)]
-    out: list[JointArc] = []
+    out: list[_JointArc] = []
     for index, (a, b, kind) in enumerate(runs):
         end = float(t[b])
         if abs(kind) == 2:
-            out.append(JointArc(end, 0.0, False, kind // 2))
+            out.append(_JointArc(end, 0.0, False, kind // 2))
         elif kind != 0:
-            out.append(JointArc(end, float(kind), False, 0))
+            out.append(_JointArc(end, float(kind), False, 0))
         elif b - a <= SWITCH_INTERVALS or t[b] - t[a] <= SWITCH_SHARE * t[-1]:
             before = out[-1] if out else None
             after = runs[index + 1][2] if index + 1 < len(runs) else 0
@@ -241,13 +221,13 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[JointArc]:
             for first, last in pairwise(cuts):
                 h = np.diff(t[first : last + 1])
                 level = float(h @ shares[first:last] / h.sum())
-                out.append(JointArc(float(t[last]), level, True, 0))
+                out.append(_JointArc(float(t[last]), level, True, 0))
     return out
 
 
 def _switches(
-    t: Array, shares: Array, before: JointArc | None, after: int
-) -> list[JointArc]:
+    t: Array, shares: Array, before: _JointArc | None, after: int
+) -> list[_JointArc]:
     """Saturated arcs with the same mean torque as a few intervals.
 
     Args:
@@ -264,17 +244,17 @@ def _switches(
     left = before.level if before is not None and before.held == 0 else 0.0
     right = float(after) if abs(after) == 1 else 0.0
     if abs(left) != 1.0 and abs(right) != 1.0:
-        return [JointArc(end, float(np.sign(mean) or 1.0), False, 0)]
+        return [_JointArc(end, float(np.sign(mean) or 1.0), False, 0)]
     if left != right:
         # From one limit to the other.
         first = left if abs(left) == 1.0 else -right
         cut = begin + (high if first > 0.0 else end - begin - high)
-        return [JointArc(cut, first, False, 0), JointArc(end, -first, False, 0)]
+        return [_JointArc(cut, first, False, 0), _JointArc(end, -first, False, 0)]
     # Away from a limit and back to it.
     short = end - begin - high if left > 0.0 else high
     middle = 0.5 * (begin + end)
     return [
-        JointArc(middle - 0.5 * short, left, False, 0),
-        JointArc(middle + 0.5 * short, -left, False, 0),
-        JointArc(end, left, False, 0),
+        _JointArc(middle - 0.5 * short, left, False, 0),
+        _JointArc(middle + 0.5 * short, -left, False, 0),
+        _JointArc(end, left, False, 0),
     ]

@@ -10,15 +10,14 @@ for some time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exact.shooting import TORQUE, VELOCITY, ArcProgram, Shot
-from tominpmp.exact.structure import Arcs
+from tominpmp.exact.structure import Edit
 from tominpmp.transcription.integrator import Sensitivities, sweep_adjoint
 
 # Limits with a smaller margin than this are active.
@@ -35,14 +34,16 @@ class Change:
         gain: Predicted reduction of the duration to first order [s], for changes that
             insert an arc per second of its length.
         arc: Index of the arc to change.
-        apply: Function from arcs to arcs with the change.
+        shares: Lengths of the pieces of the arc, see :meth:`Arcs.divided`.
+        edits: Torques on the pieces.
         urgent: Whether the change precedes all others of its arc: the torque of another
             joint must hold a joint whose own torque has reached its limit.
     """
 
     gain: float
     arc: int
-    apply: Callable[[Arcs], Arcs]
+    shares: Sequence[float]
+    edits: Sequence[Edit]
     urgent: bool = False
 
 
@@ -99,7 +100,7 @@ def find_changes(
     found: dict[int, Change] = {}
 
     def offer(change: Change) -> None:
-        known = found.get(change.arc, Change(least, change.arc, Arcs.cleaned))
+        known = found.get(change.arc, Change(least, change.arc, (), ()))
         if (change.urgent, change.gain) > (known.urgent, known.gain):
             found[change.arc] = change
 
@@ -117,8 +118,8 @@ def find_changes(
             for a, b in np.flatnonzero(turns).reshape(-1, 2).tolist():
                 peak = a + int(np.argmax(wrong[a:b]))
                 share = (peak + 0.5) / wrong.size
-                new = partial(Arcs.insert, arc=k, share=share, joint=j, level=-level)
-                offer(Change(float(wrong[a:b].sum()), k, new))
+                shares, edit = (share, 0.0, 1.0 - share), Edit(1, j, -level)
+                offer(Change(float(wrong[a:b].sum()), k, shares, (edit,)))
     for change in _limit_changes(program, weights):
         offer(change)
     return [found[k] for k in sorted(found)]
@@ -145,8 +146,8 @@ def _bang_bang(arc: int, joint: int, level: float, slopes: Array) -> Change:
         first = (level - levels[1]) / (levels[0] - levels[1])
         shares = [first, 1.0 - first]
     gain = float(np.sum(np.abs(slopes) + slopes * level))
-    new = partial(Arcs.split, arc=arc, joint=joint, shares=shares, levels=levels)
-    return Change(gain, arc, new)
+    edits = [Edit(piece, joint, level) for piece, level in enumerate(levels)]
+    return Change(gain, arc, shares, edits)
 
 
 def _limit_changes(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
@@ -172,17 +173,17 @@ def _limit_changes(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
         place, count = step - int(first[arc]), int(program.steps[arc])
         if kind == VELOCITY:
             share = (place + 1) / count
-            new = partial(
-                Arcs.insert, arc=arc, share=share, joint=joint, level=0.0, held=sign
-            )
-            yield Change(gain, arc, new)
+            edit = Edit(1, joint, 0.0, sign, follows=True)
+            yield Change(gain, arc, (share, 0.0, 1.0 - share), (edit,))
             continue
         last = place > 0.5 * (count - 1)
         neighbour = min(max(arc + (1 if last else -1), 0), arcs.count - 1)
         able = (arcs.held[arc] == 0) & ~arcs.follows[arc] & (arcs.levels[arc] != 0.0)
         switches = able & (arcs.levels[neighbour] != arcs.levels[arc])
         for other in np.flatnonzero(switches if switches.any() else able).tolist():
-            new = partial(
-                Arcs.hold_by, arc=arc, joint=joint, level=sign, other=other, last=last
+            edits = (
+                Edit(int(last), joint, sign, int(arcs.held[arc, joint])),
+                Edit(int(last), other, float(arcs.levels[arc, other]), follows=True),
             )
-            yield Change(gain, arc, new, urgent=True)
+            shares = (1.0, 0.0) if last else (0.0, 1.0)
+            yield Change(gain, arc, shares, edits, urgent=True)

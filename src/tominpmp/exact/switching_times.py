@@ -299,7 +299,7 @@ def improve(
             break
         # The last arc first, as a change may insert arcs.
         for change in reversed(changes):
-            arcs = change.apply(arcs)
+            arcs = arcs.divided(change.arc, change.shares, change.edits)
         found = solve_lengths(system, arcs, optimised.states, budget, total)
         better = None if found is None else polish(system, found, budget, total)
         if better is None or not better.feasible:

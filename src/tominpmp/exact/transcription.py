@@ -78,26 +78,20 @@ class ArcTranscription:
             raise ValueError("the motion cannot be integrated")
         motion, arcs, n = shot.motion, program.unpack(z), system.n
         u = system.effort_middle + system.effort_half * arcs.levels[program.arc_of_step]
-        modes, follows = program.modes, program.follows
         steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
-        x, h = motion.x, motion.h
-        pieces = []
+        parts = np.where(program.modes.any(axis=1), CUTS, 1)
+        of = np.repeat(steps, parts[steps])
+        parts, part = parts[of], np.arange(of.size) - np.searchsorted(of, of)
+        # Collocation polynomials through the starts and the stages of the steps.
         known, ticks = np.append(0.0, NODES), np.arange(1, 2 * CUTS + 1) / (2 * CUTS)
-        for i in steps.tolist():
-            if not modes[i].any():
-                pieces.append((x[i + 1 : i + 2], u[i : i + 1], h[i : i + 1]))
-                continue
-            # Collocation polynomial through the start and the stages of the step.
-            points = np.vstack([x[i], motion.stages[i]])
-            inside = BarycentricInterpolator(known, points)(ticks)
-            middle, ends = inside[::2], inside[1::2]
-            same_u, same = np.tile(u[i], (CUTS, 1)), np.tile(modes[i], (CUTS, 1))
-            rates = differentiate_rates(system.dynamics, middle, same_u, same)
-            torque = np.where(follows[i], rates.tau, same_u)
-            pieces.append((ends, torque, np.full(CUTS, h[i] / CUTS)))
-        ends, torque, h = map(np.concatenate, zip(*pieces, strict=True))
-        states, torque = np.vstack([x[:1], ends]), torque + system.resistance
-        t = np.concatenate([[0.0], np.cumsum(h)])
+        points = np.concatenate([motion.x[None, :-1], np.swapaxes(motion.stages, 0, 1)])
+        inside = BarycentricInterpolator(known, points)(ticks)
+        middle = inside[CUTS // parts * (2 * part + 1) - 1, of]
+        ends = inside[CUTS // parts * (2 * part + 2) - 1, of]
+        held = differentiate_rates(system.dynamics, middle, u[of], program.modes[of])
+        torque = np.where(program.follows[of], held.tau, u[of]) + system.resistance
+        states = np.vstack([motion.x[:1], ends])
+        t = np.append(0.0, np.cumsum(motion.h[of] / parts))
         return Trajectory(
             joint_names=system.problem.robot.joint_names,
             t=t,

@@ -355,15 +355,14 @@ def rollout(
         guess: A motion with the same number of steps.
     """
     each, length = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
-    weights, rates = length[:, None, None] * WEIGHTS, dynamics.forward_jacobians
+    steps = dynamics.forward_jacobians, x_start, each, length[:, None, None] * WEIGHTS
     stages: Array | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         if guess is not None and guess.finite:
             first = np.stack([guess.inner, guess.ends[1:]], axis=1)
-            most = NEWTON_STEPS_NEAR
-            stages = solve_steps(rates, x_start, each, weights, first, most)
+            stages = solve_steps(*steps, first, NEWTON_STEPS_NEAR)
         if stages is None:
-            stages = _one_by_one(rates, x_start, each, weights)
+            stages = _one_by_one(*steps)
     ends = np.concatenate([x_start[None], stages[:, 1]])
     finite = bool(np.all(np.isfinite(ends)))
     return SteppedMotion(dynamics, ends, u, h, substeps, stages[:, 0], finite)
@@ -402,7 +401,6 @@ def solve_steps(
     """
     count, k, size = stages.shape
     torque = np.repeat(u, k, axis=0)
-    identity = np.eye(k * size)
     by_start = np.broadcast_to(np.vstack([np.eye(size)] * k), (count, k * size, size))
     progress = NewtonConvergence(1)
     for _ in range(most):
@@ -411,7 +409,7 @@ def solve_steps(
         starts = np.concatenate([x_start[None], stages[:-1, -1]])
         residual = stages - starts[:, None] - weights @ by.f.reshape(stages.shape)
         coupling = weights[:, :, None, :, None] * f_x.transpose(0, 2, 1, 3)[:, None]
-        matrix = identity - coupling.reshape(count, k * size, k * size)
+        matrix = np.eye(k * size) - coupling.reshape(count, k * size, k * size)
         residual = residual.reshape(count, k * size, 1)
         if count == 1:
             change = -solve_systems(matrix, residual).reshape(1, k * size)
