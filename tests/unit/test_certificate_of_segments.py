@@ -9,6 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod, slide
+from tominpmp.certificate.stays import without_dwells
 
 OPTIONS = {"intervals": 40, "control": "constant"}
 
@@ -109,3 +110,17 @@ def test_light_joints_are_not_promised_speeds_between_the_nodes():
     found = solution.certificate
     least = tm.lower_bound(problem).T
     assert (1.0 - found.stationarity) * solution.T > 0.999 * least
+
+
+def test_torques_after_a_stay_of_several_intervals_are_those_of_the_next_segment():
+    """They were those that held the arm after the first interval of the stay."""
+    problem = on_rail(at(0.1, dwell=0.2), at(0.2))
+    t = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    q = np.array([0.0, 0.05, 0.1, 0.1, 0.1, 0.15, 0.2])[:, None]
+    v = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0])[:, None]
+    u = np.array([10.0, -10.0, 0.0, 0.0, 8.0, -8.0, -8.0])[:, None]
+    names, ends = problem.robot.joint_names, np.array([0.4, 0.6])
+    motion = tm.Trajectory(names, t, q, v, u, segment_ends=ends)
+    _, moving = without_dwells(problem, motion)
+    np.testing.assert_allclose(moving.t, [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-12)
+    assert moving.u[:, 0].tolist() == [10.0, -10.0, 8.0, -8.0, -8.0]

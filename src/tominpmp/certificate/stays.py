@@ -55,23 +55,19 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
     Raises:
         ProblemError: If the motion has a dwell, and obstacles move.
     """
-    ends, spans = motion.segment_ends, spans_of(motion, problem.segments)
-    dwells = [span.end - span.arrival for span in spans]
-    if ends is None or not any(dwells):
+    _, arrivals, ends = np.array(spans_of(motion, problem.segments)).T
+    dwells = ends - arrivals
+    if motion.segment_ends is None or not any(dwells):
         return problem, motion
-    slack = SAME * motion.duration
-    t, last = np.array(motion.t), []
-    keep = np.ones(t.size, dtype=bool)
-    shifted = np.array(ends)
-    for k, (end, dwell) in enumerate(zip(ends.tolist(), dwells, strict=True)):
-        if dwell > 0.0:
-            keep &= ~((motion.t > end - dwell + slack) & (motion.t <= end + slack))
-            t[motion.t >= end - slack] -= dwell
-            shifted[k:] -= dwell
-            last.append(int(np.searchsorted(motion.t, end - dwell - slack)))
+    slack, times = SAME * motion.duration, motion.t[:, None]
+    dwelling = (times > arrivals + slack) & (times <= ends + slack)
+    keep = ~np.any(dwelling, axis=1)
+    t = motion.t - (times >= ends - slack) @ dwells
+    shifted = ends - np.cumsum(dwells)
+    dwelt = np.stack([arrivals, ends])[:, dwells > 0.0] - slack
+    last, after = np.searchsorted(motion.t, dwelt)
     u, a = np.array(motion.u), motion.a
-    after = np.array(last, dtype=int) + 1
-    u[after - 1] = motion.u[np.minimum(after, t.size - 1)]
+    u[last] = motion.u[after]
     if a is not None:
         # The interval before a node that is left out goes with it.
         a = a[keep] if len(a) == t.size else a[keep[1:]]
@@ -85,7 +81,7 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
     ends = t[np.argmin(np.abs(t[:, None] - shifted), axis=0)]
     q, v, u = motion.q[keep], motion.v[keep], u[keep]
     moving = replace(motion, t=t, q=q, v=v, u=u, a=a, segment_ends=ends)
-    return with_dwells(problem, dwells), moving
+    return with_dwells(problem, dwells.tolist()), moving
 
 
 def rest_nodes(motion: Motion) -> list[int]:
