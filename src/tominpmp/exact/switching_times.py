@@ -60,14 +60,11 @@ PROMISE = 1e-7
 PROGRESS = 1e-8
 # Largest length of an arc, in units of the initial duration of the whole motion.
 LONGEST = 3.0
-# Relative progress and violation that count as zero; the iteration stops after this
-# number of such steps in succession.
+# Relative progress and violation that count as zero.
 STILL = 1e-10
-STILL_STEPS = 2
-# While arcs are searched for, the iteration stops when the relative progress over
-# SLOW_STEPS steps is smaller than SLOW.
-SLOW = 1e-6
-SLOW_STEPS = 6
+# Stop rules: number of steps, and the relative progress in these steps below which the
+# iteration stops. The second rule holds while arcs are searched for.
+STOPS = ((2, STILL), (5, 1e-6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,27 +209,21 @@ def _minimize(
     assert first is not None  # noqa: S101
     low = np.concatenate([np.zeros(count), -np.ones(size - count)])
     high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
-    last, still_steps, paid = y, 0, program.evaluations
+    last, paid, exact = y, program.evaluations, EXACT if rough else STILL
     durations: list[float] = []
 
     def stop_if_converged(z: Array) -> None:
         # SLSQP's own stop criterion is stricter than the accuracy of the integration.
-        nonlocal last, still_steps, paid
-        shot = program.shoot(z)
+        nonlocal last, paid
+        shot, last = program.shoot(z), z.copy()
         violation = np.inf if shot is None else _violation(shot)
-        still = abs(float(cost @ (z - last))) < STILL and violation < STILL
-        still_steps = still_steps + 1 if still else 0
-        durations.append(float(cost @ z) if violation < EXACT else np.inf)
-        slow = (
-            durations[-SLOW_STEPS] - durations[-1] if len(durations) > SLOW_STEPS else 1
-        )
-        if rough and slow < SLOW:
-            raise StopIteration
-        last = z.copy()
+        durations.append(float(cost @ z) if violation < exact else np.inf)
         budget.spend(program.evaluations - paid)
         paid = program.evaluations
-        if still_steps >= STILL_STEPS:
-            raise StopIteration
+        for steps, progress in STOPS[: 1 + rough]:
+            before = durations[-1 - steps] if len(durations) > steps else np.inf
+            if before - durations[-1] < progress:
+                raise StopIteration
 
     try:
         found = minimize(
