@@ -12,7 +12,9 @@ the least and the largest of its Bézier points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +41,7 @@ MOST = 5_000_000
 FIRST = 8
 
 
-@dataclass(frozen=True, eq=False)
-class TimeIntervals:
+class TimeIntervals(NamedTuple):
     """Time intervals of a motion.
 
     Attributes:
@@ -57,36 +58,6 @@ class TimeIntervals:
     time: Array
     q: Array
     spread: Array
-
-    @classmethod
-    def of(
-        cls, motion: Replay, begin: Array, end: Array, drift: Array | float = 0.0
-    ) -> TimeIntervals:
-        """Intervals of a motion, which is a cubic polynomial between two of its rows.
-
-        Args:
-            motion: The motion, of two rows at least.
-            begin: Beginnings of the intervals [s], shape (m,).
-            end: Ends of the intervals [s], shape (m,).
-            drift: Largest deviations of the real motion from this motion by joint,
-                shape (n,) [rad or m].
-        """
-        t, time = motion.t, 0.5 * (begin + end)
-        q, _, _ = states(t, motion.q, motion.v, None, time)
-        first = np.searchsorted(t[1:-1], begin, "right")
-        last = np.searchsorted(t[1:-1], end, "left")
-        count = np.arange(int(np.max(last - first, initial=0)) + 1)
-        row = np.minimum(first[:, None] + count, last[:, None])
-        early = np.maximum(begin[:, None], t[row])
-        late = np.minimum(end[:, None], t[row + 1])
-        (q0, v0, *_), (q1, v1, *_) = (
-            states(t, motion.q, motion.v, None, times.ravel())
-            for times in (early, late)
-        )
-        third = (late - early).reshape(-1, 1) / 3.0
-        bezier = np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
-        distance = np.abs(bezier.reshape(4, *row.shape, -1) - q[:, None])
-        return cls(begin, end, time, q, np.max(distance, axis=(0, 2)) + drift)
 
 
 class ClosestApproach:
@@ -172,8 +143,29 @@ class ClosestApproach:
         return self
 
     def _intervals(self, begin: Array, end: Array) -> TimeIntervals:
-        """Intervals of the motion, with its deviations."""
-        return TimeIntervals.of(self._motion, begin, end, self._drift)
+        """Intervals of the motion, which is a cubic polynomial between two of its rows.
+
+        The spread includes the deviations of the real motion from this motion.
+
+        Args:
+            begin: Beginnings of the intervals [s], shape (m,).
+            end: Ends of the intervals [s], shape (m,).
+        """
+        rows, time = self._motion, 0.5 * (begin + end)
+        t, curve = rows.t, partial(states, rows.t, rows.q, rows.v, None)
+        q, _, _ = curve(time)
+        first = np.searchsorted(t[1:-1], begin, "right")
+        last = np.searchsorted(t[1:-1], end, "left")
+        count = np.arange(int(np.max(last - first, initial=0)) + 1)
+        row = np.minimum(first[:, None] + count, last[:, None])
+        early = np.maximum(begin[:, None], t[row])
+        late = np.minimum(end[:, None], t[row + 1])
+        (q0, v0, *_), (q1, v1, *_) = curve(early.ravel()), curve(late.ravel())
+        third = (late - early).reshape(-1, 1) / 3.0
+        bezier = np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
+        distance = np.abs(bezier.reshape(4, *row.shape, -1) - q[:, None])
+        spread = np.max(distance, axis=(0, 2)) + self._drift
+        return TimeIntervals(begin, end, time, q, spread)
 
     def _examine(self, intervals: TimeIntervals) -> None:
         """Examine all pairs in intervals of many rows."""
