@@ -233,6 +233,7 @@ def test_accelerations_and_jerks_of_a_urdf_file_are_limits(tmp_path: Path) -> No
         (" effort=", " effort_=", "'effort_' of <limit> of joint j1"),
         ("<axis xyz=", "<axis xy=", "'xy' of <axis>"),
         ("</joint>", '<dynamic friction="3"/></joint>', "<dynamic> of joint j1"),
+        ('ixx="', 'IXX="', "attribute 'IXX' of <inertia> of link"),
         (
             "</joint>",
             '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="2"/></joint>',

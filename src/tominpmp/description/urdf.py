@@ -82,26 +82,27 @@ class Form(NamedTuple):
         numbers: Attributes of numbers, with their defaults.
         low: Smallest valid number.
         limits: Attributes of numbers that may be infinite; NaN by default.
-        hints: Numbers for other programs: NaN by default and if invalid.
         needs: Required children.
         parts: Children that are added with their defaults if missing.
         optional: Optional children; the first of several counts.
+        several: Children that may repeat.
     """
 
     texts: Sequence[str] = ()
     numbers: Mapping[str, tuple[float, ...]] = {}
     low: float | None = None
     limits: Sequence[str] = ()
-    hints: Sequence[str] = ()
     needs: Sequence[str] = ()
     parts: Sequence[str] = ()
     optional: Sequence[str] = ()
+    several: Sequence[str] = ()
 
 
 _ZERO, _ZEROS = (0.0,), (0.0, 0.0, 0.0)
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 FORMS = {
-    "link": Form(("name",), optional=("inertial",)),
+    "robot": Form(several=("link", "joint", "material")),
+    "link": Form(("name",), optional=("inertial",), several=("visual", "collision")),
     "inertial": Form(needs=("mass",), parts=("origin", "inertia")),
     "mass": Form(numbers={"value": _ZERO}, low=0.0),
     # The sign is not checked: rounding leaves moments of -1e-20, and the inertia of the
@@ -117,8 +118,9 @@ FORMS = {
     "joint": Form(
         ("name", "type"),
         needs=("parent", "child"),
-        parts=("origin", "axis", "limit", "dynamics", "safety_controller"),
+        parts=("origin", "axis", "limit", "dynamics"),
         optional=("mimic",),
+        several=("safety_controller",),
     ),
     "fixed joint": Form(("name", "type"), needs=("parent", "child"), parts=("origin",)),
     "parent": Form(("link",)),
@@ -128,45 +130,144 @@ FORMS = {
     "limit": Form(limits=("lower", "upper", "velocity", "effort")),
     "dynamics": Form(numbers={"damping": _ZERO, "friction": _ZERO}, low=0.0),
     "mimic": Form(("joint",), {"multiplier": (1.0,), "offset": _ZERO}),
-    "safety_controller": Form(hints=("soft_lower_limit", "soft_upper_limit")),
 }
 
-# Names with which those in a file are compared: other names belong to other programs,
-# unless they are nearly equal to these.
-CHILDREN = {
-    "robot": ("link", "joint", "material"),
-    "link": ("inertial", "visual", "collision"),
-    **{
-        tag: (*FORMS[tag].needs, *FORMS[tag].parts, *FORMS[tag].optional)
-        for tag in ("joint", "inertial")
-    },
-}
-ATTRIBUTES = {
-    tag: (*FORMS[tag].texts, *FORMS[tag].numbers, *FORMS[tag].limits)
-    for tag in ("dynamics", "mimic", "origin", "axis", "mass", "limit")
-}
-ATTRIBUTES["limit"] += MOTION
+
+def misspellings(element: Element, where: str) -> list[str]:
+    """Names of children and attributes that look like misspellings of known ones.
+
+    Other names belong to other programs.
+    """
+    form, faults = FORMS[element.tag], []
+    children = (*form.needs, *form.parts, *form.optional, *form.several)
+    for child in element:
+        known = _closest_match(child.tag, children)
+        if known:
+            faults.append(f"<{child.tag}> of {where} (did you mean <{known}>?)")
+        own = FORMS.get(child.tag, Form())
+        attributes = (*own.texts, *own.numbers, *own.limits)
+        for name in child.attrib:
+            known = _closest_match(name, attributes + MOTION * (child.tag == "limit"))
+            if known:
+                faults.append(
+                    f"the attribute {name!r} of <{child.tag}> of {where} (did you mean "
+                    f"{known!r}?)"
+                )
+    return faults
 
 
-class UrdfChecker:
-    """Checks the elements of a file, and copies the content that is read."""
+def _closest_match(name: str, known: Sequence[str]) -> str | None:
+    # Names with a prefix belong to other programs.
+    if name in known or ":" in name:
+        return None
+    close = difflib.get_close_matches(name.lower()[:80], known, n=1, cutoff=SIMILARITY)
+    return close[0] if close else None
 
-    def __init__(self, root: Element, context: XmlContext) -> None:
-        self.root, self.context = root, context
+
+def read_urdf(
+    path: Path, package_dirs: Sequence[Path] = (), root: Element | None = None
+) -> UrdfDescription:
+    """Read a URDF file, or its root element; the folders resolve ``package://``.
+
+    Raises:
+        RobotLoadError: If the file is not a URDF file or inconsistent, has a joint with
+            several degrees of freedom, or refers to a missing mesh.
+    """
+    root = read_xml(path) if root is None else root
+    return _UrdfReader(root, XmlContext(path), package_dirs).read()
+
+
+def read_parsed(
+    parsed: Any, path: Path, package_dirs: Sequence[Path] = ()
+) -> UrdfDescription:
+    """Convert a robot that yourdfpy has read or built, by way of its XML.
+
+    Args:
+        parsed: A ``yourdfpy.URDF``.
+        path: Its file or a name for it; names of meshes are relative to it.
+        package_dirs: Folders in which ``package://`` is resolved.
+
+    Raises:
+        RobotLoadError: As raised by :func:`read_urdf`.
+    """
+    root = fromstring(parsed.write_xml_string())
+    for element, joint in zip(root.iter("joint"), parsed.robot.joints, strict=True):
+        # The XML writer of yourdfpy omits these elements.
+        for tag in ("mimic", "safety_controller"):
+            field = getattr(joint, tag)
+            if field is not None:
+                values = {k: v for k, v in vars(field).items() if v is not None}
+                add(element, tag, **values)
+    return read_urdf(path, package_dirs, root)
+
+
+class _UrdfReader:
+    """Checks the elements of a file, and converts what yourdfpy reads in a copy of it.
+
+    Visual meshes that are missing are dropped: they do not affect motions. Collision
+    meshes are required.
+    """
+
+    def __init__(
+        self, root: Element, context: XmlContext, folders: Sequence[Path]
+    ) -> None:
+        self.root, self.context, self.folders = root, context, folders
         # Materials may be defined anywhere, and be referred to by name.
         self.materials: dict[str, Element] = {}
         for element in root.iter("material"):
             if len(element):
                 self.materials.setdefault(element.get("name", ""), element)
+        #: Names that are not read, and look like misspellings.
+        self.unread: list[str] = []
+        #: Visual shapes with missing meshes, and shapes whose sizes are all zero.
+        self.missing_visuals: list[str] = []
+        self.empty_shapes: list[str] = []
+        #: Joints with soft limits inside their limits, and joints with limits in
+        #: degrees.
+        self.soft_limited: list[str] = []
+        self.in_degrees: list[str] = []
 
-    def copy(self) -> Element:
-        """Make the copy: shapes are named by their kinds, and capsules are cylinders.
+    def read(self) -> UrdfDescription:
+        """Read the file.
+
+        Raises:
+            RobotLoadError: As raised by :func:`read_urdf`.
+        """
+        root, context = self.root, self.context
+        source = BytesIO(tostring(self._copy()))
+        # The import takes a second, and is needed only to read a file.
+        import yourdfpy
+
+        only_text = {"build_scene_graph": False, "load_meshes": False}
+        robot = yourdfpy.URDF.load(source, **only_text).robot
+        links = tuple(self._link(link) for link in robot.links)
+        pairs = zip(robot.joints, root.findall("joint"), strict=True)
+        joints = tuple(self._joint(*pair) for pair in pairs)
+        gravity, own = None, root.find("tominpmp")
+        if own is not None and "gravity" in own.attrib:
+            gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
+        _check_tree([link.name for link in links], joints, context)
+        self._warn()
+        return UrdfDescription(
+            name=robot.name,
+            bodies=links,
+            tree=joints,
+            gravity=gravity,
+            path=context.path,
+            package_dirs=tuple(self.folders),
+        )
+
+    # -- copy of what is read ----------------------------------------------------------
+
+    def _copy(self) -> Element:
+        """Copy what is read: shapes are named by kinds, and capsules are cylinders.
 
         Raises:
             RobotLoadError: If it is not a URDF file, an element or attribute is
                 missing, a number is invalid, or a name is repeated.
         """
         self._check_root()
+        self.unread += misspellings(self.root, "robot")
         name = self.root.get("name", "").strip() or self.context.path.stem
         robot = Element("robot", name=name)
         for where, link in self._named("link").items():
@@ -223,7 +324,8 @@ class UrdfChecker:
                 )
             values[name] = numbers
         values |= {name: context.limit(element, name, where) for name in form.limits}
-        values |= {name: to_number(element.get(name, "")) for name in form.hints}
+        if tag in ("link", "joint", "inertial"):
+            self.unread += misspellings(element, where)
         copy = add(parent, tag, **values)
         for child_tag in (*form.needs, *form.parts, *form.optional):
             child = element.find(child_tag)
@@ -276,141 +378,26 @@ class UrdfChecker:
         if texture is not None and texture.get("filename"):
             add(copy, "texture", filename=texture.get("filename"))
 
-
-def misspellings(element: Element, where: str) -> list[str]:
-    """Names of children and attributes that look like misspellings of known ones."""
-    faults = []
-    for child in element:
-        known = _closest_match(child.tag, CHILDREN[element.tag])
-        if known:
-            faults.append(f"<{child.tag}> of {where} (did you mean <{known}>?)")
-        for name in child.attrib:
-            known = _closest_match(name, ATTRIBUTES.get(child.tag, ()))
-            if known:
-                faults.append(
-                    f"the attribute {name!r} of <{child.tag}> of {where} (did you mean "
-                    f"{known!r}?)"
-                )
-    return faults
-
-
-def _closest_match(name: str, known: Sequence[str]) -> str | None:
-    # Names with a prefix belong to other programs.
-    if name in known or ":" in name:
-        return None
-    close = difflib.get_close_matches(name.lower()[:80], known, n=1, cutoff=SIMILARITY)
-    return close[0] if close else None
-
-
-def read_urdf(
-    path: Path, package_dirs: Sequence[Path] = (), root: Element | None = None
-) -> UrdfDescription:
-    """Read a URDF file, or its root element; the folders resolve ``package://``.
-
-    Raises:
-        RobotLoadError: If the file is not a URDF file or inconsistent, has a joint with
-            several degrees of freedom, or refers to a missing mesh.
-    """
-    root = read_xml(path) if root is None else root
-    return _UrdfReader(root, XmlContext(path), package_dirs).read()
-
-
-def read_parsed(
-    parsed: Any, path: Path, package_dirs: Sequence[Path] = ()
-) -> UrdfDescription:
-    """Convert a robot that yourdfpy has read or built, by way of its XML.
-
-    Args:
-        parsed: A ``yourdfpy.URDF``.
-        path: Its file or a name for it; names of meshes are relative to it.
-        package_dirs: Folders in which ``package://`` is resolved.
-
-    Raises:
-        RobotLoadError: As raised by :func:`read_urdf`.
-    """
-    root = fromstring(parsed.write_xml_string())
-    for element, joint in zip(root.iter("joint"), parsed.robot.joints, strict=True):
-        # The XML writer of yourdfpy omits these elements.
-        for tag in ("mimic", "safety_controller"):
-            field = getattr(joint, tag)
-            if field is not None:
-                values = {k: v for k, v in vars(field).items() if v is not None}
-                add(element, tag, **values)
-    return read_urdf(path, package_dirs, root)
-
-
-class _UrdfReader:
-    """Converts the links and joints of yourdfpy, and collects faults to warn of.
-
-    Visual meshes that are missing are dropped: they do not affect motions. Collision
-    meshes are required.
-    """
-
-    def __init__(
-        self, root: Element, context: XmlContext, folders: Sequence[Path]
-    ) -> None:
-        self.root, self.context, self.folders = root, context, folders
-        #: Visual shapes with missing meshes, and shapes whose sizes are all zero.
-        self.missing_visuals: list[str] = []
-        self.empty_shapes: list[str] = []
-        #: Joints with soft limits inside their limits, and joints with limits in
-        #: degrees.
-        self.soft_limited: list[str] = []
-        self.in_degrees: list[str] = []
-
-    def read(self) -> UrdfDescription:
-        root, context = self.root, self.context
-        source = BytesIO(tostring(UrdfChecker(root, context).copy()))
-        # The import takes a second, and is needed only to read a file.
-        import yourdfpy
-
-        only_text = {"build_scene_graph": False, "load_meshes": False}
-        robot = yourdfpy.URDF.load(source, **only_text).robot
-        links = tuple(self._link(link) for link in robot.links)
-        pairs = zip(robot.joints, root.findall("joint"), strict=True)
-        joints = tuple(self._joint(*pair) for pair in pairs)
-        gravity, own = None, root.find("tominpmp")
-        if own is not None and "gravity" in own.attrib:
-            gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
-        _check_tree([link.name for link in links], joints, context)
-        self._warn()
-        return UrdfDescription(
-            name=robot.name,
-            bodies=links,
-            tree=joints,
-            gravity=gravity,
-            path=context.path,
-            package_dirs=tuple(self.folders),
-        )
-
     # -- links -------------------------------------------------------------------------
 
     def _link(self, link: Any) -> LinkDescription:
-        where, inertial = f"link {link.name}", link.inertial
-        collisions = self._shapes(link.collisions, f"{where}, collision", seen=False)
-        visuals = self._shapes(link.visuals, f"{where}, visual", seen=True)
+        name, inertial = link.name, link.inertial
+        collisions = self._shapes(link.collisions, f"link {name}, collision")
+        visuals = self._shapes(link.visuals, f"link {name}, visual", seen=True)
         if inertial is None:
-            return LinkDescription(link.name, collisions=collisions, visuals=visuals)
+            return LinkDescription(name, collisions=collisions, visuals=visuals)
         placement = frozen_array(inertial.origin)
-        turn = placement[:3, :3]
-        return LinkDescription(
-            link.name,
-            inertial.mass,
-            frozen_array(placement[:3, 3]),
-            frozen_array(turn @ inertial.inertia @ turn.T),
-            collisions,
-            visuals,
-        )
+        turn, com = placement[:3, :3], frozen_array(placement[:3, 3])
+        moments = frozen_array(turn @ inertial.inertia @ turn.T)
+        return LinkDescription(name, inertial.mass, com, moments, collisions, visuals)
 
     def _shapes(
-        self, items: Iterable[Any], where: str, *, seen: bool
+        self, items: Iterable[Any], where: str, *, seen: bool = False
     ) -> tuple[Shape, ...]:
         """Collision shapes, or visual shapes with existing meshes."""
-        shapes = [
-            self._shape(item, f"{where} {number}", seen=seen)
-            for number, item in enumerate(items, 1)
-        ]
-        return tuple(shape for shape in shapes if shape is not None)
+        numbered = enumerate(items, 1)
+        shapes = [self._shape(item, f"{where} {n}", seen=seen) for n, item in numbered]
+        return tuple(filter(None, shapes))
 
     def _shape(self, item: Any, where: str, *, seen: bool) -> Shape | None:
         """A shape; None if its sizes are zero, or its visual mesh is missing."""
@@ -474,7 +461,7 @@ class _UrdfReader:
         if norm < 1e-6:
             axis = tuple(joint.axis.tolist())
             context.fail(f"{where}: the axis {axis} has no direction")
-        self._collect_soft_limits(joint)
+        self._collect_soft_limits(joint, element.find("safety_controller"))
         limit = element.find("limit")
         given = () if limit is None else limit.attrib
         more = {
@@ -518,15 +505,17 @@ class _UrdfReader:
 
     # -- warnings ----------------------------------------------------------------------
 
-    def _collect_soft_limits(self, joint: Any) -> None:
+    def _collect_soft_limits(self, joint: Any, safety: Element | None) -> None:
         """Collect joints with soft limits inside their limits, or limits in degrees."""
-        name, kind, soft = joint.name, joint.type, joint.safety_controller
+        name, kind = joint.name, joint.type
         least, most = joint.limit.lower, joint.limit.upper
         ends = [abs(x) for x in (least, most) if not math.isnan(x)]
         if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= DEGREES:
             self.in_degrees.append(name)
         # Missing limits are NaN, for which these comparisons are false.
-        lower, upper = soft.soft_lower_limit, soft.soft_upper_limit
+        soft = {} if safety is None else safety.attrib
+        lower = to_number(soft.get("soft_lower_limit", ""))
+        upper = to_number(soft.get("soft_upper_limit", ""))
         is_within = lower > least + SOFT_TOLERANCE or upper < most - SOFT_TOLERANCE
         # Equal soft limits were omitted: both are zero by the specification.
         if kind != "continuous" and lower < upper and is_within:
@@ -538,15 +527,11 @@ class _UrdfReader:
         Controllers may enforce the soft limits of a ``<safety_controller>``; they are
         not read here.
         """
-        path, unread = self.context.path, misspellings(self.root, "robot")
+        path, unread = self.context.path, "; ".join(self.unread[:MOST_NAMED])
         warn_of_empty_shapes(self.empty_shapes, path)
         warn_of_missing_visuals(self.missing_visuals, path)
-        for element in (*self.root.findall("link"), *self.root.findall("joint")):
-            where = f"{element.tag} {element.get('name', '').strip()}"
-            for part in (element, *element.findall("inertial")):
-                unread += misspellings(part, where)
         if unread:
-            warn_caller(f"{path}: not read: {'; '.join(unread[:MOST_NAMED])}")
+            warn_caller(f"{path}: not read: {unread}")
         if self.soft_limited:
             warn_caller(
                 f"{path}: <safety_controller>: soft limits within the position limits "
