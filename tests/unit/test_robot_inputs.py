@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
+import importlib
 import pickle
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import coal
 import numpy as np
@@ -301,22 +301,27 @@ def test_modules_of_robot_descriptions(
     path = write(tmp_path, chain("", ""), "arm/urdf/arm.urdf")
     with pytest.raises(tm.RobotLoadError, match="pip install robot_descriptions"):
         tm.load_robot("sample_description")
-    package = ModuleType("robot_descriptions")
-    package.__path__ = []
-    listed = ModuleType("robot_descriptions._descriptions")
-    listed.DESCRIPTIONS = {"sample_description": None}
-    module = ModuleType("robot_descriptions.sample_description")
-    module.URDF_PATH, module.PACKAGE_PATH = str(path), str(tmp_path / "arm")
-    other = ModuleType("robot_descriptions.other_mj_description")
-    other.SDF_PATH = "x.sdf"
-    for item in (package, listed, module, other):
-        monkeypatch.setitem(sys.modules, item.__name__, item)
+    paths = f"URDF_PATH, PACKAGE_PATH = {str(path)!r}, {str(tmp_path / 'arm')!r}"
+    write(tmp_path, "", "robot_descriptions/__init__.py")
+    write(tmp_path, paths, "robot_descriptions/sample_description.py")
+    write(tmp_path, "SDF_PATH = 'x'", "robot_descriptions/other_mj_description.py")
+    write(tmp_path, "import nowhere_at_all", "robot_descriptions/bad_description.py")
+    monkeypatch.syspath_prepend(tmp_path)
+    names = ["", ".sample_description", ".other_mj_description", ".bad_description"]
+    for name in names:  # forgotten again after the test
+        monkeypatch.setitem(sys.modules, f"robot_descriptions{name}", None)
+        del sys.modules[f"robot_descriptions{name}"]
+    module, other = (
+        importlib.import_module(f"robot_descriptions{name}") for name in names[1:3]
+    )
     for source in (module, "sample_description"):
         arm = tm.load_robot(source)
         assert arm.urdf_path == path
         assert arm.name == "sample_description"
     with pytest.raises(tm.RobotLoadError, match="mean sample_description"):
         tm.load_robot("sampl_description")
+    with pytest.raises(tm.RobotLoadError, match=r"cannot be loaded: .*nowhere_at_all"):
+        tm.load_robot("bad_description")
     with pytest.raises(
         tm.RobotLoadError, match="none of the files URDF_PATH, XACRO_PATH"
     ):

@@ -205,7 +205,7 @@ def follows_datasheet(choice: RobotChoice) -> bool | None:
     joints = [joint.name for joint in source.description.joints]
     if find_datasheet(source.names, joints) is None:
         return None
-    named = source.files.name is not None
+    named = source.name is not None
     return named if choice.limits is None else choice.limits == "datasheet"
 
 

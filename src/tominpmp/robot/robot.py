@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import math
 import os
+import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -508,15 +509,16 @@ class RobotSource:
     """Descriptions and values read from the source of a robot.
 
     Attributes:
-        files: The files; names in angle brackets stand for missing files.
-        description: Content of the URDF file, or its equivalent.
+        name: Name under which it was asked for; None for a path or an object.
+        description: Content of the URDF file, or its equivalent; a path in angle
+            brackets stands for a missing file.
         semantics: Content of the SRDF file, if there is one.
         values: Values that neither file contains, by argument of ``load_robot`` and
             joint name.
         stated: Limits of the highest priority, by quantity and joint name.
     """
 
-    files: RobotFiles
+    name: str | None
     description: UrdfDescription
     semantics: SemanticDescription | None
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -525,7 +527,7 @@ class RobotSource:
     @property
     def names(self) -> tuple[str | None, ...]:
         """Names of the robot: asked for, in its description, and of its file."""
-        return self.files.name, self.description.name, self.files.urdf.stem
+        return self.name, self.description.name, self.description.path.stem
 
     def known_values(self, limits: str | None) -> dict[str, dict[str, Any]]:
         """Limits and rotor inertias by quantity and joint name, to override the file's.
@@ -551,7 +553,7 @@ class RobotSource:
         srdf = self.semantics
         rotors = {} if srdf is None else {"armature": srdf.rotor_inertias}
         moving = [joint.name for joint in joints]
-        named = limits is None and self.files.name is not None
+        named = limits is None and self.name is not None
         sheet = {}
         if named or limits == DATASHEET:
             sheet = published_values(self.names, moving, needed=not named)
@@ -613,26 +615,22 @@ def read_source(
         raise RobotLoadError(
             f"geometry is given with {brief(source)}; it belongs to a pinocchio.Model"
         )
+    name: str | None = None
     embedded: SemanticDescription | None = None
     effort: Mapping[str, Any] = {}
     if parts is not None:
         description, embedded, effort = describe_model(*parts, package_dirs=folders)
-        files = RobotFiles(description.path, None)
     elif _is_yourdfpy(source):
-        files = RobotFiles(Path(f"<yourdfpy.URDF {source.robot.name}>"), None)  # type: ignore[attr-defined]
-        description = read_parsed(source, files.urdf, folders)
+        path = Path(f"<yourdfpy.URDF {source.robot.name}>")  # type: ignore[attr-defined]
+        description = read_parsed(source, path, folders)
     else:
-        text = given_text(source)
-        if text is not None:
-            files = RobotFiles(Path(f"<text of {len(text)} bytes>"), None)
-        else:
-            files, packages = _find_files(source)
-            folders = (*folders, *packages)
+        files, packages, text = _find_files(source)
         description, embedded, effort = read_description(
-            files.urdf, folders, text, xacro_args
+            files.urdf, (*folders, *packages), text, xacro_args
         )
-    semantics = read_semantics(files.srdf if srdf is None else srdf, description)
-    return RobotSource(files, description, semantics or embedded, {"effort": effort})
+        name, srdf = files.name, files.srdf if srdf is None else srdf
+    semantics = read_semantics(srdf, description) or embedded
+    return RobotSource(name, description, semantics, {"effort": effort})
 
 
 def _pinocchio_parts(
@@ -673,49 +671,48 @@ def _is_yourdfpy(source: object) -> bool:
     return yourdfpy is not None and isinstance(source, yourdfpy.URDF)
 
 
-def _find_files(source: object) -> tuple[RobotFiles, tuple[Path, ...]]:
-    """Files of a robot by name, path or module, and folders of its packages."""
+def _find_files(source: object) -> tuple[RobotFiles, tuple[Path, ...], bytes | None]:
+    """Files of a robot, folders of its packages, and its text if that was given.
+
+    The source is a name, a path, a text or a module.
+    """
+    text = given_text(source)
+    if text is not None:
+        return RobotFiles(Path(f"<text of {len(text)} bytes>"), None), (), text
+    name = str(getattr(source, "__name__", ""))
     if isinstance(source, str | os.PathLike):
         name = str(source)
         module = name.isidentifier() and name.endswith(MODULE_ENDING)
-        if module and name not in robot_names():
-            return _module_files(_imported_module(name), name)
-        return find_robot(source), ()
-    name = str(getattr(source, "__name__", ""))
-    if not name.startswith("robot_descriptions") and not _paths(source, _PATHS):
+        if not module or name in robot_names():
+            return find_robot(source), (), None
+        source = _imported_module(name)
+    elif not name.startswith("robot_descriptions") and not _paths(source, _PATHS):
         raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
-    return _module_files(source, name)
+    return *_module_files(source, name), None
 
 
 def _imported_module(name: str) -> Any:
     """Import a module of robot_descriptions, which may download its files."""
     try:
-        importlib.import_module("robot_descriptions")
+        package = importlib.import_module("robot_descriptions")
     except ImportError as error:
         raise RobotLoadError(
             f"there is no robot {brief(name)}; names that end with {MODULE_ENDING!r} "
             "are those of the package robot_descriptions: python -m pip install "
             "robot_descriptions"
         ) from error
-    try:
-        return importlib.import_module(f"robot_descriptions.{name}")
-    except ModuleNotFoundError as error:
+    known = [module.name for module in pkgutil.iter_modules(package.__path__)]
+    if name not in known:
         raise RobotLoadError(
             f"the package robot_descriptions has no module {brief(name)}"
-            f"{closest(name, _module_names())}"
-        ) from error
+            f"{closest(name, known)}"
+        )
+    try:
+        return importlib.import_module(f"robot_descriptions.{name}")
     except Exception as error:  # the download may raise anything
         raise RobotLoadError(
             f"robot_descriptions.{name} cannot be loaded: {brief(str(error), 200)}"
         ) from error
-
-
-def _module_names() -> list[str]:
-    try:
-        listed = importlib.import_module("robot_descriptions._descriptions")
-        return list(listed.DESCRIPTIONS)
-    except (ImportError, AttributeError, TypeError):
-        return []
 
 
 def _module_files(module: Any, name: str) -> tuple[RobotFiles, tuple[Path, ...]]:
@@ -853,12 +850,12 @@ def load_robot(
         }
         table = table.overridden(reasons, overrides).overridden(reasons, values)
         table = table.without_dynamics() if kinematic else table
-        table.check_complete(loaded.files.urdf)
+        table.check_complete(loaded.description.path)
         return table
 
     own_gravity = loaded.description.gravity or DEFAULT_GRAVITY
     robot = assembled(
-        name=loaded.files.name or loaded.description.name,
+        name=loaded.name or loaded.description.name,
         description=loaded.description,
         linkage=linkage,
         table_for=table_for,
