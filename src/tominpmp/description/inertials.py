@@ -45,14 +45,14 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
     """
     bodies = description.bodies
     shaped = {link.name for link in bodies if link.collisions or link.visuals}
-    faulty = impossible_bodies(model) | {
-        joint: f"{named_body(model, joint)} {fault}"
+    faults = [
+        f"{named_body(model, joint)} {fault}"
         for joint in range(1, model.njoints)
-        if (fault := _missing_inertia(model, joint, shaped)) is not None
-    }
-    if faulty:
-        faults = listed([faulty[joint] for joint in sorted(faulty)])
-        warn_caller(f"{description.path}: {faults}: mend the <inertial> elements")
+        if (fault := _missing(model, joint, shaped) or _impossible(model, joint))
+    ]
+    if faults:
+        path, told = description.path, listed(faults)
+        warn_caller(f"{path}: {told}: mend the <inertial> elements")
 
 
 def listed(faults: Sequence[str]) -> str:
@@ -65,18 +65,12 @@ def listed(faults: Sequence[str]) -> str:
     )
 
 
-def impossible_bodies(model: pin.Model) -> dict[int, str]:
-    """Faults of physically impossible inertias, by the joint that moves the body."""
-    faults = {}
-    for joint in range(1, model.njoints):
-        inertia, fault = model.inertias[joint], None
-        if inertia.mass < 0.0:
-            fault = f"has a mass of {inertia.mass:.3g} kg, expected none below 0"
-        elif not _is_point(inertia):
-            fault = impossible_moments(inertia.inertia)
-        if fault is not None:
-            faults[joint] = f"{named_body(model, joint)} {fault}"
-    return faults
+def _impossible(model: pin.Model, joint: int) -> str | None:
+    """Fault of a physically impossible inertia behind a joint, in a clause."""
+    inertia = model.inertias[joint]
+    if inertia.mass < 0.0:
+        return f"has a mass of {inertia.mass:.3g} kg, expected none below 0"
+    return None if _is_point(inertia) else impossible_moments(inertia.inertia)
 
 
 def impossible_moments(tensor: Array) -> str | None:
@@ -95,7 +89,7 @@ def impossible_moments(tensor: Array) -> str | None:
     )
 
 
-def _missing_inertia(model: pin.Model, joint: int, shaped: set[str]) -> str | None:
+def _missing(model: pin.Model, joint: int, shaped: set[str]) -> str | None:
     """Missing mass or moments of the body behind a joint, in a clause."""
     inertia = model.inertias[joint]
     if inertia.mass == 0.0 and not _virtual(model, joint, shaped):
@@ -161,12 +155,14 @@ def check_inertia(
     matrix = np.eye(len(names)) if matrix is None else matrix
     ratios, shift = np.abs(matrix), 0.0 if offset is None else offset
     no_rotor = ratios @ table["armature"] == 0.0
-    wrong = {k: v for k, v in impossible_bodies(model).items() if no_rotor[k - 1]}
+    bare = (np.flatnonzero(no_rotor) + 1).tolist()
+    wrong = {joint: fault for joint in bare if (fault := _impossible(model, joint))}
     if wrong:
         leaders = np.unique([ratios[joint - 1].argmax() for joint in wrong])
+        faults = [f"{named_body(model, joint)} {wrong[joint]}" for joint in wrong]
         rotors = example_values([names[leader] for leader in leaders.tolist()])
         raise RobotLoadError(
-            f"{path}: {listed(list(wrong.values()))}: mend the <inertial> elements, or "
+            f"{path}: {listed(faults)}: mend the <inertial> elements, or "
             f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless, or "
             f"{KINEMATIC}",
             path,

@@ -150,27 +150,10 @@ class SemanticDescription:
         return [{"left": "l", "right": "r"}.get(word, word) for word in words]
 
 
-def read_semantics(
-    path: str | os.PathLike[str] | None, description: UrdfDescription
-) -> SemanticDescription | None:
-    """Read the SRDF file of a robot, from a path or a text.
-
-    Raises:
-        RobotLoadError: As raised by :func:`read_srdf`.
-    """
-    if path is None:
-        return None
-    text = given_text(path)
-    if text is not None:
-        return read_srdf(Path("<text of an SRDF file>"), description, text)
-    file = checked_path(path, "srdf", RobotLoadError).absolute()
-    return read_srdf(file, description)
-
-
 def read_srdf(
-    path: Path, description: UrdfDescription, text: bytes | None = None
+    source: str | os.PathLike[str], description: UrdfDescription
 ) -> SemanticDescription:
-    """Read an SRDF file, or a text with a name for messages.
+    """Read the SRDF file of a robot, from a path or a text.
 
     Entries about links and joints that the robot lacks are dropped, as one SRDF file
     often serves several variants of a robot.
@@ -179,6 +162,9 @@ def read_srdf(
         RobotLoadError: If the file is not an SRDF file, the robot has none of the links
             that it names, or a group lacks its name or contains itself.
     """
+    text, path = given_text(source), Path("<text of an SRDF file>")
+    if text is None:
+        path = checked_path(source, "srdf", RobotLoadError).absolute()
     root = read_xml(path) if text is None else parse_xml(text, path)
     context = XmlContext(path)
     if root.tag != "robot":

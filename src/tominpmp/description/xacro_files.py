@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
+from tominpmp.checks import wrong
 from tominpmp.description.files import find_package
 from tominpmp.description.paths import read_bytes
 from tominpmp.description.xml_reader import MAX_BYTES, parse_xml
@@ -53,7 +54,39 @@ class _Arguments(dict[str, str]):
         return super().__contains__(name)
 
 
-def expanded(
+def expanded_root(
+    path: Path,
+    package_dirs: Sequence[Path],
+    text: bytes | None,
+    args: Mapping[str, object] | None,
+) -> Element:
+    """Root of a robot file or a text, expanded if it uses xacro.
+
+    Args:
+        path: The file, or a name for the text.
+        package_dirs: Folders in which packages are searched.
+        text: Content, in place of that of the file.
+        args: Values of the arguments of a xacro file.
+
+    Raises:
+        RobotLoadError: If it cannot be read.
+        OptionsError: If the file does not declare such an argument.
+        MissingDependency: If it is a xacro file and xacrodoc is not installed.
+    """
+    args = {} if args is None else args
+    if not isinstance(args, Mapping):
+        raise wrong(args, "xacro_args", "values by name", OptionsError)
+    text = read_bytes(path, MAX_BYTES, RobotLoadError) if text is None else text
+    root = parse_xml(text, path)
+    if is_xacro(root):
+        return parse_xml(_expanded(text, path, package_dirs, args), path)
+    if args:
+        message = f"{path} is no xacro file: it has no arguments"
+        raise OptionsError(message, "xacro_args")
+    return root
+
+
+def _expanded(
     text: bytes, path: Path, package_dirs: Sequence[Path], args: Mapping[str, object]
 ) -> bytes:
     """Expand the text of a xacro file to the text of a URDF file.

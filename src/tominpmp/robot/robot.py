@@ -33,7 +33,6 @@ from tominpmp.description.files import (
     find_srdf,
     robot_names,
 )
-from tominpmp.description.formats import read_description
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
@@ -47,6 +46,7 @@ from tominpmp.description.joint_table import (
     check_kinematic,
     stack_parts,
 )
+from tominpmp.description.mjcf import describe_mjcf
 from tominpmp.description.model import (
     build_geometry,
     build_model,
@@ -58,11 +58,12 @@ from tominpmp.description.srdf import (
     Group,
     SemanticDescription,
     group_locks,
-    read_semantics,
+    read_srdf,
     warn_of_passive,
 )
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.description.urdf import read_parsed
+from tominpmp.description.urdf import read_parsed, read_urdf
+from tominpmp.description.xacro_files import expanded_root
 from tominpmp.description.xml_reader import given_text
 from tominpmp.exceptions import (
     FrameNotFound,
@@ -625,11 +626,16 @@ def read_source(
         description = read_parsed(source, path, folders)
     else:
         files, packages, text = _find_files(source)
-        description, embedded, effort = read_description(
-            files.urdf, (*folders, *packages), text, xacro_args
-        )
+        folders = (*folders, *packages)
+        root = expanded_root(files.urdf, folders, text, xacro_args)
+        if root.tag == "mujoco":
+            description, embedded, effort = describe_mjcf(root, files.urdf, folders)
+        else:
+            description = read_urdf(files.urdf, folders, root)
+            args = {} if xacro_args is None else xacro_args
+            description = replace(description, xacro_args=tuple(args.items()))
         name, srdf = files.name, files.srdf if srdf is None else srdf
-    semantics = read_semantics(srdf, description) or embedded
+    semantics = embedded if srdf is None else read_srdf(srdf, description)
     return RobotSource(name, description, semantics, {"effort": effort})
 
 
