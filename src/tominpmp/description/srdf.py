@@ -359,7 +359,7 @@ def group_locks(
 def _group_joints(
     semantics: SemanticDescription, description: UrdfDescription, group: Group
 ) -> Collection[str]:
-    """Joints of a group by name, or of a chain or a list of joints."""
+    """Joints of a group by name, of a list of joints, or of a chain between links."""
     name = semantics.find_group(group) if isinstance(group, str) else None
     if name is not None:
         members = semantics.groups[name]
@@ -369,30 +369,19 @@ def _group_joints(
             )
         warn_of_group(name, members)
         return members.joints
-    joints = _listed_joints(description, group)
-    if joints is None:
+    moving = {joint.name for joint in description.joints}
+    single = isinstance(group, str) or not isinstance(group, Sequence | set | frozenset)
+    # A single link stands for the chain from the base to it.
+    names: list[Any] = [description.root, group] if single else list(group)
+    valid = all(isinstance(name, str) for name in names)
+    if names and valid and not single and moving.issuperset(names):
+        return names
+    if len(names) != 2 or not valid or not {*names} <= {*description.links}:
         raise OptionsError(_no_group(list(semantics.groups), group), "group")
+    joints = moving & description.joints_between(*names)
     if not joints:
         raise OptionsError(f"group: no joint moves {brief(group)}", "group")
     return joints
-
-
-def _listed_joints(description: UrdfDescription, group: object) -> set[str] | None:
-    """Joints of a list of names, or of a chain between links; None if neither."""
-    moving = {joint.name for joint in description.joints}
-    links = set(description.links)
-    if isinstance(group, str):
-        return moving & description.joints_above(group) if group in links else None
-    if not isinstance(group, Sequence | set | frozenset):
-        return None
-    names = list(group)
-    if not names or not all(isinstance(name, str) for name in names):
-        return None
-    if moving.issuperset(names):
-        return set(names)
-    if len(names) == 2 and links.issuperset(names):
-        return moving & description.joints_between(*names)
-    return None
 
 
 def _no_group(groups: Sequence[str], group: object) -> str:

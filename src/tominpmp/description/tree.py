@@ -230,14 +230,11 @@ class UrdfDescription(Record):
             base: Placement base_to_world of the root, which replaces an earlier one.
         """
         if self.mount:
-            placement = frozen_array(base.homogeneous)
-            moved = (
-                replace(joint, placement=placement)
-                if joint.name == self.mount
-                else joint
-                for joint in self.tree
-            )
-            return replace(self, tree=tuple(moved))
+            at = {self.mount: frozen_array(base.homogeneous)}
+            tree = [
+                replace(j, placement=at.get(j.name, j.placement)) for j in self.tree
+            ]
+            return replace(self, tree=tuple(tree))
         ground = LinkDescription(fresh_name(GROUND, set(self.links)))
         name = self._free_name(f"{GROUND}_mount")
         mount = fixed_joint(name, ground.name, self.root, base)
@@ -338,13 +335,8 @@ def joined(
 
 def _renamed(joint: JointDescription, part: str) -> JointDescription:
     """A joint with all its names prefixed with the name of a part."""
-    mimic = joint.mimic
+    mimic, ends = joint.mimic, ("name", "parent", "child")
+    names: dict[str, Any] = {key: f"{part}/{getattr(joint, key)}" for key in ends}
     if mimic is not None:
         mimic = replace(mimic, leader=f"{part}/{mimic.leader}")
-    return replace(
-        joint,
-        name=f"{part}/{joint.name}",
-        parent=f"{part}/{joint.parent}",
-        child=f"{part}/{joint.child}",
-        mimic=mimic,
-    )
+    return replace(joint, **names, mimic=mimic)

@@ -646,11 +646,9 @@ def _pinocchio_parts(
     shapes: list[Any] = []
     if isinstance(source, tuple) and source and isinstance(source[0], pin.Model):
         source, *shapes = source  # as returned by buildModelsFromUrdf
-    wrapped = getattr(source, "model", None)
-    if isinstance(wrapped, pin.Model):  # a RobotWrapper, as in example_robot_data
-        names = ("collision_model", "visual_model")
-        shapes = [getattr(source, name, None) for name in names]
-        source = wrapped
+    if isinstance(getattr(source, "model", None), pin.Model):  # a RobotWrapper
+        names = ("model", "collision_model", "visual_model")
+        source, *shapes = (getattr(source, name, None) for name in names)
     if not isinstance(source, pin.Model):
         return None
     if geometry is not None:
