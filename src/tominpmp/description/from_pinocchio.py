@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray, frozen_array
+from tominpmp.description.joint_table import LOSSES
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import (
     JointDescription,
@@ -94,7 +95,7 @@ def describe_model(
         package_dirs=tuple(package_dirs),
         order=tuple(joint.name for joint in reader.joints),
     )
-    return description, _semantics(reader, collision, path), _uneven_efforts(reader)
+    return description, _semantics(reader, collision, path), reader.uneven_efforts
 
 
 class _ModelReader:
@@ -108,15 +109,11 @@ class _ModelReader:
         self._links: set[str] = set()
         #: Link of each frame, by the index of the frame.
         self.link_of: dict[int, str] = {}
+        #: Lower and upper effort limits of joints for which they are not opposite.
+        self.uneven_efforts: dict[str, tuple[float, float]] = {}
         self.main = [self._main_link(j) for j in range(model.njoints)]
         self.joints = [self._describe(j) for j in range(1, model.njoints)]
         self.fixed: list[JointDescription] = []
-
-    @property
-    def moving(self) -> list[tuple[str, Any]]:
-        """Names and models of the joints that move freely."""
-        joints = zip(self.model.names[1:], self.model.joints[1:], strict=True)
-        return [(str(name), joint) for name, joint in joints if joint.nv == 1]
 
     def _describe(self, index: int) -> JointDescription:
         """Describe a joint: its kind, axis, limits and losses.
@@ -163,11 +160,12 @@ class _ModelReader:
             values["upper"] = bounded(model.upperPositionLimit[joint.idx_q])
         else:  # cosine and sine as coordinates: a continuous joint
             values["kind"] = "continuous"
-        effort = min(abs(model.lowerEffortLimit[v]), abs(model.upperEffortLimit[v]))
+        low, high = float(model.lowerEffortLimit[v]), float(model.upperEffortLimit[v])
+        if low != -high and max(-low, high) <= MAX_NUMBER:
+            self.uneven_efforts[name] = low, high
         values["velocity"] = bounded(model.velocityLimit[v])
-        values["effort"] = bounded(effort)
-        losses = ("damping", "friction", "armature")
-        values |= {loss: float(getattr(model, loss)[v]) for loss in losses}
+        values["effort"] = bounded(min(abs(low), abs(high)))
+        values |= {loss: float(getattr(model, loss)[v]) for loss in LOSSES}
         return JointDescription(**values)
 
     # -- links -------------------------------------------------------------------------
@@ -258,28 +256,21 @@ def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | 
     return Shape("mesh", (1.0, 1.0, 1.0), place, "", corners, faces)
 
 
-def _uneven_efforts(reader: _ModelReader) -> dict[str, tuple[float, float]]:
-    efforts = {}
-    for name, joint in reader.moving:
-        low = float(reader.model.lowerEffortLimit[joint.idx_v])
-        high = float(reader.model.upperEffortLimit[joint.idx_v])
-        if low != -high and max(-low, high) <= MAX_NUMBER:
-            efforts[name] = low, high
-    return efforts
-
-
 def _semantics(
     reader: _ModelReader, collision: pin.GeometryModel | None, path: Path
 ) -> SemanticDescription | None:
     """Group states and disabled pairs of the model, as an SRDF file has them."""
     states: dict[str, dict[str, float]] = {}
-    for item in reader.model.referenceConfigurations:
+    model = reader.model
+    for item in model.referenceConfigurations:
         state, q = states.setdefault(str(item.key()), {}), np.asarray(item.data())
-        for name, joint in reader.moving:
+        for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
+            if joint.nv != 1:  # it follows another joint
+                continue
             part = q[joint.idx_q : joint.idx_q + joint.nq]
             # Two coordinates are cosine and sine.
             angle = math.atan2(part[-1], part[0]) if joint.nq == 2 else float(part[0])
-            state[name] = angle
+            state[str(name)] = angle
     pairs = () if collision is None else _unchecked_pairs(reader, collision)
     if not pairs and not states:
         return None

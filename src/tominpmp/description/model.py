@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.description.joint_table import JointTable
+from tominpmp.description.joint_table import LOSSES, JointTable
 from tominpmp.description.mesh_sizes import INSTANCED, check_expanded
 from tominpmp.description.tree import (
     SIZES,
@@ -77,11 +77,8 @@ def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pi
 def _inertia(link: LinkDescription) -> pin.Inertia:
     """Inertia of a link, even if it is impossible: that is checked later."""
     inertia = pin.Inertia.Zero()
-    inertia.mass, inertia.lever, inertia.inertia = (
-        link.mass or 0.0,
-        link.com,
-        link.inertia,
-    )
+    inertia.mass = link.mass or 0.0
+    inertia.lever, inertia.inertia = link.com, link.inertia
     return inertia
 
 
@@ -279,8 +276,7 @@ def configured_model(
     model.lowerVelocityLimit = -model.velocityLimit
     model.effortLimit = alone(np.abs(table["effort"]).max(axis=1))
     model.lowerEffortLimit = -model.effortLimit
-    model.damping = alone(table["damping"])
-    model.armature = alone(table["armature"])
-    model.friction = alone(table["friction"])
+    for loss in LOSSES:
+        setattr(model, loss, alone(table[loss]))
     model.gravity = pin.Motion(gravity, np.zeros(3))
     return model

@@ -13,7 +13,7 @@ import ast
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stderr
+from contextlib import ExitStack, contextmanager, redirect_stderr
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -174,13 +174,10 @@ def _guarded(path: Path, package_dirs: Sequence[Path]) -> Iterator[None]:
 
     for name in ("type", "vars"):
         symbols["python"].pop(name)
+    functions = substitution_args._eval_dict | {"find": find}
     changes: tuple[tuple[Any, str, Any], ...] = (
         (substitution_args, "_eval_find", find),
-        (
-            substitution_args,
-            "_eval_dict",
-            substitution_args._eval_dict | {"find": find},
-        ),
+        (substitution_args, "_eval_dict", functions),
         (substitution_args, "eval", evaluate),
         (xacro, "safe_eval", evaluate),
         (xacro, "parse", read),
@@ -188,11 +185,8 @@ def _guarded(path: Path, package_dirs: Sequence[Path]) -> Iterator[None]:
         # xacro registers units for all YAML loaders in the process.
         (yaml.SafeLoader, "yaml_constructors", {**yaml.SafeLoader.yaml_constructors}),
     )
-    before = [getattr(owner, name, eval) for owner, name, _ in changes]
-    try:
+    with ExitStack() as stack:
         for owner, name, value in changes:
+            stack.callback(setattr, owner, name, getattr(owner, name, eval))
             setattr(owner, name, value)
         yield
-    finally:
-        for (owner, name, _), value in zip(changes, before, strict=True):
-            setattr(owner, name, value)

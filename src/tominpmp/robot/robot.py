@@ -470,13 +470,11 @@ def assembled(
         path = description.path
         raise RobotLoadError(f"{path}: no joint is left that moves", path)
     joints = table_for(joint_names)
+    values |= {loss: joints[loss] for loss in LOSSES}
     return Robot(
         model=configured_model(plain, joints, gravity, *ties),
         joint_names=joint_names,
         limits=JointLimits(*joints.ends, joints["velocity"], *joints["effort"].T),
-        damping=joints["damping"],
-        armature=joints["armature"],
-        friction=joints["friction"],
         gravity=gravity,
         expansion_matrix=ties[0],
         expansion_offset=ties[1],
