@@ -188,6 +188,16 @@ def test_scenarios_keep_it(tmp_path: Path) -> None:
     assert "kinematic = true" in (tmp_path / "task.toml").read_text()
 
 
+def test_scenarios_keep_robots_whose_files_leave_efforts_out(tmp_path: Path) -> None:
+    text = URDF.read_text().replace(' effort="0"', "")
+    (tmp_path / "arm.urdf").write_text(text)
+    robot = tm.load_robot(tmp_path / "arm.urdf", kinematic=True)
+    assert pickle.loads(pickle.dumps(robot)) == robot
+    task = tm.Problem(robot, q_start=START, goal=GOAL, motion_limits=LIMITS)
+    tm.save_scenario(tmp_path / "task.toml", task)
+    assert tm.load_scenario(tmp_path / "task.toml").problem.robot == robot
+
+
 SCENE = "world: {collision_objects: []}"
 REQUEST = """
 group_name: arm

@@ -321,6 +321,17 @@ def test_what_is_not_read_is_told_of() -> None:
         ((('pos="0 0 0.2"', 'pos="0 0"'),), "body pos='0 0', expected 3 numbers"),
         ((('size="0.03 0.03 0.05"', 'size="0.03"'),), "geom size='0.03', expected 3"),
         ((("-80 80", "-inf inf"),), "actuatorfrcrange='-inf inf'"),
+        # Pinocchio would take what is in its memory for the colours that are missing.
+        ((('type="box"', 'type="box" rgba="1 0"'),), "geom rgba='1 0', expected 4"),
+        (
+            (
+                (
+                    "<worldbody>",
+                    "<asset><material name='m' rgba='1'/></asset><worldbody>",
+                ),
+            ),
+            "asset: material rgba='1', expected 4 numbers",
+        ),
     ],
 )
 def test_refusals_name_what_is_wrong(

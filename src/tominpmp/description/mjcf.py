@@ -49,7 +49,7 @@ COMPILER = {"angle", "eulerseq", "boundmass", "boundinertia", "inertiafromgeom"}
 ROUND, SOLID = {"sphere": 1, "capsule": 2, "cylinder": 2}, {"box": 3, "ellipsoid": 3}
 SHAPES = {"mesh": 0, **ROUND, **SOLID}
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
-COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6}
+COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6, "rgba": 4}
 # Attributes that are one nonnegative number of any size.
 NONNEGATIVE = ("mass", "armature", "damping", "frictionloss")
 
@@ -191,6 +191,7 @@ class _MjcfReader:
                 item.set("file", str(file.absolute()))
         for item in (*root.findall("asset/mesh"), *root.findall("asset/material")):
             item.attrib.pop("texture", None)
+            self.context.numbers(item, "rgba", "asset", (0.0,) * COUNTS["rgba"])
             if item.tag != "mesh" or item.get("name") not in self.missing:
                 asset.append(item)
         # Pinocchio reads the first body only, and ignores its placement.
