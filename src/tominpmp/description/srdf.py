@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 from xml.etree.ElementTree import Element
 
-from tominpmp.arrays import record_line
+from tominpmp.arrays import Record
 from tominpmp.description.paths import checked_path
 from tominpmp.description.tree import JointDescription, UrdfDescription
 from tominpmp.description.xml_reader import (
@@ -88,7 +88,7 @@ class JointGroup:
 
 
 @dataclass(frozen=True)
-class SemanticDescription:
+class SemanticDescription(Record):
     """Content of an SRDF file of a robot.
 
     Attributes:
@@ -120,15 +120,11 @@ class SemanticDescription:
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
         for name, value in vars(self).items():
-            object.__setattr__(self, name, _mapped(value, MappingProxyType))
+            self._keep(**{name: _mapped(value, MappingProxyType)})
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the read-only mappings as plain ones."""
         return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
-
-    def __repr__(self) -> str:
-        """Fields that differ from their defaults, on one line."""
-        return record_line(self)
 
     def find_group(self, name: str) -> str | None:
         """Name of a group in the file; None without a match.

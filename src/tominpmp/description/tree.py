@@ -209,10 +209,8 @@ class UrdfDescription(Record):
 
     def carrying_link(self, frame: str) -> str | None:
         """Link with the axes of a frame: the link itself, or the child of a joint."""
-        if frame in self.links:
-            return frame
-        carried = (joint.child for joint in self.tree if joint.name == frame)
-        return next(carried, None)
+        carried = {joint.name: joint.child for joint in self.tree}
+        return frame if frame in self.links else carried.get(frame)
 
     def with_link(
         self, link: LinkDescription, parent: str, attached: object
