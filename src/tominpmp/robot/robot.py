@@ -508,7 +508,7 @@ class RobotSource:
     """Descriptions and values read from the source of a robot.
 
     Attributes:
-        name: Name under which it was asked for; None for a path or an object.
+        name: Name under which it was asked for; None for a path, a text or an object.
         description: Content of the URDF file, or its equivalent; a path in angle
             brackets stands for a missing file.
         semantics: Content of the SRDF file, if there is one.
