@@ -161,8 +161,9 @@ def _joined_table(
 ) -> JointTable:
     """Values of the joints of all robots, in the order of the joint names."""
     names = tuple(f"{part}/{k}" for part, r in robots.items() for k in r.joint_names)
-    rows = np.concatenate([robot._table().rows for robot in robots.values()])
-    return JointTable(names, rows).only(joint_names)
+    tables = [robot._table().columns for robot in robots.values()]
+    columns = {key: np.concatenate([own[key] for own in tables]) for key in tables[0]}
+    return JointTable(names, columns).only(joint_names)
 
 
 def _joined_motion_limits(

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
 from tominpmp.checks import FLAG, by_joint, in_order, wrong
@@ -200,12 +200,12 @@ def override(
     return result
 
 
-def _fault(option: str, row: np.void) -> str:
+def _fault(option: str, row: Mapping[str, Any]) -> str:
     """Fault of a value for a joint, in a clause; empty for a valid value.
 
     Args:
         option: Column of the value.
-        row: Row of the joint, see :data:`ROW`.
+        row: Values of the joint by column.
     """
     value, speed, crossed = row[option], option == "velocity", False
     if option == "effort":
@@ -320,30 +320,17 @@ class JointLimits(Record):
             raise ProblemError(f"limits: lengths differ: {sizes}", "limits")
 
 
-#: A row of :class:`JointTable`; unknown values are NaN.
-ROW = np.dtype(
-    [
-        ("position_lower", np.float64),  # [rad or m]
-        ("position_upper", np.float64),  # [rad or m]
-        ("velocity", np.float64),  # [rad/s or m/s]
-        ("effort", np.float64, 2),  # the lower and the upper limit [N m or N]
-        ("damping", np.float64),  # viscous friction [N m s/rad or N s/m]
-        ("armature", np.float64),  # rotor inertia seen at the joint [kg m^2 or kg]
-        ("friction", np.float64),  # dry friction [N m or N]
-    ]
-)
-
-
 # Alternative for robots with unknown dynamics, in messages.
 KINEMATIC = (
     "kinematic=True to plan with limits of speed and acceleration alone, without "
     "torques"
 )
 
-#: Columns of the table: values that callers may override.
-OVERRIDES: tuple[str, ...] = ROW.names or ()
-# Columns that are zero for a kinematic robot.
+# Columns that are zero for a kinematic robot: viscous friction [N m s/rad or N s/m],
+# rotor inertia seen at the joint [kg m^2 or kg], and dry friction [N m or N].
 LOSSES = ("damping", "armature", "friction")
+#: Columns of the table: values that callers may override.
+OVERRIDES = ("position_lower", "position_upper", "velocity", "effort", *LOSSES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,15 +339,16 @@ class JointTable:
 
     Attributes:
         joint_names: Names of the n joints.
-        rows: One row of :data:`ROW` per joint, shape (n,).
+        columns: Values of the joints by the names in :data:`OVERRIDES`, shape (n,), or
+            (n, 2) for the lower and the upper effort limit; unknown values are NaN.
     """
 
     joint_names: tuple[str, ...]
-    rows: NDArray[np.void]
+    columns: Mapping[str, Array]
 
     def __getitem__(self, column: str) -> Array:
         """Values of all joints, shape (n,), or (n, 2) for the effort."""
-        return np.array(self.rows[column], dtype=np.float64)
+        return self.columns[column]
 
     @classmethod
     def from_description(
@@ -392,8 +380,9 @@ class JointTable:
             velocity = joint.velocity if joint.velocity > 0 else math.nan
             effort = joint.effort if 0 < joint.effort < math.inf else math.nan
             limits = (joint.lower, joint.upper, velocity, (-effort, effort))
-            rows.append((*limits, joint.damping, joint.armature, joint.friction))
-        return cls(tuple(joint_names), np.array(rows, dtype=ROW))
+            rows.append((*limits, *(getattr(joint, loss) for loss in LOSSES)))
+        columns = (np.array(values, float) for values in zip(*rows, strict=True))
+        return cls(tuple(joint_names), dict(zip(OVERRIDES, columns, strict=True)))
 
     def overridden(
         self, not_free: Mapping[str, str], values: Mapping[str, JointValues | None]
@@ -408,24 +397,23 @@ class JointTable:
             OptionsError: If a value is wrong.
             JointNotFound: If a joint is unknown.
         """
-        names, rows = self.joint_names, self.rows.copy()
+        names, columns = self.joint_names, dict(self.columns)
         changes = {k: value for k, value in values.items() if value is not None}
         for option, value in changes.items():
-            rows[option] = override(option, value, self[option], names, not_free)
+            columns[option] = override(option, value, self[option], names, not_free)
         for option in changes:
-            for name, row in zip(names, rows, strict=True):
-                fault = _fault(option, row)
+            for i, name in enumerate(names):
+                fault = _fault(option, {key: v[i] for key, v in columns.items()})
                 if fault:
                     raise OptionsError(f"{option}: joint {name} {fault}", option)
-        return JointTable(names, rows)
+        return JointTable(names, columns)
 
     def without_dynamics(self) -> JointTable:
         """Table of a kinematic robot: no torque limits, friction or rotor inertia."""
-        rows = self.rows.copy()
-        rows["effort"] = -np.inf, np.inf
-        for column in LOSSES:
-            rows[column] = 0.0
-        return JointTable(self.joint_names, rows)
+        effort = np.full_like(self["effort"], np.inf) * [-1.0, 1.0]
+        losses = {loss: np.zeros_like(self[loss]) for loss in LOSSES}
+        columns = {**self.columns, **losses, "effort": effort}
+        return JointTable(self.joint_names, columns)
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -435,7 +423,8 @@ class JointTable:
     def only(self, joint_names: Sequence[str]) -> JointTable:
         """Table of some of the joints, in the order of the given names."""
         rows = [self.joint_names.index(name) for name in joint_names]
-        return JointTable(tuple(joint_names), self.rows[rows])
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return JointTable(tuple(joint_names), columns)
 
     def check_complete(self, path: Path) -> None:
         """Check that every joint has all limits, and a range to move in.

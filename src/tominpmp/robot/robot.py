@@ -37,7 +37,6 @@ from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
     LOSSES,
-    ROW,
     JointLimits,
     JointTable,
     JointValues,
@@ -395,13 +394,11 @@ class Robot(Record):
         return self.description.attached
 
     def _table(self) -> JointTable:
-        limits, rows = self.limits, np.zeros(self.n, dtype=ROW)
-        for name in ("position_lower", "position_upper", "velocity"):
-            rows[name] = getattr(limits, name)
-        rows["effort"] = np.column_stack([limits.effort_lower, limits.effort_upper])
-        for name in LOSSES:
-            rows[name] = getattr(self, name)
-        return JointTable(self.joint_names, rows)
+        limits, names = self.limits, ("position_lower", "position_upper", "velocity")
+        effort = np.column_stack([limits.effort_lower, limits.effort_upper])
+        columns = {name: getattr(limits, name) for name in names} | {"effort": effort}
+        columns |= {loss: getattr(self, loss) for loss in LOSSES}
+        return JointTable(self.joint_names, columns)
 
     def _check_inertia(self) -> None:
         """Check that every joint moves some inertia, unless the robot has no torques.
