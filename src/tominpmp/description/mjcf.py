@@ -224,7 +224,7 @@ class _MjcfReader:
                 # Defaults for several kinds of shapes may have surplus sizes.
                 child.set("size", " ".join(child.get("size", "").split()[:count]))
                 counts = counts | {"size": count}
-            for key in counts.keys() & child.attrib.keys():
+            for key in (k for k in counts if k in child.attrib):
                 low = 0.0 if key == "size" else None
                 self.context.numbers(child, key, where, (0.0,) * counts[key], low)
             for key in (k for k in NONNEGATIVE if k in child.attrib):
