@@ -41,6 +41,7 @@ from tominpmp.planner.coarse_search import (
 )
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
     random_torque_starts,
@@ -166,7 +167,27 @@ def starts(
         if solved:
             # The search has tried the first guess and compared the usual ones.
             wanted, rescues = 0 if wanted == usual else wanted - 1, rescues - 1
+    elif can_be_joined(system, options):
+        yield from _first_of_segments(system, state, next(guesses))
+        wanted, rescues = wanted - 1, rescues - 1
     yield from _descents(system, state, guesses, wanted, rescues)
+
+
+def _first_of_segments(
+    system: ProblemFunctions, state: PlanState, guess: Guess
+) -> Schedule[None]:
+    """Descend from the first guess of several segments, as a whole or one by one.
+
+    In free space, and where final configurations are free, a descent of the whole
+    motion is fast and mostly succeeds. Among obstacles it rarely does.
+    """
+    free = any(part.final_configuration is None for part in system.parts)
+    if free or system.in_free_space:
+        stop = stop_if_hopeless(guess.duration)
+        candidate = yield descent_work(system, state.options, guess, state, stop)
+        if candidate is not None and candidate.confirmed:
+            return
+    yield segments_joined(system, guess, state, starts)
 
 
 def _descents(

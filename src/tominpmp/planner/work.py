@@ -115,6 +115,27 @@ def run(state: PlanState, work: Work) -> Candidate | None:
     return candidate
 
 
+def carry_out(state: PlanState, schedule: Schedule[None]) -> Status | None:
+    """Carry out the work of a schedule, until it is exhausted or planning ends.
+
+    Returns:
+        How planning was stopped; None if the schedule is exhausted or any motion will
+        do.
+
+    Raises:
+        Stop: If planning is to end while the schedule makes its next work.
+    """
+    candidate, status = None, None
+    try:
+        while status is None and not state.satisfied:
+            candidate = run(state, schedule.send(candidate))
+            status = state.ended
+    except StopIteration:
+        return None
+    schedule.close()
+    return status
+
+
 def make_and_repair(state: PlanState, work: Work) -> Candidate:
     """Make a candidate and replay it; repair and repeat if the replay breaks limits.
 
@@ -199,7 +220,7 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
     with state.saving():
         for item in feasible or state.kept_iterates[-1:]:
             try:
-                last = _as_candidate(work.name, item, initial, status)
+                last = as_candidate(work.name, item, initial, status)
                 last = replace(last, history=tuple(state.records))
                 candidate = last.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
@@ -214,7 +235,7 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
     return last
 
 
-def _as_candidate(
+def as_candidate(
     name: str, kept: KeptIterate, initial: KeptIterate, status: Status
 ) -> Candidate:
     """A kept iterate as a candidate, not replayed yet."""
@@ -265,7 +286,7 @@ def use_fallback(state: PlanState, status: Status) -> None:
     """
     coarse = () if state.fallback is None else (state.fallback,)
     guesses = (
-        Fallback(_as_candidate(name, kept, kept, status), kept, problem)
+        Fallback(as_candidate(name, kept, kept, status), kept, problem)
         for name, kept, problem in state.first_guesses
     )
     errors = state.failures[-1:]
