@@ -9,17 +9,19 @@ largest torque.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.bounds.energy import effort_bounds, effort_curves
 from tominpmp.bounds.least_time import Both, Change, Drive, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.goals.turns import TURN
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
@@ -97,7 +99,11 @@ def _in_words(limits: Sequence[float], unit: str) -> str:
 
 
 def joint_bounds(
-    joints: Sequence[Joint], lower: Array, upper: Array, ends: Array
+    joints: Sequence[Joint],
+    lower: Array,
+    upper: Array,
+    ends: Array,
+    turning: BoolArray,
 ) -> list[LowerBound]:
     """Bounds for ranges within which joints have to end.
 
@@ -107,22 +113,38 @@ def joint_bounds(
         upper: Largest displacement of each joint, with its sign, shape (n,).
         ends: Velocities at the start and at the end, shape (2, n); infinite where a
             velocity is free.
+        turning: Joints that may end any number of turns away, shape (n,).
     """
     bounds = []
-    each = zip(joints, *(x.tolist() for x in (lower, upper, *ends)), strict=True)
-    for joint, least, most, v0, v1 in each:
-        way = max(least, 0.0) + min(most, 0.0)
-        if least == most and math.isfinite(v0) and math.isfinite(v1):
-            T = joint.drive.least_time_between(way, (v0, v1))
-        elif way != 0.0:
-            T = joint.drive.least_time(way, (v0, v1))
-        else:
-            continue
-        # An infinite time would claim that no motion exists, which is not proved.
-        T = T if math.isfinite(T) else 0.0
+    each = zip(joints, lower.tolist(), upper.tolist(), ends.T, turning, strict=True)
+    for joint, least, most, (v0, v1), turns in each:
+        T, way = _least(joint, least, most, (float(v0), float(v1)))
+        # A joint at rest takes the nearest turn; one that moves may go on.
+        for side in (TURN, -TURN) if turns and np.any([v0, v1]) else ():
+            for k in itertools.count(1):
+                further = least + k * side, most + k * side
+                other = _least(joint, *further, (float(v0), float(v1)))
+                if other[0] >= T:
+                    break  # beyond its braking distance, a joint only takes longer
+                T, way = other
         reason = f"joint {joint.name} has {abs(way):.4g} {joint.unit} to go"
         bounds.append(LowerBound(T, f"{reason}, {joint.limits}", joint.name))
     return bounds
+
+
+def _least(
+    joint: Joint, least: float, most: float, ends: tuple[float, float]
+) -> tuple[float, float]:
+    """Least time for a range of displacements [s], and the displacement."""
+    way = max(least, 0.0) + min(most, 0.0)
+    if least == most and math.isfinite(ends[0]) and math.isfinite(ends[1]):
+        T = joint.drive.least_time_between(way, ends)
+    elif way != 0.0:
+        T = joint.drive.least_time(way, ends)
+    else:
+        T = 0.0
+    # An infinite time would claim that no motion exists, which is not proved.
+    return T if math.isfinite(T) else 0.0, way
 
 
 def reach_of(joints: Sequence[Joint], ends: Array) -> Callable[[float], Array]:

@@ -108,7 +108,8 @@ def _of_goal(
         q, ends = item.configuration, np.stack([start, _end_velocity(problem, item)])
         lower, upper = (x - problem.q_start for x in item.joint_ranges(problem.robot))
         bounds = [LowerBound(0.0, "no bound is known for a goal of this kind")]
-        bounds += joint_bounds(joints, lower, upper, ends)
+        turning = item.angles(problem.robot)
+        bounds += joint_bounds(joints, lower, upper, ends, turning)
         bounds += tool_speed_bounds(problem, item)
         if q is not None and np.all(np.isfinite(ends)):
             bounds += energy_bounds(problem, q, ends)

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import JOINTS, array, instance, number, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
@@ -247,6 +247,10 @@ class Goal(ABC):
             JointNotFound: If a joint declared an angle is not a revolute joint.
         """
         return self
+
+    def angles(self, robot: Robot) -> BoolArray:
+        """Joints that may reach the goal after any number of turns, shape (n,)."""
+        return np.zeros(instance(robot, Robot, "robot").n, dtype=bool)
 
     def turns(self, robot: Robot) -> dict[str, int]:
         """Whole turns that were added to the caller's joint positions, by joint."""

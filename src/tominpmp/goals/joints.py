@@ -136,7 +136,7 @@ class GoalOnJoints(Record, Goal):
         most, n = whole(most, "most", least=1), instance(robot, Robot, "robot").n
         q, v = (array(x, name, (n,), JOINTS) for x, name in ((q, "q"), (v, "v")))
         rows, limits = self._rows(robot), robot.limits
-        angles = self._angles(robot)[rows]
+        angles = self.angles(robot)[rows]
         if not np.any(angles):
             return self
         moving = (v[rows] != 0.0) | (self.final_velocity(robot.n)[rows] != 0.0)
@@ -144,8 +144,8 @@ class GoalOnJoints(Record, Goal):
         ways = equivalent_positions(self.q, q[rows], angles, ends, moving, most)
         return self._with_ways(*ways)
 
-    def _angles(self, robot: Robot) -> BoolArray:
-        """Which joints of a robot are angles, shape (n,)."""
+    def angles(self, robot: Robot) -> BoolArray:
+        """Joints that are angles: those declared so, and those without limits."""
         declared = () if isinstance(self.wrap, bool) else self.wrap
         known = np.array(robot.joint_names)
         revolute = known[~prismatic_joints(robot)].tolist()
@@ -248,7 +248,7 @@ class JointGoal(GoalOnJoints):
     def validate(self, robot: Robot) -> None:
         """Check the joints that are angles, and the lengths of the vectors."""
         names = instance(robot, Robot, "robot").joint_names
-        self._angles(robot)
+        self.angles(robot)
         for name, value in (("goal.q", self.q), ("goal.v", self.v)):
             if value is not None:
                 one_per_joint(value, name, names)
@@ -318,7 +318,7 @@ class JointRegionGoal(GoalOnJoints):
         names = known if self.joints is None else tuple(self.joints)
         known_joints(names, known)
         one_per_joint(self.q, "goal.q", names)
-        self._angles(robot)
+        self.angles(robot)
 
     def _targets(self, robot: Robot, way: Array) -> tuple[IntArray, Array, Array]:
         """Indices of the goal's joints, their target positions, and the tolerances.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record
+from tominpmp.arrays import Array, BoolArray, Record
 from tominpmp.checks import of_kind, whole
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
@@ -83,6 +83,7 @@ class PassedGoal(Record, Goal):
     angle_to_go = _delegated("angle_to_go")
     target = _delegated("target")
     members = _delegated("members")
+    angles = _delegated("angles")
     turns = _delegated("turns")
 
     def with_state(self, q: Array, v: Array) -> Goal:
@@ -144,7 +145,9 @@ class GoalSet(Record, Goal):
 
     def wrapped(self, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS) -> Goal:
         """The set of the goals, each with its equivalent joint angles near a start."""
-        share = max(whole(most, "most", least=1) // len(self.goals), 1)
+        most = whole(most, "most", least=1)
+        # An obstacle may block the way in one direction.
+        share = max(most // len(self.goals), min(most, 2))
         goals = tuple(goal.wrapped(robot, q, v, share) for goal in self.goals)
         return self._altered(goals=goals)
 
@@ -260,6 +263,11 @@ class AllGoals(GoalSet):
     def members(self) -> tuple[Goal, ...]:
         """The goals."""
         return tuple(self.goals)
+
+    def angles(self, robot: Robot) -> BoolArray:
+        """Joints that are angles in one of the goals, shape (n,)."""
+        each = [goal.angles(robot) for goal in self.members]
+        return np.asarray(np.any(each, axis=0))
 
     def turns(self, robot: Robot) -> dict[str, int]:
         """Whole turns that were added to the positions of all goals, by joint."""

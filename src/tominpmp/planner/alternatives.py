@@ -10,6 +10,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.warm_start import former_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.planner.barriers import barrier_on_way
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule
@@ -28,7 +29,8 @@ def candidates_of_alternatives(
     The goals with the smallest lower bounds come first. As long as there is no
     incumbent, a start may take only its share of the planning time: a goal may be out
     of reach, and that is not always known at once. Goals whose lower bound is not
-    below the duration of the incumbent are left out.
+    below the duration of the incumbent are left out, and so are goals that a barrier
+    blocks, unless it blocks all of them.
 
     Args:
         state: The plan of a problem with one goal or a set of goals.
@@ -52,6 +54,9 @@ def candidates_of_alternatives(
     order = np.argsort(bounds, kind="stable").tolist()
     if entered is not None:
         order = [entered, *(i for i in order if i != entered)]
+    forgiven = state.options.tolerances.contact
+    free = [i for i in order if barrier_on_way(parts[i], forgiven) is None]
+    order = free or order
     answers: list[Candidate | None] = [None] * len(parts)
     wrong: list[str] = []
     while order:

@@ -15,6 +15,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.collision.checker import Contact
+from tominpmp.goals.turns import TURN
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem.problem import Problem
 
@@ -55,55 +56,100 @@ class Barrier:
 def find_barrier(problem: Problem, forgiven: float) -> Barrier | None:
     """Look for a barrier that blocks all motions; None if no barrier is proved.
 
-    Every alternative of the goal must be blocked. With goals on a frame, or with moving
-    obstacles, nothing can be proved.
+    Every alternative of the goal must be blocked, and for joints that are angles the
+    ways in both directions. With goals on a frame, or with moving obstacles, nothing
+    can be proved.
 
     Args:
         problem: The problem.
         forgiven: Lack of clearance that is tolerated in a motion [m].
     """
-    barriers = [_barred(part, forgiven) for part in problem.alternatives]
+    parts = problem.alternatives
+    barriers = [barrier_on_way(part, forgiven, turning=True) for part in parts]
     return barriers[0] if all(barriers) else None
 
 
-def _barred(problem: Problem, forgiven: float) -> Barrier | None:
-    """The barrier for one alternative of the goal, on its first blocked segment."""
+def barrier_on_way(
+    problem: Problem, forgiven: float, *, turning: bool = False
+) -> Barrier | None:
+    """The barrier on the first blocked segment of a problem with one goal.
+
+    Args:
+        problem: The problem.
+        forgiven: Lack of clearance that is tolerated in a motion [m].
+        turning: Whether joints that are angles may reach the goal by other turns.
+    """
     begin: Array | None = problem.q_start
     many = len(problem.phases) > 1
     for number, phase in enumerate(problem.phases):
         end = phase.goal.configuration
         if begin is not None and end is not None and len(phase.scene):
             segment = number + 1 if many else None
-            barrier = _between(phase, begin, end, forgiven, segment)
+            ends = _ends(phase, begin, end) if turning else end[None]
+            barrier = _between(phase, begin, ends, forgiven, segment)
             if barrier is not None:
                 return barrier
         begin = end
     return None
 
 
+def _ends(problem: Problem, begin: Array, end: Array) -> Array:
+    """Configurations at the nearest turns in both directions, shape (2, n).
+
+    A joint that is no angle, or whose turn in a direction is beyond its limits, ends at
+    the same position in both. All further turns pass the nearest ones.
+    """
+    robot = problem.robot
+    limits = robot.limits
+    up = begin + np.mod(end - begin, TURN)
+    ends = np.stack([up, up - TURN])
+    inside = (ends >= limits.position_lower) & (ends <= limits.position_upper)
+    ends = np.where(inside, ends, ends[::-1])
+    return np.where(problem.goal.angles(robot), ends, end)
+
+
 def _between(
-    problem: Problem, begin: Array, end: Array, forgiven: float, segment: int | None
+    problem: Problem, begin: Array, ends: Array, forgiven: float, segment: int | None
 ) -> Barrier | None:
-    """The barrier between two configurations; None if there is none."""
+    """The barrier of the joint with the least room on all of its ways, or None.
+
+    Args:
+        problem: The problem of the segment.
+        begin: Configuration at its start, shape (n,).
+        ends: Configurations at the ends of the ways, shape (k, n).
+        forgiven: Lack of clearance that is tolerated in a motion [m].
+        segment: Number of the segment, from 1; None if there is only one.
+    """
     checker, robot = problem.checker, problem.robot
     joint = checker.single_joints
-    pairs = np.flatnonzero((joint >= 0) & (begin != end)[joint])
+    pairs = np.flatnonzero((joint >= 0) & np.all(begin != ends, axis=0)[joint])
     if not pairs.size:
         return None
-    q = np.linspace(begin, end, PLACES)
-    instants = np.repeat(np.arange(PLACES), pairs.size)
-    each = np.tile(pairs, PLACES)
+    q = np.linspace(begin, ends, PLACES, axis=1).reshape(-1, robot.n)
+    instants = np.repeat(np.arange(len(q)), pairs.size)
+    each = np.tile(pairs, len(q))
     margins = problem.margins
     distances = checker.measured(q, instants, each, margins[each])
-    worst = int(np.argmin(distances - margins[each]))
-    pair = int(each[worst])
-    contact = checker.contact(pair, float(distances[worst]), float(margins[pair]))
+    room = (distances - margins[each]).reshape(len(ends), PLACES, pairs.size)
+
+    def narrowest(j: int) -> tuple[float, int]:
+        """Least room of a joint on its widest way, and its index among the rooms."""
+        columns = np.flatnonzero(joint[pairs] == j)
+        rooms = room[:, :, columns]
+        way = int(np.argmax(rooms.min(axis=(1, 2))))
+        place, column = np.unravel_index(np.argmin(rooms[way]), rooms[way].shape)
+        index = np.ravel_multi_index((way, place, columns[column]), room.shape)
+        return float(room.flat[index]), int(index)
+
+    _, index = min(map(narrowest, np.unique(joint[pairs]).tolist()))
+    pair = int(each[index])
+    contact = checker.contact(pair, float(distances[index]), float(margins[pair]))
     if contact.lack <= forgiven + DEEP:
         return None
     j = int(joint[pair])
     return Barrier(
         robot.joint_names[j],
-        float(q[instants[worst], j]),
+        float(q[instants[index], j]),
         "m" if prismatic_joints(robot)[j] else "rad",
         contact,
         segment,
