@@ -73,8 +73,6 @@ class Guess:
             their dwells, shape (k - 1,).
         solved: Whether the guess is a former motion that meets the goals of all
             segments.
-        stops: Whether a motion that stops at all goals is planned before a motion that
-            passes them.
     """
 
     name: str
@@ -86,7 +84,6 @@ class Guess:
     blocked: bool = False
     inner_ends: Array = field(default_factory=lambda: np.zeros(0))
     solved: bool = False
-    stops: bool = False
 
     @classmethod
     def of_motion(cls, name: str, motion: Trajectory, count: int = SAMPLES) -> Guess:

@@ -29,27 +29,18 @@ def segmented_guesses(
     rng: np.random.Generator,
     duration: float | None = None,
     deadline: float = np.inf,
-    *,
-    smooth: bool = False,
 ) -> Iterator[Guess]:
     """Guesses through the goals of all segments; see :func:`initial_guesses`.
 
     The first guess joins the first guesses of all segments, the second guess their
-    second guesses, as long as every segment has one. If accelerations are continuous
-    and goals are passed without a stop, each guess comes twice: for a motion that
-    passes the goals at once, and for one that first stops there. Which of them leads to
-    the better motion is not known beforehand.
+    second guesses, as long as every segment has one.
     """
     share = None if duration is None else duration / len(system.parts)
-    twice = smooth and with_stops(system) is not system
     for number in range(count):
-        known = number % 2 and twice
-        if not known:
-            place = number // 2 if twice else number
-            guess = _guess(system, place, rng, share, deadline)
+        guess = _guess(system, number, rng, share, deadline)
         if guess is None:
             return
-        yield replace(guess, stops=True) if known else guess
+        yield guess
 
 
 def _guess(
@@ -125,15 +116,6 @@ def first_unreached(
             return number, single
         q = guess.q[-1]
     raise ProblemError("segments: no guess of a motion through their goals", "segments")
-
-
-def with_stops(system: ProblemFunctions) -> ProblemFunctions:
-    """The problem with a stop at every goal; the same if every goal is a stop."""
-    parts = [_rest_to_rest(part, part.problem.q_start) for part in system.parts]
-    pairs = zip(parts, system.parts, strict=True)
-    if all(stopped.problem.goal is part.problem.goal for stopped, part in pairs):
-        return system
-    return replace(system, parts=tuple(parts))
 
 
 def _rest_to_rest(part: ProblemFunctions, q: Array) -> ProblemFunctions:

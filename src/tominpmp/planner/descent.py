@@ -10,7 +10,6 @@ import numpy as np
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.initial_guess.segments import with_stops
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import minimum_time
@@ -203,13 +202,10 @@ def _smooth_start(
 
     At goals that are passed without a stop, a guess has corners, which are far from any
     motion with continuous accelerations. A few iterations therefore make a preliminary
-    motion first, which stops at these goals, or whose accelerations may jump.
+    motion first, whose accelerations may jump.
     """
-    brief = replace(options, max_iterations=FIRST_ITERATIONS)
-    easier = with_stops(system)
-    if not guess.stops:
-        easier = system.without_smooth_limits()
-        brief = replace(brief, control="constant")
+    brief = replace(options, max_iterations=FIRST_ITERATIONS, control="constant")
+    easier = system.without_smooth_limits()
     program, z = first_program(easier, brief, guess)
     result = solve(
         program,
@@ -219,10 +215,6 @@ def _smooth_start(
         callback=state,
         keep=state.keep,
     )
-    if guess.stops:
-        program, z = first_program(system, options, guess)
-        z = z if result.best is None else result.best.z
-        return program.at(z), z
     if result.best is not None:
         warm = warm_start(system, result.program.trajectory(result.best.z))
         inner = warm.inner_ends

@@ -55,17 +55,19 @@ def segments_joined(
         starts: Makes the schedule of starts of a segment.
     """
 
-    def make(system: ProblemFunctions, *_: object) -> Candidate:
+    def make(
+        system: ProblemFunctions, doublings: int, former: Candidate | None
+    ) -> Candidate:
         better = guess
-        motions = _planned_alone(system, guess, state, starts)
-        if len(motions) == len(system.parts):
+        motions = [] if former else _planned_alone(system, guess, state, starts)
+        if motions:
             joined = _as_candidate(system, motions, state)
             if joined.confirmed and _is_separable(system):
                 return joined
             if joined.confirmed:
                 state.candidates.append(joined)
             better = guess_of(system, joined)
-        return descend(state.options, better, state, None, system)
+        return descend(state.options, better, state, None, system, doublings, former)
 
     return Work(system, guess.name, make, self_collision_rows=True)
 
@@ -83,7 +85,7 @@ def _is_separable(system: ProblemFunctions) -> bool:
 def _planned_alone(
     system: ProblemFunctions, guess: Guess, state: PlanState, starts: Starts
 ) -> list[Trajectory]:
-    """Motions of the segments from rest to rest, up to the first that is not found."""
+    """Motions of the segments from rest to rest; empty if one of them is not found."""
     motions: list[Trajectory] = []
     q = system.problem.q_start
     for k, (part, end) in enumerate(zip(system.parts, guess.ends, strict=True)):
@@ -91,12 +93,12 @@ def _planned_alone(
         goal = phase.goal.stopped
         if goal.configuration is None:
             goal = JointGoal(end).resolved(phase.robot, q)
-        problem = phase._altered(goal=goal, q_start=q, v_start=np.zeros_like(q))
+        problem = phase._altered(goal=goal, q_start=q)
         others = guess.duration - guess.durations[k]
-        seconds = state.remaining_time / (len(system.parts) - k + 1)
+        seconds = state.remaining_time / (len(system.parts) - k)
         motion = _alone(problem, state, starts, others, seconds)
         if motion is None:
-            break
+            return []
         motions.append(motion)
         q = motion.q[-1]
     return motions

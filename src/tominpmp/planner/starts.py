@@ -52,15 +52,12 @@ from tominpmp.planner.work import Schedule, Work, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of guesses for a goal on a frame, whose final configuration is free. In free
 # space these are straight lines only, unless an arm of few joints may have to swing.
 LONE_FRAME_STARTS, FRAME_STARTS = FEW_LINES, 4
-# Number of guesses for several segments with continuous accelerations.
-SEGMENTED_STARTS = 2
 # Number of guesses where obstacles move, as a motion may wait for them; and the upper
 # limit while there is no incumbent.
 MOVING_STARTS = 3
@@ -103,8 +100,7 @@ def usual_starts(system: ProblemFunctions, options: Options) -> tuple[int, int]:
             many = system.in_free_space and system.n > FEW_JOINTS
             usual = LONE_FRAME_STARTS if many else FRAME_STARTS
         usual = max(usual, MOVING_STARTS) if moving else usual
-        if system.parts:
-            usual = SEGMENTED_STARTS if options.control in DEGREES else 1
+        usual = 1 if system.parts else usual
     swings = torques_may_lead(system)
     rescues = FEW_JOINTS_RESCUE_STARTS if swings else RESCUE_STARTS
     return usual, max(usual, MOVING_RESCUE_STARTS if moving else rescues)
@@ -143,9 +139,7 @@ def starts(
     most = max(wanted, rescues)
     if searched and not system.in_free_space:
         most = max(most, usual + MOST_PATHS)
-    make = guesses_of
-    if system.parts:
-        make = partial(segmented_guesses, smooth=options.control in DEGREES)
+    make = segmented_guesses if system.parts else guesses_of
     guesses = make(system, most, rng, options.initial_duration, state.end_time)
     first = next(guesses, None)
     if first is None:
