@@ -118,3 +118,27 @@ def test_single_joints_alone_decide_distances(name: str) -> None:
         q[:, joint] = np.linspace(low[joint], high[joint], 12)
         assert np.ptp(checker.distances(q)[:, lone == joint], axis=0).max() > 1e-3
     assert np.any(lone[: checker.obstacle_pairs] >= 0)
+
+
+def test_the_other_way_round_bars_nothing() -> None:
+    """A post bars one way of a link that turns without end, two posts bar both."""
+    robot = tm.load_robot(
+        """<robot name="hand"><link name="base"/><link name="hand"><inertial>
+        <origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="0.01" iyy="0.01"
+        izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial><collision>
+        <origin xyz="0.2 0 0"/><geometry><box size="0.4 0.04 0.04"/></geometry>
+        </collision></link><joint name="turn" type="continuous"><parent link="base"/>
+        <child link="hand"/><axis xyz="0 0 1"/><limit velocity="3" effort="50"/>
+        </joint></robot>"""
+    )
+    posts = [
+        tm.Cylinder(f"post {x}", radius=0.03, length=1.0, position=(x, 0.0, 0.0))
+        for x in (0.3, -0.3)
+    ]
+    goal = tm.AnyGoal([tm.JointGoal([0.5 + 0.01 * k]) for k in range(8)])
+    one, both = (tm.Problem(robot, [-0.5], goal, posts[:k]) for k in (1, 2))
+    barrier = find_barrier(both, FORGIVEN)
+    assert barrier is not None
+    assert barrier.joint == "turn"
+    assert find_barrier(one, FORGIVEN) is None
+    assert tm.plan(one, effort="quick").success

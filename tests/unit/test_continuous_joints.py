@@ -81,6 +81,33 @@ def test_an_obstacle_makes_the_other_way_round_faster(
     assert found.trajectory.q[-1, 0] == pytest.approx(end, abs=1e-5)
 
 
+def test_many_goals_keep_the_ways_in_both_directions(robot: tm.Robot) -> None:
+    """A pillar bars the nearest way to each goal, but not the way round."""
+    pillar = tm.Box("pillar", size=(0.1, 0.1, 2.0), position=(-0.3, 0.0, 0.4))
+    goal = tm.AnyGoal([tm.JointGoal([-0.8 + 0.1 * k, 1.5]) for k in range(5)])
+    problem = tm.Problem(robot, [2.4, 1.5], goal, [pillar], motion_limits=LIMITS)
+    found = tm.plan(problem)
+    assert found.success
+    assert found.trajectory.q[-1, 0] == pytest.approx(-0.4, abs=1e-5)
+
+
+def test_no_bound_exceeds_a_motion_that_goes_on_for_two_turns(robot: tm.Robot) -> None:
+    """A joint that cannot stop earlier goes on to a later turn, which takes less."""
+    limits = tm.MotionLimits(acceleration=0.17)
+    nearest = tm.JointGoal([0.5, 0.1])
+    later = tm.JointGoal([0.5 + 2 * TURN, 0.1], wrap=False)
+    bounds = [
+        tm.lower_bound(
+            tm.Problem(
+                robot, [0.0, 0.1], goal, v_start=[2.0, 0.0], motion_limits=limits
+            )
+        )
+        for goal in (nearest, later)
+    ]
+    assert bounds[1].T == pytest.approx(12.3, abs=1.0)
+    assert bounds[0].T <= bounds[1].T
+
+
 def test_a_moving_start_goes_on(robot: tm.Robot) -> None:
     """To turn back would take longer than to go the longer way."""
     limits = tm.MotionLimits(acceleration=1.0)

@@ -21,7 +21,6 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.descent import descend, guess_of
-from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work, as_candidate, carry_out
 from tominpmp.problem.problem import Problem
@@ -33,18 +32,20 @@ from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
-# Makes the schedule of starts for a problem with one goal.
-Starts = Callable[[PlanState, Problem], Schedule[None]]
+# Makes the schedule of a plan for a problem with one goal.
+MakeSchedule = Callable[[PlanState, Problem], Schedule[None]]
 
 
 def can_be_joined(system: ProblemFunctions, options: Options) -> bool:
-    """Whether segments can be planned one by one: no obstacle may move."""
-    moving = any(part.problem.scene.moving for part in system.parts)
-    return bool(system.parts) and options.method == "inverse" and not moving
+    """Whether segments can be planned one by one: neither goals nor obstacles move."""
+    scenes = any(part.problem.scene.moving for part in system.parts)
+    goals = any(part.problem.goal.ends_moving for part in system.parts[:-1])
+    inverse = options.method == "inverse" and options.refine != "switching"
+    return bool(system.parts) and inverse and not (scenes or goals)
 
 
 def segments_joined(
-    system: ProblemFunctions, guess: Guess, state: PlanState, starts: Starts
+    system: ProblemFunctions, guess: Guess, state: PlanState, schedule: MakeSchedule
 ) -> Work:
     """Work that plans each segment alone, joins the motions, and improves the result.
 
@@ -52,20 +53,20 @@ def segments_joined(
         system: Functions of the problem.
         guess: The guess, which has the final configurations of the segments.
         state: The plan.
-        starts: Makes the schedule of starts of a segment.
+        schedule: Makes the schedule of a segment.
     """
 
     def make(
         system: ProblemFunctions, doublings: int, former: Candidate | None
     ) -> Candidate:
         better = guess
-        motions = [] if former else _planned_alone(system, guess, state, starts)
-        if motions:
-            joined = _as_candidate(system, motions, state)
+        parts = [] if former else _planned_alone(system, guess, state, schedule)
+        if parts:
+            joined = _as_candidate(system, parts, state)
             if joined.confirmed and _is_separable(system):
                 return joined
             if joined.confirmed:
-                state.candidates.append(joined)
+                state.candidates.append(replace(joined, status=Status.STALLED))
             better = guess_of(system, joined)
         return descend(state.options, better, state, None, system, doublings, former)
 
@@ -83,10 +84,10 @@ def _is_separable(system: ProblemFunctions) -> bool:
 
 
 def _planned_alone(
-    system: ProblemFunctions, guess: Guess, state: PlanState, starts: Starts
-) -> list[Trajectory]:
-    """Motions of the segments from rest to rest; empty if one of them is not found."""
-    motions: list[Trajectory] = []
+    system: ProblemFunctions, guess: Guess, state: PlanState, schedule: MakeSchedule
+) -> list[Candidate]:
+    """The segments from rest to rest; empty if one of them is not found."""
+    found: list[Candidate] = []
     q = system.problem.q_start
     for k, (part, end) in enumerate(zip(system.parts, guess.ends, strict=True)):
         phase = part.problem
@@ -96,23 +97,27 @@ def _planned_alone(
         problem = phase._altered(goal=goal, q_start=q)
         others = guess.duration - guess.durations[k]
         seconds = state.remaining_time / (len(system.parts) - k)
-        motion = _alone(problem, state, starts, others, seconds)
-        if motion is None:
+        candidate = _alone(problem, state, schedule, others, seconds)
+        if candidate is None:
             return []
-        motions.append(motion)
-        q = motion.q[-1]
-    return motions
+        found.append(candidate)
+        q = candidate.trajectory.q[-1]
+    return found
 
 
 def _alone(
-    problem: Problem, state: PlanState, starts: Starts, others: float, seconds: float
-) -> Trajectory | None:
-    """The motion of one segment; None if it is not found in time.
+    problem: Problem,
+    state: PlanState,
+    schedule: MakeSchedule,
+    others: float,
+    seconds: float,
+) -> Candidate | None:
+    """The fastest candidate for one segment; None if no motion is found in time.
 
     Args:
         problem: The problem of the segment.
         state: The plan of all segments, which sees the iterations.
-        starts: Makes the schedule of starts of the segment.
+        schedule: Makes the schedule of the segment.
         others: Estimated duration of the other segments [s].
         seconds: Planning time [s].
     """
@@ -120,10 +125,6 @@ def _alone(
     def show(record: IterationRecord) -> bool:
         state(replace(record, duration=record.duration + others))
         return False
-
-    def schedule() -> Schedule[None]:
-        yield from starts(alone, problem)
-        yield from improvements(alone)
 
     control = state.options.control
     options = replace(
@@ -138,25 +139,26 @@ def _alone(
     alone = PlanState(problem, options, stop_requested=lambda: state.deadline.due)
     with alone.deadline.in_force():
         try:
-            carry_out(alone, schedule())
+            carry_out(alone, schedule(alone, problem))
         except Stop as stop:
             alone.stopped(stop)
-    best = alone.incumbent
-    return None if best is None else best.trajectory
+    return alone.incumbent
 
 
 def _as_candidate(
-    system: ProblemFunctions, motions: Sequence[Trajectory], state: PlanState
+    system: ProblemFunctions, parts: Sequence[Candidate], state: PlanState
 ) -> Candidate:
     """The joined motion as a replayed candidate, with the dwells of its segments."""
-    motion = _joined(motions)
+    motion = _joined([part.trajectory for part in parts])
     layout = Layout.of_motion(motion)
     assert layout is not None  # noqa: S101
     transcription, z = layout.represented(system, motion, spans_of(motion, ()))
     program = NonlinearProgram.of(transcription).at(z)
     iterate = Iterate.of(program, z, 1.0)
     kept = KeptIterate(program, iterate, True)
-    candidate = as_candidate("segments", kept, kept, Status.CONVERGED)
+    converged = all(part.status is Status.CONVERGED for part in parts)
+    status = Status.CONVERGED if converged else Status.STALLED
+    candidate = as_candidate("segments", kept, kept, status)
     candidate = replace(candidate, history=tuple(state.records))
     with state.saving():
         return candidate.verified(system.problem, state.options)

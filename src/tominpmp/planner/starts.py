@@ -40,6 +40,7 @@ from tominpmp.planner.coarse_search import (
     search,
 )
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
+from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
 from tominpmp.planner.torque_starts import (
@@ -181,7 +182,13 @@ def _first_of_segments(
         candidate = yield descent_work(system, state.options, guess, state, stop)
         if candidate is not None and candidate.confirmed:
             return
-    yield segments_joined(system, guess, state, starts)
+    yield segments_joined(system, guess, state, _of_one_segment)
+
+
+def _of_one_segment(state: PlanState, problem: Problem) -> Schedule[None]:
+    """The schedule of a segment that is planned alone."""
+    yield from starts(state, problem)
+    yield from improvements(state)
 
 
 def _descents(

@@ -1,0 +1,102 @@
+"""Segments around an obstacle: planned one by one, joined, and improved together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tests.clocks import Clock
+
+NEAR = [0.6, -1.2, 1.9, -0.7, 0.3, 0.0]
+FAR = [-0.6, -1.2, 1.9, -0.7, 0.3, 0.0]
+THERE = tm.Segment(tm.JointGoal(FAR), stop=True)
+BACK = tm.Segment(tm.JointGoal(NEAR))
+WALL = tm.Box("wall", size=(0.8, 0.03, 0.9), position=(0.7, 0.0, 0.45))
+
+
+@pytest.fixture(scope="module")
+def arm() -> tm.Robot:
+    """A UR5 without limits of jerk, whose accelerations may jump."""
+    return tm.load_robot("ur5", limits="urdf")
+
+
+def problem(arm: tm.Robot, *segments: tm.Segment) -> tm.Problem:
+    return tm.Problem(arm, NEAR, segments=segments, scene=[WALL], margin=0.01)
+
+
+@pytest.fixture(scope="module")
+def alone(arm: tm.Robot) -> float:
+    """T of the motion over the wall and of the motion back, each for itself."""
+    ends = (NEAR, FAR), (FAR, NEAR)
+    plans = [
+        tm.plan(tm.Problem(arm, q, tm.JointGoal(goal), [WALL], margin=0.01))
+        for q, goal in ends
+    ]
+    assert all(plan.success for plan in plans)
+    return sum(plan.T for plan in plans)
+
+
+def planned(task: tm.Problem, **options: object) -> tm.Solution:
+    solution = tm.plan(task, **options)
+    assert solution.success, solution.message
+    assert tm.verify(task, solution.trajectory).ok
+    return solution
+
+
+def test_segments_with_a_stop_take_as_long_as_each_alone(
+    arm: tm.Robot, alone: float
+) -> None:
+    solution = planned(problem(arm, THERE, BACK))
+    assert solution.T == pytest.approx(alone, rel=1e-4)
+    assert solution.status is tm.Status.CONVERGED
+
+
+def test_dwells_come_between(arm: tm.Robot, alone: float) -> None:
+    there = tm.Segment(tm.JointGoal(FAR), dwell=0.3)
+    solution = planned(problem(arm, there, BACK))
+    assert solution.T == pytest.approx(alone + 0.3, rel=1e-4)
+    first = solution.segments[0]
+    assert first.stay == pytest.approx(0.3, abs=1e-6)
+    rest = solution.trajectory(np.linspace(first.arrival, first.end, 20))
+    assert np.max(np.abs(rest.v)) < 1e-6
+
+
+def test_goals_that_are_passed_gain_time(arm: tm.Robot, alone: float) -> None:
+    via = tm.JointGoal([0.0, -1.9, 0.9, -0.7, 0.3, 0.0])
+    stop = [tm.Segment(via, stop=True), tm.Segment(tm.JointGoal(FAR))]
+    passing = [tm.Segment(via), tm.Segment(tm.JointGoal(FAR))]
+    slow = planned(problem(arm, *stop))
+    fast = planned(problem(arm, *passing))
+    assert 0.5 * alone < fast.T < 0.995 * slow.T
+
+
+def test_records_have_the_duration_of_all_segments(arm: tm.Robot, alone: float) -> None:
+    durations: list[float] = []
+
+    def see(record: tm.IterationRecord) -> None:
+        durations.append(record.duration)
+
+    solution = planned(problem(arm, THERE, BACK), callback=see)
+    assert len(solution.history) > 0
+    assert min(durations) > 0.6 * alone
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_callback_ends_the_plan_of_a_segment(arm: tm.Robot, count: int) -> None:
+    seen: list[tm.IterationRecord] = []
+
+    def stop(record: tm.IterationRecord) -> bool:
+        seen.append(record)
+        return len(seen) >= count
+
+    solution = tm.plan(problem(arm, THERE, BACK), callback=stop)
+    assert solution.status is tm.Status.INTERRUPTED
+    assert len(seen) == count
+
+
+@pytest.mark.parametrize("limit", [0.05, 0.2])
+def test_time_limits_are_kept(arm: tm.Robot, clock: Clock, limit: float) -> None:
+    solution = tm.plan(problem(arm, THERE, BACK), max_planning_time=limit)
+    assert solution.success or solution.status is tm.Status.TIME_LIMIT
+    assert solution.planning_time <= 1.1 * limit + 0.2
