@@ -16,6 +16,7 @@ from typing import Any
 import batch_samples
 import numpy as np
 import pytest
+import trimesh
 from batch_samples import QUICK, Deadly, Unsendable, problems, rail
 from command_line import invoke
 
@@ -128,6 +129,38 @@ def test_a_batch_goes_on_where_it_was(folder: Path, alone: list[tm.Outcome]) -> 
     np.testing.assert_array_equal(state, alone[0].solution.trajectory(0.3))
     other = list(tm.plan_many(problems(folder), **{**how, "intervals": 10}))
     assert not any(outcome.resumed for outcome in other)
+
+
+@pytest.mark.parametrize("changed", ["arm.urdf", "post.stl", "none"])
+def test_results_of_files_that_have_changed_are_not_taken_over(
+    tmp_path: Path, changed: str
+) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(Path(tm.load_robot("planar3r").urdf_path).read_text())
+    post = trimesh.creation.box((0.1, 0.1, 0.1))
+    post.export(tmp_path / "post.stl")
+    scenario = tmp_path / "task.toml"
+    scenario.write_text(
+        '[robot]\npath = "arm.urdf"\n[start]\nq = [0.5, 1.7, -1.7]\n'
+        '[goal]\ntype = "joint"\nq = [1.0, 1.0, -1.5]\n[[scene.obstacles]]\nname = "post"\n'
+        'type = "mesh"\npath = "post.stl"\nposition = [-9.0, 0.0, 0.0]\n'
+    )
+
+    def planned() -> tm.Outcome:
+        (found,) = tm.plan_many(
+            [scenario], workers=1, results=tmp_path / "results", **QUICK
+        )
+        assert found.success, found.message
+        return found
+
+    first = planned()
+    if changed == "arm.urdf":
+        urdf.write_text(urdf.read_text().replace('effort="7"', 'effort="5"'))
+    elif changed == "post.stl":
+        post.apply_scale(1.1).export(tmp_path / "post.stl")
+    second = planned()
+    assert second.resumed == (changed == "none")
+    assert (second.T > 1.001 * first.T) == (changed == "arm.urdf")
 
 
 SCRIPT = """

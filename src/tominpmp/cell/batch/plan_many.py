@@ -32,6 +32,7 @@ from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
+from tominpmp.description.urdf import urdf_file
 from tominpmp.exceptions import ScenarioError, TominpmpError, brief
 from tominpmp.files.scenario import Scenario, load_scenario, scenario_text
 from tominpmp.initial_guess.parallel import end_with
@@ -40,6 +41,7 @@ from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
+from tominpmp.scene.meshes import Mesh
 
 MOST_WORKERS = 100_000
 
@@ -386,7 +388,7 @@ def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcom
             text, reason = _written(problem, options, path.parents[1])
             if text:
                 about = f"{task.name}\n{start and start[0]}\n{text}"
-                digest = hashlib.sha256(about.encode()).hexdigest()
+                digest = _digest(about.encode(), *_contents(problem))
                 former = _former(path, digest)
                 if former is not None:
                     return former.outcome(problem, options)
@@ -430,6 +432,39 @@ def _written(problem: Problem, options: Options, folder: Path) -> tuple[str, str
         return "", str(error)
     _checked_robots.add(robot)
     return text, ""
+
+
+def _contents(problem: Problem) -> Iterator[bytes]:
+    """Contents of the files that the scenario of a problem refers to by their paths."""
+    for robot in {id(phase.robot): phase.robot for phase in problem.phases}.values():
+        description = robot.description
+        yield urdf_file(description, (), "")[0]
+        yield repr(robot.srdf and robot.srdf.disabled_pairs).encode()
+        for link in description.bodies:
+            files = (shape.file for shape in link.collisions if shape.file)
+            yield from map(_content, files)
+    for phase in problem.phases:
+        meshes = (item for item in phase.scene if isinstance(item, Mesh) and item.path)
+        yield from (_content(str(mesh.path)) for mesh in meshes)
+
+
+def _content(file: str) -> bytes:
+    """Digest of a file, which is computed once as long as the file is unchanged."""
+    about = Path(file).stat()
+    return _content_at(file, about.st_mtime_ns, about.st_size)
+
+
+@lru_cache(1000)
+def _content_at(file: str, *_: int) -> bytes:
+    return hashlib.sha256(Path(file).read_bytes()).digest()
+
+
+def _digest(*parts: bytes) -> str:
+    """Digest of parts of any length."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(hashlib.sha256(part).digest())
+    return digest.hexdigest()
 
 
 def _former(path: Path, digest: str) -> Entry | None:
