@@ -131,6 +131,22 @@ def test_a_batch_goes_on_where_it_was(folder: Path, alone: list[tm.Outcome]) -> 
     assert not any(outcome.resumed for outcome in other)
 
 
+TASK = """
+[robot]
+path = "arm.urdf"
+[start]
+q = [0.5, 1.7, -1.7]
+[goal]
+type = "joint"
+q = [1.0, 1.0, -1.5]
+[[scene.obstacles]]
+name = "post"
+type = "mesh"
+path = "post.stl"
+position = [-9.0, 0.0, 0.0]
+"""
+
+
 @pytest.mark.parametrize("changed", ["arm.urdf", "post.stl", "none"])
 def test_results_of_files_that_have_changed_are_not_taken_over(
     tmp_path: Path, changed: str
@@ -140,11 +156,7 @@ def test_results_of_files_that_have_changed_are_not_taken_over(
     post = trimesh.creation.box((0.1, 0.1, 0.1))
     post.export(tmp_path / "post.stl")
     scenario = tmp_path / "task.toml"
-    scenario.write_text(
-        '[robot]\npath = "arm.urdf"\n[start]\nq = [0.5, 1.7, -1.7]\n'
-        '[goal]\ntype = "joint"\nq = [1.0, 1.0, -1.5]\n[[scene.obstacles]]\nname = "post"\n'
-        'type = "mesh"\npath = "post.stl"\nposition = [-9.0, 0.0, 0.0]\n'
-    )
+    scenario.write_text(TASK)
 
     def planned() -> tm.Outcome:
         (found,) = tm.plan_many(

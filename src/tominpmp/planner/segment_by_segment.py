@@ -12,12 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from tominpmp.arrays import Array
 from tominpmp.goals.joints import JointGoal
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.descent import descend, guess_of
@@ -25,6 +21,7 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work, as_candidate, carry_out
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
+from tominpmp.problem.sequence import joined
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop
@@ -62,12 +59,12 @@ def segments_joined(
         better = guess
         parts = [] if former else _planned_alone(system, guess, state, schedule)
         if parts:
-            joined = _as_candidate(system, parts, state)
-            if joined.confirmed and _is_separable(system):
-                return joined
-            if joined.confirmed:
-                state.candidates.append(replace(joined, status=Status.STALLED))
-            better = guess_of(system, joined)
+            whole = _as_candidate(system, parts, state)
+            if whole.confirmed and _is_separable(system):
+                return whole
+            if whole.confirmed:
+                state.candidates.append(replace(whole, status=Status.STALLED))
+            better = guess_of(system, whole)
         return descend(state.options, better, state, None, system, doublings, former)
 
     return Work(system, guess.name, make, self_collision_rows=True)
@@ -149,7 +146,7 @@ def _as_candidate(
     system: ProblemFunctions, parts: Sequence[Candidate], state: PlanState
 ) -> Candidate:
     """The joined motion as a replayed candidate, with the dwells of its segments."""
-    motion = _joined([part.trajectory for part in parts])
+    motion = joined([part.trajectory for part in parts], [0.0] * (len(parts) + 1))
     layout = Layout.of_motion(motion)
     assert layout is not None  # noqa: S101
     transcription, z = layout.represented(system, motion, spans_of(motion, ()))
@@ -162,25 +159,3 @@ def _as_candidate(
     candidate = replace(candidate, history=tuple(state.records))
     with state.saving():
         return candidate.verified(system.problem, state.options)
-
-
-def _joined(motions: Sequence[Trajectory]) -> Trajectory:
-    """Motions one after another, without dwells; their torques are not adapted."""
-    ends = np.cumsum([motion.duration for motion in motions])
-    begins = [0.0, *ends[:-1]]
-
-    def rows(parts: Sequence[Array]) -> Array:
-        return np.concatenate([*(part[:-1] for part in parts), parts[-1][-1:]])
-
-    t = [motion.t + begin for motion, begin in zip(motions, begins, strict=True)]
-    t[-1][-1] = ends[-1]
-    a = [motion.a for motion in motions if motion.a is not None]
-    return replace(
-        motions[0],
-        t=rows(t),
-        q=rows([motion.q for motion in motions]),
-        v=rows([motion.v for motion in motions]),
-        u=rows([motion.u for motion in motions]),
-        a=np.concatenate(a) if a else None,
-        segment_ends=ends,
-    )

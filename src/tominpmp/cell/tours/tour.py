@@ -16,15 +16,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
 from tominpmp.files.export import export
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import Segment, segments_of
+from tominpmp.problem.segments import Segment
+from tominpmp.problem.sequence import joined
 from tominpmp.sensitivities.analysis import analyse
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 from tominpmp.solution import Solution
@@ -44,9 +42,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Spacing of the nodes of a motion of degree 5 that is joined to others of lower degree
-# [s].
-FINE = 0.01
 # Difference below which times are equal [s].
 SAME = 1e-9
 # Predicted gain of two joined motions, as a share of their time, above which they are
@@ -279,77 +274,6 @@ class Tour:
             for visit in self.visits
         ]
         return "\n".join(rows)
-
-
-def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
-    """Join motions, each of which begins at rest where the previous one ends.
-
-    Args:
-        motions: The motions.
-        stays: Dwell times at the start, and at the end of each motion [s].
-
-    Returns:
-        One motion; its segments are the motions, each with the dwell at its end.
-    """
-    pieces = [[p.trajectory for p in segments_of(motion, ())] for motion in motions]
-    parts = [part for row in pieces for part in row]
-    mixed = len({part.degree for part in parts}) > 1
-    alike = [[_cubic(part) if mixed else part for part in row] for row in pieces]
-    runs, last = _stay(alike[0][0], 0, stays[0]), list[int]()
-    for row, stay in zip(alike, stays[1:], strict=True):
-        last += range(len(runs), len(runs) + len(row))
-        runs += [*row, *_stay(row[-1], -1, stay)]
-        last[-1] = len(runs) - 1
-
-    def whole(rows: Sequence[Array]) -> Array:
-        """Concatenate the rows of all runs; shared nodes come from the later run."""
-        inner = zip(rows[:-1], runs[:-1], strict=True)
-        return np.concatenate([*(r[: run.t.size - 1] for r, run in inner), rows[-1]])
-
-    ends = np.cumsum([run.duration for run in runs])
-    begins = np.append(0.0, ends[:-1])
-    arrays: dict[str, Any] = {
-        name: whole([getattr(run, name) for run in runs])
-        for name in ("q", "v", "u", "a")
-        if getattr(runs[0], name) is not None
-    }
-    dynamics = [p.inverse_dynamics for p in parts if p.inverse_dynamics is not None]
-    known = len(dynamics) == len(parts)
-    return Trajectory(
-        parts[0].joint_names,
-        whole([begin + run.t for begin, run in zip(begins, runs, strict=True)]),
-        **arrays,
-        inverse_dynamics=dynamics[0] if known else None,
-        segment_ends=ends[last],
-        segment_dynamics=tuple(dynamics) if known else (),
-    )
-
-
-def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
-    """The dwell at the first or last node of a motion; empty for zero seconds."""
-    if seconds <= 0.0:
-        return []
-    q, dynamics = part.q[[row, row]], part.inverse_dynamics or part.holding
-    rest = np.zeros_like(q)
-    u = part.u[[row, row]] if dynamics is None else dynamics(q, rest, rest)
-    # Accelerations have a row for each node, or for each interval.
-    of_nodes = part.a is not None and len(part.a) == part.t.size
-    a = None if part.a is None else rest[: 2 if of_nodes else 1]
-    t = np.array([0.0, seconds])
-    return [Trajectory(part.joint_names, t, q, rest, u, a=a)]
-
-
-def _cubic(part: Trajectory) -> Trajectory:
-    """A motion as a cubic spline of positions and velocities: exact up to degree 3."""
-    if part.degree < 5:
-        return replace(part, a=None)
-    fine = [
-        np.linspace(a, b, 2 + int((b - a) / FINE))[:-1]
-        for a, b in zip(part.t[:-1], part.t[1:], strict=True)
-    ]
-    t = np.concatenate([*fine, part.t[-1:]])
-    state = part(t)
-    return replace(part, t=t, q=state.q, v=state.v, u=state.u, a=None)
 
 
 def _place(
