@@ -160,3 +160,18 @@ def test_motion_that_is_nearly_allowed_is_told_as_such() -> None:
     problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
     found = explain(problem, [Outcome(motion)], Status.ITERATION_LIMIT)
     assert "within 0.1 % of the limits" in found
+
+
+def test_dry_friction_of_a_reversal_is_no_acceleration() -> None:
+    """Torques just before a reversal were assigned to a state after it."""
+    arm = make_arm(ROD, effort=5.0).with_changes(friction=1.0)
+    t = np.array([[0.0], [1.3]])
+    state = {"q": t**2 - 0.7 * t, "v": 2.0 * t - 0.7, "a": np.full((1, 1), 2.0)}
+    motion = Trajectory(arm.joint_names, t[:, 0], u=0.0 * t, **state)
+    motion = motion.with_torques(RobotDynamics(arm).inverse)
+    limits = MotionLimits(acceleration=2.5)
+    goal = JointGoal([1.0], v=state["v"][-1])
+    problem = Problem(arm, [0.0], goal, motion_limits=limits, v_start=state["v"][0])
+    found = explain(problem, [Outcome(motion)], Status.TIME_LIMIT)
+    assert "joint joint1 comes no nearer to its goal than" in found
+    assert "acceleration" not in found

@@ -22,6 +22,7 @@ from tominpmp.problem.controls import effort_range
 from tominpmp.problem.problem import Problem
 from tominpmp.status import IterationRecord, Status
 from tominpmp.verification.limit_violations import LimitViolation
+from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay, planned, torque_pieces
 from tominpmp.verification.stages import Stage, stages_of
 from tominpmp.verification.verification import judge
@@ -102,8 +103,8 @@ def explain(
 
 def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolation]:
     """The largest violations of a planned motion, in units of their tolerances."""
-    motion, stages = _sampled(trajectory), stages_of(problem, trajectory)
     torque = torque_pieces(problem.robot, trajectory)
+    motion, stages = _sampled(trajectory, torque), stages_of(problem, trajectory)
     checkers = [stage.problem.checker for stage in stages]
     items = judge(stages, motion, torque, STRICT, checkers).violations
     units = {"goal": STRICT.goal, "speed": STRICT.speed, "clearance": STRICT.contact}
@@ -111,9 +112,10 @@ def _violations_of(problem: Problem, trajectory: Trajectory) -> list[LimitViolat
     return worst[:MOST]
 
 
-def _sampled(trajectory: Trajectory) -> Replay:
+def _sampled(trajectory: Trajectory, torque: Pieces | None = None) -> Replay:
     """A planned motion, sampled at the instants that an explanation examines."""
-    return planned(trajectory, max(TIME_STEP, trajectory.duration / MOST_INSTANTS))
+    time_step = max(TIME_STEP, trajectory.duration / MOST_INSTANTS)
+    return planned(trajectory, time_step, torque)
 
 
 def _everywhere(

@@ -109,14 +109,19 @@ def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:
     return Pieces.of(lambda times: trajectory(times).u, breaks)
 
 
-def planned(trajectory: Trajectory, time_step: float = TIME_STEP) -> Replay:
+def planned(
+    trajectory: Trajectory, time_step: float = TIME_STEP, torque: Pieces | None = None
+) -> Replay:
     """Samples of a planned motion in the form of a replay, without an integration.
 
     Args:
         trajectory: The motion.
         time_step: Largest time between two rows [s].
+        torque: Torques of the motion, whose jumps have rows like those of a replay;
+            None for rows at the nodes only.
     """
-    t = cut(trajectory.t, max(time_step, trajectory.duration / MOST_ROWS))
+    nodes = trajectory.t if torque is None else torque.t
+    t = cut(nodes, max(time_step, trajectory.duration / MOST_ROWS))
     state = trajectory(t)
     return Replay(
         trajectory.joint_names,
