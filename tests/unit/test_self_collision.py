@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clocks import Clock
 from optimum_cases import HANGING, ROD, ROD_WEIGHT, UPRIGHT
 from robot_samples import INERTIAL, joint, link, load, robot
 from sample_arms import DOWNWARD, describe
@@ -94,6 +95,27 @@ def test_time_that_ends_while_links_are_parted_leaves_a_motion() -> None:
     solution = tm.plan(problem, callback=late, max_planning_time=60.0)
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success, solution.message
+
+
+def test_time_that_ends_before_links_are_parted_is_said(
+    monkeypatch: pytest.MonkeyPatch, clock: Clock
+) -> None:
+    """The motion without rows for links was replayed again, and said to be refuted."""
+    usual, replayed = Candidate.verified, []
+
+    def verified(self: Candidate, *arguments: Any, **changes: Any) -> Candidate:
+        attempt = usual(self, *arguments, **changes)
+        clock.advance(0.0 if replayed else 60.0)
+        replayed.extend([self.trajectory.duration] * attempt.feasible)
+        return attempt
+
+    monkeypatch.setattr(Candidate, "verified", verified)
+    problem, motion = through_itself(), {"control": "constant", "refine": None}
+    solution = tm.plan(problem, effort="quick", max_planning_time=60.0, **motion)
+    assert solution.status is tm.Status.TIME_LIMIT
+    assert "planning time was used up after 1 start" in solution.message
+    assert "overlap" in solution.message
+    assert replayed[0] not in replayed[1:]
 
 
 def test_an_arm_alone_is_as_fast_as_if_its_links_could_touch() -> None:

@@ -23,7 +23,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.verification.diagnosis import explain
+from tominpmp.verification.diagnosis import GAVE_UP, explain
 from tominpmp.verification.verification import LONGEST, verify
 
 # Shape of the accelerations on an interval, by the degree of the positions.
@@ -57,7 +57,7 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
     ended = best.status
     if status in STOPPED:
         ended = status
-    if best.refuted:
+    elif best.refuted:
         ended = Status.UNVERIFIED
     bound = None
     with contextlib.suppress(Stop):
@@ -269,7 +269,8 @@ def _message(
     if best.unconfirmed:
         return f"{status.value} There was no time to verify the motion that was found."
     if best.feasible and best.verification is not None:
-        sentence = f"{status.value} {best.verification.message}"
+        ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
+        sentence = f"{ended} {best.verification.message}"
         if bound is not None and bound.T > LONGEST:
             sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
         return sentence

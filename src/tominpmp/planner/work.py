@@ -175,6 +175,9 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
             continue
         if not best.refuted or best.trajectory.duration > LONGEST:
             return best
+        # The iterates that led to the refuted motion need no replay after a stop.
+        kept = state.kept_iterates
+        state.kept_iterates = [item._replace(feasible=False) for item in kept]
         if best.touches and system is not complete:
             system = complete
         elif doublings == work.repairs or (best.touches and system.clearance is None):
