@@ -164,6 +164,37 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
     assert warm.success and warm.T <= fine.T
 
 
+def test_a_recording_that_is_too_fast_does_as_well_as_a_slow_one(ur5):
+    """From a third of its duration a descent took three times as many iterations."""
+    limits = tm.MotionLimits(acceleration=15.0)
+    ends = (0.0, -1.2, 1.0, -1.0, -1.5, 0.0), (1.4, -0.9, -0.3, 0.4, 0.6, 1.8)
+    problem = tm.Problem(ur5, ends[0], tm.JointGoal(ends[1]), motion_limits=limits)
+    found = tm.plan(problem, effort="quick")
+    t = np.linspace(0.0, found.T, 60)
+    q, v, a, u = found.trajectory(t)
+    slow, fast = (
+        tm.plan(
+            problem,
+            effort="quick",
+            start=tm.Samples(ur5.joint_names, c * t, q, v / c, a / c**2, u * np.nan),
+        )
+        for c in (3.0, 0.3)
+    )
+    assert fast.success and fast.T <= 1.001 * found.T
+    assert fast.iterations <= slow.iterations + 2
+
+
+def test_a_warm_start_leaves_time_for_other_guesses(free, clock):
+    def slow(record):
+        clock.advance(6.0 * (record.start == 0))
+
+    goal = tm.JointGoal((2.9, 1.2, 0.9))
+    problem = tm.Problem(free.problem.robot, START, goal)
+    limits = {"effort": "quick", "max_planning_time": 10.0}
+    solution = tm.plan(problem, start=free, callback=slow, **limits)
+    assert solution.success and solution.status is not tm.Status.TIME_LIMIT
+
+
 def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkeypatch):
     warm_start = starts._warm_start_work
 

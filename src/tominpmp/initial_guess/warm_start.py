@@ -22,6 +22,7 @@ from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
+from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.base import Transcription
@@ -43,6 +44,9 @@ SAMPLES = 400
 # duration.
 CLOSER = 0.5
 LATEST = 0.95
+# A former motion that is too fast by a larger factor is slowed down: a descent from it
+# would take many iterations.
+FAR_TOO_FAST = 2.0
 # Weight of differences in velocity, as a share of the duration.
 SPEED_WEIGHT = 0.1
 # Least duration of a segment [s].
@@ -233,7 +237,7 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     Raises:
         ProblemError: If the motion has other joints, or the argument is no motion.
     """
-    trajectory = former_motion(system.problem, motion)
+    trajectory = _slowed_down(system, former_motion(system.problem, motion))
     problem, limits = system.problem, system.problem.robot.limits
     plain = replace(trajectory, inverse_dynamics=None)
     begins, arrivals, _ = np.array(spans_of(trajectory, problem.segments)).T
@@ -296,6 +300,32 @@ def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
     except (ProblemError, ScenarioError) as error:
         raise ProblemError(f"start: {error}", "start") from error
     return with_segments(problem, motion, Tolerances())
+
+
+def _slowed_down(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
+    """A motion, slowed down to its limits if it is far too fast for them.
+
+    The limits are those of speeds and accelerations. Torques that are constant on each
+    interval would move the arm elsewhere at another pace.
+    """
+    inverse, a, ends = motion.inverse_dynamics, motion.a, motion.segment_ends
+    plain = replace(motion, inverse_dynamics=None)
+    state, factor = plain(np.linspace(0.0, motion.duration, SAMPLES)), 1.0
+    values = {"v": state.v, "a": state.a}
+    for item in joint_limits(system.problem.robot, system.motion_limits):
+        if item.kind.quantity in values:
+            share = np.max(np.abs(values[item.kind.quantity]) / item.upper)
+            factor = max(factor, float(share) ** (1.0 / item.kind.order))
+    if inverse is None or factor <= FAR_TOO_FAST:
+        return motion
+    slow = replace(
+        motion,
+        t=factor * motion.t,
+        v=motion.v / factor,
+        a=None if a is None else a / factor**2,
+        segment_ends=None if ends is None else factor * ends,
+    )
+    return slow.with_torques(inverse, motion.segment_dynamics)
 
 
 def _entry(motion: Trajectory, T: float, q: Array, v: Array, scale: Array) -> float:

@@ -51,6 +51,8 @@ from tominpmp.planner.torque_starts import (
 )
 from tominpmp.planner.work import Schedule, Work, run, use_fallback
 from tominpmp.problem.problem import Problem
+from tominpmp.solvers.loop import Loop
+from tominpmp.solvers.stop import first_of
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
@@ -357,7 +359,15 @@ def _warm_start_work(
         # Near an optimum squared jumps would take four times as many programs.
         warm = replace(warm, smoothing=JUMPS_SHARE * former.duration)
     hopeless = stop_if_hopeless(former.duration, WARM_FAR)
-    return descent_work(system, warm, former, state, hopeless)
+    # Without a feasible iterate half of the time is left to other guesses.
+    late = state.seconds + 0.5 * state.remaining_time
+
+    def stop_if_late(loop: Loop) -> Status | None:
+        found = any(item.feasible for item in state.kept_iterates)
+        return None if found or state.seconds < late else loop.drop()
+
+    stop = first_of(hopeless, stop_if_late)
+    return descent_work(system, warm, former, state, stop)
 
 
 def _keep_former(
