@@ -12,7 +12,9 @@ import tominpmp as tm
 from tests.energy_derivatives import check_gradient
 from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.exceptions import OptionsError
+from tominpmp.planner import energy, smoothing
 from tominpmp.solvers.time_and_energy import PositiveWork, SquaredTorques
+from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
@@ -64,6 +66,21 @@ def trades():
     weights = (1e-3, 1e-2)
     quick = {"intervals": 16, "starts": 1}
     return {k: tm.plan(two_links(), energy_weight=k, **quick) for k in weights}
+
+
+@pytest.mark.parametrize("options", [{"energy_weight": 1.0}, {"slack": 0.01}])
+def test_time_that_ends_before_the_other_objective_is_told(monkeypatch, options):
+    """The status was that of a plan that was over, or of an optimal motion."""
+
+    def late(*_):
+        raise Stop(requested=False)
+
+    for stage in (energy, smoothing):
+        monkeypatch.setattr(stage, "reoptimised", late)
+    solution = tm.plan(rail(), max_planning_time=30.0, **options)
+    assert solution.success and solution.status is tm.Status.TIME_LIMIT
+    assert "there was no time for" in solution.message
+    assert "within the 30 s allowed." in solution.message
 
 
 def test_energy_is_traded_for_time(trades):

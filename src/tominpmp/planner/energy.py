@@ -116,7 +116,9 @@ def run_stage(
             result = work()
     except (Stop, KeyboardInterrupt) as stop:
         if isinstance(stop, Stop) and not stop.requested:
-            result = f"there was no time for {doing}."
+            allowed = f"within the {solution.options.time_limit:.3g} s allowed"
+            result = f"there was no time for {doing} {allowed}."
+            status = Status.TIME_LIMIT
         else:
             result, status = "this was interrupted.", Status.INTERRUPTED
     except NUMERICAL as error:
@@ -164,6 +166,8 @@ def _least_cost(solution: Solution) -> Solution | str:
         violations={},
     )
     if not cheapest.confirmed or better.cost > solution.cost:
+        if cheapest.status is Status.TIME_LIMIT:
+            raise Stop(requested=False)
         return NO_CHEAPER
     return replace(better, message=_message(better, former))
 
