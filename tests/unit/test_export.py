@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -174,6 +175,24 @@ def test_new_file_has_the_usual_permissions(tmp_path: Path) -> None:
     usual.touch()
     path = write_file(tmp_path / "m.csv", lambda file: file.write(b"x"))
     assert path.stat().st_mode == usual.stat().st_mode
+
+
+def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.touch(mode=0o600)
+    write_file(path, lambda file: file.write(b"x"))
+    assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"x", 0o600)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write to any file")
+def test_a_read_only_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("old")
+    path.chmod(0o400)
+    with pytest.raises(ScenarioError, match=r"m\.csv cannot be written: Permission"):
+        write_file(path, lambda file: file.write(b"x"))
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 # Reading what is wrong

@@ -85,6 +85,22 @@ def test_semantics_of_a_text_come_back(tmp_path: Path) -> None:
     assert found.robot.armature[1] == 1.0
 
 
+def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
+    problem, found = saved_and_loaded(from_text(), tmp_path)
+    changed = problem.robot.with_changes(damping=0.5)
+    # A scenario is replaced together with the files of its robot.
+    assert saved_and_loaded(changed, tmp_path)[1].robot.damping.tolist() == [0.5] * 3
+    scenario, urdf = tmp_path / "cell.toml", found.robot.urdf_path
+    scenario.rename(tmp_path / "other.toml")
+    urdf.write_bytes(urdf.read_bytes() + b"<!-- mine -->")
+    before = urdf.read_bytes()
+    with pytest.raises(ScenarioError, match=r"cell_robot\.urdf would be") as caught:
+        saved_and_loaded(problem.robot, tmp_path)
+    assert caught.value.path == urdf
+    assert urdf.read_bytes() == before
+    assert not scenario.exists()
+
+
 def test_robots_that_differ_are_told_apart() -> None:
     one = from_text()
     assert not difference_of(one, one)

@@ -183,6 +183,7 @@ def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None
         f"there is no folder {folder!r}": not path.parent.is_dir(),
         f"{str(path)!r} is a folder": path.is_dir(),
         f"the folder {folder!r} cannot be written to": not os.access(folder, os.W_OK),
+        f"{str(path)!r} is read-only": path.exists() and not os.access(path, os.W_OK),
     }
     for reason, holds in wrong.items():
         if holds:

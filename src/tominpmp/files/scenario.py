@@ -833,7 +833,8 @@ def save_scenario(
     ``cell_robot.urdf``, and to ``cell_robot.srdf`` and meshes if there are any.
 
     Args:
-        path: File to write, ending in ``.toml``; an existing one is replaced.
+        path: File to write, ending in ``.toml``; an existing one is replaced, with the
+            files of its robot beside it.
         problem: The problem.
         options: The options; None for the defaults.
 
@@ -842,11 +843,21 @@ def save_scenario(
 
     Raises:
         ScenarioError: If a file cannot represent a value of the problem, or cannot be
-            written.
+            written; if a file of the robot would replace one to which no former
+            scenario at the path refers.
     """
     path = checked_path(path, "path", ScenarioError)
     files: dict[str, bytes] = {}
     content = scenario_text(path, problem, options, files=files).encode()
+    former = read_bytes(path, MAX_BYTES) if path.is_file() else b""
+    for name in (key for key in files if f'"{key}"'.encode() not in former):
+        file, new = path.parent / name, files[name]
+        if file.exists() and read_bytes(file, max(len(new), MAX_BYTES)) != new:
+            raise ScenarioError(
+                f"{file} would be replaced by the robot of {path}, but belongs to "
+                "something else; expected another name of the scenario",
+                file,
+            )
     _write_files(path.parent, files)
     return write_bytes(path, content)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -25,7 +26,7 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
     a full disk or an interruption the former file is unchanged.
 
     Args:
-        path: File to write; an existing one is replaced.
+        path: File to write; an existing one is replaced, and its permissions are kept.
         write: Function that writes the contents to an open binary file.
 
     Raises:
@@ -44,6 +45,9 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
         draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
         try:
             with draft.open("xb") as file:
+                if target.exists():
+                    target.open("r+b").close()  # refuses a file that is read-only
+                    shutil.copymode(target, draft)
                 write(file)
                 file.flush()
                 os.fsync(file.fileno())
