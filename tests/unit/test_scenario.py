@@ -356,7 +356,10 @@ def test_ways_to_say_positions(planar3r: Robot, tmp_path: Path) -> None:
         [1.0, 1.0, 1.0],
     )
     named = "q = {joint3 = 3, joint1 = 1, joint2 = 2}"
-    assert positions(named, "q = {}") == ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
+    assert positions(named, named) == ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
+    for nothing in ("q = {}", 'q = ""', 'state = ""'):
+        with pytest.raises(ScenarioError, match="goal: says nothing of joint pos"):
+            positions(named, nothing)
 
 
 def test_goals_of_any_kind_are_by_names(planar3r: Robot, tmp_path: Path) -> None:

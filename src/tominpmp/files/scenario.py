@@ -264,7 +264,7 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
         ScenarioError: If the table is wrong.
     """
     state, q = table.get("state"), table.get("q")
-    if not state.given and q.value is None:
+    if not state.given and not q.given:
         table.fail("says nothing of joint positions: expected q or state")
     if isinstance(q.value, str) and not state.given:
         state, q = q, replace(q, value=None)
