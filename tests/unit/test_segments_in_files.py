@@ -47,6 +47,24 @@ def test_the_ends_of_segments_are_in_the_file(solution, tmp_path, ending, dt):
         assert tm.verify(problem, samples).ok
 
 
+def test_a_recorded_end_is_not_the_local_minimum_before_it():
+    """At the row before, the motion is near the goal, but turns away from it first."""
+    robot = make_arm(slide(2.0), effort=10.0)
+    segments = [tm.Segment(tm.JointGoal([goal])) for goal in (1.0, 0.5)]
+    problem = tm.Problem(robot, [0.0], segments=segments)
+    q = np.array([[0.0], [0.9995], [1.0], [0.5]])
+    v = np.array([[0.0], [-0.1], [0.2], [0.0]])
+    t, none, ends = (
+        np.array([0.0, 1.0, 1.01, 2.0]),
+        np.full_like(q, np.nan),
+        [1.01, 2.0],
+    )
+    samples = tm.Samples(robot.joint_names, t, q, v, none, none, segment_ends=ends)
+    motion = join(samples, robot).trajectory
+    read = with_segments(problem, motion, tm.Tolerances())
+    assert read.segment_ends.tolist() == ends
+
+
 def test_a_file_of_one_segment_has_no_such_column(tmp_path):
     robot = make_arm(slide(2.0), effort=10.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))

@@ -131,7 +131,7 @@ def with_segments(
 
     A recorded motion has these times at best up to the time step between two rows. Its
     segments end where it first meets their goals, one after the other, or comes nearest
-    to them; if end times are recorded, the search is restricted to their neighbourhood.
+    to them; if end times are recorded, where it is nearest to them in the step before.
 
     Args:
         problem: The problem.
@@ -179,7 +179,9 @@ def _segment_ends(
             begin = max(first, int(np.searchsorted(times, earliest - step)))
             behind = max(int(np.searchsorted(times, recorded[number])) + 1, begin + 1)
         residuals = partial(_residuals, plain, phase, tolerances)
-        met = _first_met(residuals, times[begin:behind])
+        # Of a dwell all times are equally near, and the first one counts.
+        nearest = recorded is not None and segment.dwell == 0.0
+        met = _first_met(residuals, times[begin:behind], nearest=nearest)
         if segment.stop and segment.arrival is not None:
             # An arm that stops may reach the goal early and wait for the earliest time.
             allowed = segment.arrival[0]
@@ -216,8 +218,16 @@ def _rests(motion: Trajectory, begin: float, end: float) -> bool:
     return bool(np.all(movement <= SAME))
 
 
-def _first_met(residuals: Callable[[Array], Iterator[float]], times: Array) -> float:
-    """First time at which a goal is met, or the time of its least residual [s]."""
+def _first_met(
+    residuals: Callable[[Array], Iterator[float]], times: Array, *, nearest: bool
+) -> float:
+    """First time at which a goal is met, or the time of its least residual [s].
+
+    Args:
+        residuals: Function that evaluates the residual of the goal at times.
+        times: Times in order, shape (k,) [s].
+        nearest: Whether only the least residual of all times counts.
+    """
     best, least = 0, np.inf
     for k, residual in enumerate(residuals(times)):
         nearer = residual < least
@@ -225,7 +235,7 @@ def _first_met(residuals: Callable[[Array], Iterator[float]], times: Array) -> f
             best, least = k, residual
         # Within the tolerance the motion may still come nearer: the segment ends at the
         # first local minimum of the residual.
-        if least <= MET or (least <= 1.0 and not nearer):
+        if not nearest and (least <= MET or (least <= 1.0 and not nearer)):
             break
     if least <= MET:
         return float(times[best])
