@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import pty
 import signal
 import subprocess
 import sys
 import textwrap
 import threading
 import time
+from select import select
 
 import pytest
 from unit.parallel_work import until_asked
@@ -20,15 +22,13 @@ from tominpmp.initial_guess.parallel import run_parallel
 WAIT = 300.0  # for processes of a machine that does other things, too [s]
 
 
-def start(code, *arguments, cwd=None):
+def start(code, *arguments, **streams):
     """Run code in another process that takes Ctrl-C as usual."""
     usual = "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
     return subprocess.Popen(
         [sys.executable, "-c", usual + textwrap.dedent(code), *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | streams,
         text=True,
-        cwd=cwd,
     )
 
 
@@ -103,9 +103,12 @@ COMMAND = """
     def told(self, record):
         usual(self, record)
         count[0] += record.violation <= 1e-6 or count[0] > 0
-        if where == "planning" and count[0] == 3:
+        if where in ("planning", "closing") and count[0] == 3:
             from tominpmp.planner import plan_state
             plan_state.SAVING = 300.0  # a slow machine has time for the replay, too
+            if where == "closing":
+                os.write(1, b"ready")
+                sys.stdin.read()
             os.kill(os.getpid(), number)
 
     def loading(*arguments):
@@ -135,6 +138,7 @@ PLAN += ["--planning-effort", "quick"]
         (signal.SIGINT, "loading"),
         (signal.SIGINT, "planning"),
         (signal.SIGTERM, "planning"),
+        (signal.SIGHUP, "planning"),
         (signal.SIGTERM, "writing"),
         (signal.SIGTERM, "loading"),
         (signal.SIGINT, "writing"),
@@ -152,6 +156,23 @@ def test_the_command_writes_what_was_found(tmp_path, number, where):
     rows = (tmp_path / "motion.csv").read_text().splitlines()
     # By then there may be the motion of a coarse grid only.
     assert len(rows) > 16 and len(rows[-1].split(",")) == len(rows[-2].split(","))
+    assert os.listdir(tmp_path) == ["motion.csv"]
+
+
+def test_the_command_writes_what_was_found_before_its_terminal_was_closed(tmp_path):
+    """The line of progress cannot be cleared any more."""
+    terminal, other = pty.openpty()
+    arguments = [str(int(signal.SIGHUP)), "closing", *PLAN]
+    process = start(COMMAND, *arguments, cwd=tmp_path, stdin=-1, stderr=other)
+    while process.stdout not in (
+        ready := select([process.stdout, terminal], [], [])[0]
+    ):
+        os.read(ready[0], 4096)
+    os.close(other)
+    os.close(terminal)
+    out, _ = process.communicate("closed", timeout=WAIT)
+    assert process.returncode == 128 + signal.SIGHUP
+    assert "duration" in out
     assert os.listdir(tmp_path) == ["motion.csv"]
 
 

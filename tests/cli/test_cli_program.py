@@ -129,10 +129,19 @@ def test_output_cannot_be_written(
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     with open("/dev/full", "w") as full:
         result = program(*args, capture_output=False, stdout=full, stderr=-1)
-    assert result.returncode == 2
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.endswith("No space left on device\n")
-    assert result.stderr.count("\n") == 1
+    assert result.returncode == 74
+    assert result.stderr == "error: standard output: No space left on device\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_report_that_cannot_be_written_is_no_bad_input(tmp_path: Path) -> None:
+    words = "plan planar3r --start start --goal 2,-1,0.5 --planning-effort quick"
+    with open("/dev/full", "w") as full:
+        options = {"capture_output": False, "stdout": full, "stderr": -1}
+        result = program(*words.split(), "-o", "m.csv", cwd=tmp_path, **options)
+    assert result.returncode == 74
+    assert result.stderr == "error: standard output: No space left on device\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
 
 
 def test_warnings_of_the_library_do_not_stop_python() -> None:

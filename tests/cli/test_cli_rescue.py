@@ -62,6 +62,16 @@ def test_where_no_place_is_left_the_command_says_so(
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
+def test_a_motion_for_whose_period_there_are_too_many_rows_is_kept(
+    run: Run, planner: Planner
+) -> None:
+    result = run(*PLAN, "-o", "motion.csv", "--dt", "1.5e-7")
+    assert result.exit_code == 2
+    assert "too small for a motion of 2 s" in result.output
+    kept = re.search(r"kept in (\S+)", result.output).group(1)
+    assert tm.load_motion(kept).t[-1] == 2.0
+
+
 @pytest.mark.skipif(os.name == "nt", reason="no such limit")
 def test_a_limit_on_file_sizes_leaves_nothing_behind(tmp_path: Path) -> None:
     script = (

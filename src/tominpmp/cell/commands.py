@@ -41,8 +41,10 @@ def batch(
         0    every scenario has a motion
         1    some scenarios have no motion: they are named
         2    bad input
-        130  interrupted (Ctrl-C); the next run takes over the results
+        74   the report cannot be written to standard output
+        129  the terminal was closed (SIGHUP); the next run takes over the results
              that were written
+        130  interrupted (Ctrl-C); likewise
         143  terminated (SIGTERM); likewise
     """
     from tominpmp.cell.running import run_batch
@@ -62,6 +64,8 @@ def tour(scenario: TourScenario, /, *, args: TourOptions = TourOptions()) -> int
         0    a tour was found
         1    no tour was found
         2    bad input
+        74   the report cannot be written to standard output
+        129  the terminal was closed (SIGHUP)
         130  interrupted (Ctrl-C)
         143  terminated (SIGTERM)
     """

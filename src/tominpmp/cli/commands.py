@@ -78,7 +78,10 @@ def plan(
         1    no motion was found, or the file as read back does not solve
              the problem
         2    bad input
-        130  interrupted (Ctrl-C); a motion that was found by then is written
+        74   the report cannot be written to standard output
+        129  the terminal was closed (SIGHUP); a motion that was found by then is
+             written
+        130  interrupted (Ctrl-C); likewise
         143  terminated (SIGTERM); likewise
     """
     from tominpmp.cli.plan import run_plan

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
@@ -15,8 +14,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tominpmp.cli.options import PlanOptions
-from tominpmp.exceptions import MissingDependency, OptionsError, ScenarioError
+from tominpmp.cli.terminal import OUTPUT, say
+from tominpmp.exceptions import (
+    MissingDependency,
+    OptionsError,
+    ProblemError,
+    ScenarioError,
+)
 from tominpmp.files.export import WRITERS, check_options
+from tominpmp.files.ros import MIN_STEP
+from tominpmp.motion.samples import BILLION
 from tominpmp.solution import Solution
 
 if TYPE_CHECKING:
@@ -101,8 +108,12 @@ def write_files(
             judgement = _stream(solution, options)
     except BrokenPipeError:
         raise  # the reader of the pipe has ended, so the motion is not wanted
-    except (ScenarioError, OSError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
+    except (ScenarioError, ProblemError, OSError) as error:
+        reason = str(error)
+        if isinstance(error, OSError):
+            reason = f"{error.filename}: {error.strerror}"
+        if isinstance(error, ProblemError):
+            options = replace(options, dt=None)  # dt gives too many rows
         saved = _saved(solution, options, motion)
         where = "not saved elsewhere" if saved is None else f"kept in {saved}"
         path = motion or DEFAULT_MOTION
@@ -140,8 +151,8 @@ def _stream(solution: Solution, options: PlanOptions) -> ExportCheck:
         path = Path(folder) / DEFAULT_MOTION
         judgement = _export(solution, options, path)
         with path.open(encoding="utf-8", newline="") as file:
-            sys.stdout.write(file.read())
-    return replace(judgement, path=Path("standard output"))
+            say(file.read(), end="")
+    return replace(judgement, path=Path(OUTPUT))
 
 
 def _saved(
@@ -198,7 +209,10 @@ def check_period(dt: float | None) -> None:
     """Check the period of the rows of a file.
 
     Raises:
-        OptionsError: If the period is no positive time.
+        OptionsError: If the period is no finite time, or less than that of a message.
     """
-    if dt is not None and not 0.0 < dt < float("inf"):
-        raise OptionsError(f"--dt is {dt}, expected a positive time [s]", "dt")
+    least = MIN_STEP / BILLION
+    if dt is not None and not least <= dt < float("inf"):
+        raise OptionsError(
+            f"--dt is {dt}, expected a time of {least:g} s or more", "dt"
+        )

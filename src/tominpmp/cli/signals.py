@@ -1,12 +1,13 @@
-"""Ctrl-C and SIGTERM: planning ends with its incumbent, which is still written."""
+"""Ctrl-C, SIGTERM and SIGHUP: planning ends with its incumbent, which is written."""
 
 from __future__ import annotations
 
 import os
 import signal
+import stat
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from tominpmp import stopping
 
@@ -52,6 +53,8 @@ class Signals:
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
+        if number == signal.SIGHUP:
+            _leave_closed_terminal()
         self.number = number if self.number is None else self.number
         if self._writing and not self._insisted:
             self._insisted = True
@@ -61,6 +64,18 @@ class Signals:
         if not stopping.due() and _importing(frame):
             end_at_once(self.number, frame)
         raise KeyboardInterrupt
+
+
+def _leave_closed_terminal() -> None:
+    """Redirect output to a closed terminal to the null device.
+
+    Writing to the terminal, be it to clear a line of progress, would fail.
+    """
+    for stream in (1, 2):
+        with suppress(OSError):
+            device = stat.S_ISCHR(os.fstat(stream).st_mode)
+            if device and not os.isatty(stream):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
 
 
 def end_at_once(number: int, frame: FrameType | None) -> None:
@@ -85,16 +100,16 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 def take(handler: Callable[[int, FrameType | None], None]) -> dict[int, Any]:
-    """Install a handler for Ctrl-C and SIGTERM, unless the signals are ignored.
+    """Install a handler for Ctrl-C, SIGTERM and SIGHUP, unless they are ignored.
 
-    A shell lets background jobs ignore them.
+    A shell lets background jobs ignore them, and ``nohup`` the last one.
 
     Returns:
         The former handlers by the numbers of the signals.
     """
     former: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) not in (signal.SIG_IGN, None):
                 former[number] = signal.signal(number, handler)
     return former

@@ -21,10 +21,14 @@ if TYPE_CHECKING:
 PLANNED = 0
 NO_PLAN = 1
 BAD_INPUT = 2
-# Exit codes of sysexits.h and shells: a defect, Ctrl-C, a closed pipe.
+# Exit codes of sysexits.h and shells: a defect, output that cannot be written, Ctrl-C,
+# a closed pipe.
 DEFECT = 70
+UNWRITTEN = 74
 INTERRUPTED = 130
 CLOSED_PIPE = 141
+
+OUTPUT = "standard output"
 
 # Python arguments with values by joint name, whose flags take the same values.
 _BY_JOINT = re.compile(
@@ -40,9 +44,17 @@ _FLAGS = {
 }
 
 
-def say(text: str, *, err: bool = False) -> None:
-    """Write a text to standard output, or to standard error."""
-    print(text, file=sys.stderr if err else sys.stdout, flush=True)
+def say(text: str, *, end: str = "\n", err: bool = False) -> None:
+    """Write a text to standard output, or to standard error.
+
+    Raises:
+        OSError: If it cannot be written; names the stream as its file.
+    """
+    try:
+        print(text, end=end, file=sys.stderr if err else sys.stdout, flush=True)
+    except OSError as error:
+        error.filename = "standard error" if err else OUTPUT
+        raise
 
 
 @cache
@@ -104,12 +116,13 @@ def guarded(debug: bool = False) -> Iterator[None]:
         complain("error", "interrupted")
         raise SystemExit(INTERRUPTED) from error
     except (TominpmpError, OSError) as error:
-        message = str(error)
+        message, code = str(error), BAD_INPUT
         if isinstance(error, OSError):
             where = "" if error.filename is None else f"{error.filename}: "
             message = f"{where}{error.strerror or error}"
+            code = UNWRITTEN if error.filename == OUTPUT else BAD_INPUT
         _explain(message, debug)
-        raise SystemExit(BAD_INPUT) from error
+        raise SystemExit(code) from error
     except Exception as error:
         hint = "" if debug else "; --debug shows where"
         defect = f"{type(error).__name__}: {error}"
@@ -171,8 +184,8 @@ def flush_output(code: int = 0) -> int:
     """Flush standard output.
 
     Args:
-        code: The exit code so far. After BAD_INPUT a failed flush is not reported: the
-            failure may have been reported already.
+        code: The exit code so far. After BAD_INPUT or UNWRITTEN a failed flush is not
+            reported: the failure may have been reported already.
 
     Returns:
         The exit code.
@@ -184,9 +197,9 @@ def flush_output(code: int = 0) -> int:
         _discard_output()
         if isinstance(error, BrokenPipeError):
             return CLOSED_PIPE
-        if code != BAD_INPUT:
-            complain("error", f"standard output: {error.strerror}")
-        return BAD_INPUT
+        if code not in (BAD_INPUT, UNWRITTEN):
+            complain("error", f"{OUTPUT}: {error.strerror}")
+        return UNWRITTEN
     return code
 
 
