@@ -55,6 +55,21 @@ def test_joints_of_groups(group: str, joints: tuple[str, ...], tmp_path: Path) -
     assert pickle.loads(pickle.dumps(found)) == found
 
 
+def test_states_of_one_name_are_those_of_the_group_that_moves(tmp_path: Path) -> None:
+    both = """<group name="one"><joint name="j1"/></group>
+    <group name="two"><joint name="j1"/><joint name="j2"/></group>
+    <group_state name="up" group="one"><joint name="j1" value="0.1"/></group_state>
+    <group_state name="up" group="two">
+      <joint name="j1" value="0.7"/><joint name="j2" value="0.5"/>
+    </group_state>"""
+    two, one = (arm(tmp_path, both, group=name) for name in ("two", "one"))
+    assert two.group_state("up").tolist() == [0.7, 0.5]
+    assert one.group_state("up").tolist() == [0.1]
+    assert two.with_locked({"j2": 0.0}).group_state("up").tolist() == [0.1]
+    table = Field(robot_table(one, tmp_path / "s.toml"), tmp_path / "s.toml")
+    assert read_robot(table) == one
+
+
 def test_positions_of_the_caller_go_before(tmp_path: Path) -> None:
     found = arm(tmp_path, group="chain", locked_joints={"j4": 0.75, "j3": 0.5})
     assert found.joint_names == ("j2",)

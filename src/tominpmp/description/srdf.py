@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -95,7 +95,8 @@ class SemanticDescription(Record):
         disabled_pairs: Link pairs that are not checked for collision, each pair in
             alphabetical order and only once.
         group_states: Joint positions [rad or m] by joint name, by the name of the
-            state; states of the same name of several groups are merged.
+            state; states of the same name of several groups are merged, see
+            :meth:`for_joints`.
         path: The file.
         groups: Groups of joints that are planned together, by name.
         robot: Name of the robot in the file.
@@ -104,6 +105,8 @@ class SemanticDescription(Record):
         never_touch: Disabled pairs that are apart at all configurations, by their
             reason "Never", or by assumption if they have no reason and two or more
             joints between the links.
+        states_of_groups: The group states as in the file: joint positions [rad or m] by
+            joint name, by the names of the group and of the state.
     """
 
     disabled_pairs: tuple[tuple[str, str], ...] = ()
@@ -116,6 +119,9 @@ class SemanticDescription(Record):
     passive: tuple[str, ...] = ()
     rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
     never_touch: tuple[tuple[str, str], ...] = ()
+    states_of_groups: Mapping[tuple[str, str], Mapping[str, float]] = field(
+        default_factory=dict, hash=False
+    )
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
@@ -125,6 +131,26 @@ class SemanticDescription(Record):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the read-only mappings as plain ones."""
         return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
+
+    def for_joints(self, names: Collection[str]) -> SemanticDescription:
+        """The description for a robot that moves these joints.
+
+        If states of one name of several groups differ, the state of the smallest group
+        with all these joints goes before the others, and then the last in the file.
+        """
+        if not self.states_of_groups:
+            return self
+
+        def preference(key: tuple[str, str]) -> float:
+            group = self.groups.get(key[0], JointGroup(()))
+            fits = group.joints and {*names} <= {*group.joints}
+            return 1.0 / len(group.joints) if fits else 0.0
+
+        states: dict[str, dict[str, float]]
+        states = {name: {} for _, name in self.states_of_groups}
+        for key in sorted(self.states_of_groups, key=preference):
+            states[key[1]] |= self.states_of_groups[key]
+        return replace(self, group_states=states)
 
     def find_group(self, name: str) -> str | None:
         """Name of a group in the file; None without a match.
@@ -206,14 +232,15 @@ class _SrdfReader:
         groups = {name: self._group(name) for name in self.groups}
         return SemanticDescription(
             tuple(disabled),
-            self._group_states(),
+            {},
             self.context.path,
             groups,
             self.root.get("name", ""),
             tuple(passive),
             self._rotor_inertias(),
             tuple(never),
-        )
+            self._group_states(),
+        ).for_joints(self.moving)
 
     def _far_apart(self, one: str, other: str) -> bool:
         """Whether more than one joint can move two links relative to each other."""
@@ -253,12 +280,13 @@ class _SrdfReader:
             )
         return pairs
 
-    def _group_states(self) -> dict[str, dict[str, float]]:
+    def _group_states(self) -> dict[tuple[str, str], dict[str, float]]:
         context = self.context
-        states: dict[str, dict[str, float]] = {}
+        states: dict[tuple[str, str], dict[str, float]] = {}
         for element in self.root.iter("group_state"):
             name = context.text(element, "name", "group_state")
-            state, where = states.setdefault(name, {}), f"group_state {name}"
+            key, where = (element.get("group", ""), name), f"group_state {name}"
+            state = states.setdefault(key, {})
             for joint in element.iter("joint"):
                 joint_name = context.text(joint, "name", where)
                 # A floating joint has seven values, and cannot be planned for.

@@ -447,6 +447,7 @@ def assembled(
     linkage: Linkage,
     table_for: Callable[[tuple[str, ...]], JointTable],
     gravity: Array,
+    srdf: SemanticDescription | None,
     **values: Any,
 ) -> Robot:
     """Make a robot with the model derived from its description.
@@ -456,6 +457,7 @@ def assembled(
         linkage: Which joints are locked, and which follow others.
         table_for: Values of the joints that move freely, by their names.
         gravity: Gravity in the world, shape (3,) [m/s^2].
+        srdf: Semantic description, if there is one.
         **values: Further fields of the robot.
 
     Raises:
@@ -477,6 +479,7 @@ def assembled(
         expansion_offset=ties[1],
         locked_joints=linkage.locked,
         description=description,
+        srdf=None if srdf is None else srdf.for_joints(joint_names),
         **values,
     )
 
