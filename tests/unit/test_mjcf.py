@@ -119,6 +119,38 @@ def test_dynamics_are_those_of_mujoco() -> None:
         assert np.allclose(bias, data.qfrc_bias, rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("order", "rotation"),
+    [
+        ("xyz", 'axisangle="1 2 2 40"'),
+        ("XYZ", 'euler="30 -40 20"'),
+        ("zYx", 'euler="30 -40 20"'),
+    ],
+)
+def test_rotations_are_those_of_mujoco(order: str, rotation: str) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    text = changed(
+        ('angle="degree"', f'angle="degree" eulerseq="{order}"'),
+        ('name="tool"', f'name="tool" {rotation}'),
+        ('pos="0 0 0.05"', f'pos="0 0 0.05" {rotation}'),
+        ('type="box"', f'type="box" name="box" {rotation}'),
+    )
+    arm, model = tm.load_robot(text, velocity=2), mujoco.MjModel.from_xml_string(text)
+    data, mine, mass = mujoco.MjData(model), arm.model.createData(), np.zeros((2, 2))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    assert np.allclose(pin.crba(arm.model, mine, np.zeros(2)), mass, rtol=1e-9)
+    shapes, places = arm.collision_model, arm.collision_model.createData()
+    pin.updateGeometryPlacements(arm.model, mine, shapes, places, np.zeros(2))
+    box = places.oMg[len(places.oMg) - 1]
+    assert np.allclose(box.rotation, data.geom("box").xmat.reshape(3, 3), atol=1e-9)
+
+
+def test_gravity_may_be_switched_off() -> None:
+    text = changed(('gravity="0 0 -9.5"/>', '><flag gravity="disable"/></option>'))
+    assert tm.load_robot(text, velocity=2).gravity.tolist() == [0.0, 0.0, 0.0]
+
+
 def test_shapes_give_the_weight_that_they_have_in_mujoco(tmp_path: Path) -> None:
     mujoco = pytest.importorskip("mujoco")
     inertial = '<inertial pos="0 0 0.05" mass="1.5" diaginertia="0.01 0.01 0.002"/>'
@@ -277,8 +309,11 @@ def test_excluded_pairs_are_not_watched() -> None:
 
 
 def test_what_is_not_read_is_told_of() -> None:
-    text = changed(('<joint name="turn"/>', '<joint name="turn" stiffness="5"/>'))
-    with pytest.warns(tm.TominpmpWarning, match="not read: stiffness"):
+    text = changed(
+        ('<joint name="turn"/>', '<joint name="turn" stiffness="5"/>'),
+        ('angle="degree"', 'angle="degree" boundmass="3"'),
+    )
+    with pytest.warns(tm.TominpmpWarning, match="not read: boundmass, stiffness"):
         tm.load_robot(text, velocity=2)
 
 
@@ -321,6 +356,14 @@ def test_what_is_not_read_is_told_of() -> None:
         ((('pos="0 0 0.2"', 'pos="0 0"'),), "body pos='0 0', expected 3 numbers"),
         ((('size="0.03 0.03 0.05"', 'size="0.03"'),), "geom size='0.03', expected 3"),
         ((("-80 80", "-inf inf"),), "actuatorfrcrange='-inf inf'"),
+        ((('pos="0 0 0.2"', 'axisangle="0 0 0 1"'),), "body axisangle has no axis"),
+        (
+            (
+                ('pos="0 0 0.2"', 'euler="0 0 9"'),
+                ('"degree"', '"degree" eulerseq="xq"'),
+            ),
+            "compiler eulerseq='xq'",
+        ),
         # Pinocchio would take what is in its memory for the colours that are missing.
         ((('type="box"', 'type="box" rgba="1 0"'),), "geom rgba='1 0', expected 4"),
         (

@@ -37,7 +37,7 @@ from tominpmp.exceptions import brief, shortened, warn_caller
 # then attributes, that affect the dynamics and are not read.
 GENERATORS = {"attach", "composite", "flexcomp", "frame", "replicate"}
 UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass"}
-UNREAD |= {"inertiagrouprange"}
+UNREAD |= {"inertiagrouprange", "boundmass", "boundinertia"}
 # Actuators, which share their defaults; for the first two, forces follow from controls.
 DIRECT = ("motor", "general")
 ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".split())
@@ -45,7 +45,7 @@ ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".sp
 MULTI_DOF = ("free", "ball")
 # Attributes of the compiler that Pinocchio reads; supported shapes, with the number of
 # their sizes; lengths of further attributes, which Pinocchio does not check.
-COMPILER = {"angle", "eulerseq", "boundmass", "boundinertia", "inertiafromgeom"}
+COMPILER = {"angle", "inertiafromgeom"}
 ROUND, SOLID = {"sphere": 1, "capsule": 2, "cylinder": 2}, {"box": 3, "ellipsoid": 3}
 SHAPES = {"mesh": 0, **ROUND, **SOLID}
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
@@ -79,6 +79,8 @@ def describe_mjcf(
     gravity = described.gravity or ()
     for option in root.findall("option"):
         gravity = reader.context.numbers(option, "gravity", "option", gravity)
+    if any(flag.get("gravity") == "disable" for flag in root.findall("option/flag")):
+        gravity = (0.0, 0.0, 0.0)
     tree = tuple(reader.finished(joint, efforts) for joint in described.tree)
     excluded = [(e.get("body1", ""), e.get("body2", "")) for e in root.iter("exclude")]
     pairs = sorted({(min(pair), max(pair)) for pair in excluded})
@@ -227,6 +229,7 @@ class _MjcfReader:
             for key in (k for k in counts if k in child.attrib):
                 low = 0.0 if key == "size" else None
                 self.context.numbers(child, key, where, (0.0,) * counts[key], low)
+            self._turn(child, where)
             for key in (k for k in NONNEGATIVE if k in child.attrib):
                 if not 0.0 <= to_number(child.get(key, "")) < math.inf:
                     message = f"{where}: {tag} {key}={brief(child.get(key))}"
@@ -256,6 +259,35 @@ class _MjcfReader:
             elif tag == "geom" and "fromto" not in child.attrib:
                 # Pinocchio ignores the rotation of a shape without a position.
                 child.set("pos", child.get("pos", "0 0 0"))
+
+    def _turn(self, element: Element, where: str) -> None:
+        """Write a rotation about an axis, or Euler angles, as a quaternion.
+
+        Pinocchio does not normalise axes, and has no Euler angles about fixed axes.
+        """
+        read = self.context.numbers
+        unit = math.pi / 180.0 if self.compiler["angle"] == "degree" else 1.0
+        rotation = np.eye(3)
+        if "axisangle" in element.attrib:
+            *axis, angle = read(element, "axisangle", where, (0.0,) * 4)
+            if not any(axis):
+                self.context.fail(f"{where}: {element.tag} axisangle has no axis")
+            rotation = pin.exp3(unit * angle * np.array(axis) / np.linalg.norm(axis))
+        elif "euler" in element.attrib:
+            order = self.compiler.get("eulerseq", "xyz")
+            if len(order) != 3 or not {*order.lower()} <= {*"xyz"}:
+                self.context.fail(f"compiler eulerseq={brief(order)}, expected as xyz")
+            angles = read(element, "euler", where, (0.0,) * 3)
+            for letter, angle in zip(order, angles, strict=True):
+                step = pin.exp3(unit * angle * np.eye(3)["xyz".index(letter.lower())])
+                # Small letters are axes that turn with the element, capital ones fixed.
+                rotation = rotation @ step if letter.islower() else step @ rotation
+        else:
+            return
+        for key in ("axisangle", "euler"):
+            element.attrib.pop(key, None)
+        x, y, z, w = pin.Quaternion(rotation).coeffs().tolist()
+        element.set("quat", f"{w} {x} {y} {z}")
 
     def _with_one_joint(
         self, parent: Element, body: Element, names: set[str]
