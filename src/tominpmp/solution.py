@@ -46,7 +46,9 @@ class Solution:
 
     Attributes:
         problem: The problem.
-        options: The options of the plan, "auto" replaced by the choice of the planner.
+        options: The options of the plan, with the method and the solver of linear
+            programs that the planner chose; "auto" may remain as the control and the
+            refinement, which are chosen for each start.
         status: How planning ended.
         message: The status with its reason, in a sentence or two.
         feasible: Whether the motion keeps all constraints.

@@ -123,6 +123,7 @@ class Planner:
         self.feasible = True
         self.motion = True
         self.error: BaseException | None = None
+        self.violations = {"torque": np.float64(2e-9), "velocity": 0.0}
 
     def __call__(
         self, problem: Problem, options: Options, start: object = None
@@ -142,7 +143,7 @@ class Planner:
             trajectory=straight(problem) if self.motion else None,
             history=records,
             planning_time=0.25,
-            violations={"torque": np.float64(2e-9), "velocity": 0.0},
+            violations=self.violations,
         )
 
 

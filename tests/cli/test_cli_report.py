@@ -201,6 +201,11 @@ def test_limit_shares() -> None:
     assert either == pytest.approx(0.7)
 
 
+def test_an_infinite_violation_is_not_shown_as_zero(run: Run, planner: Planner) -> None:
+    planner.violations = {"goal": math.inf, "torque": 0.0}
+    assert "violations     goal infinite, torque 0\n" in run(*PLAN).stdout
+
+
 def test_report_of_infinite_velocity_limits() -> None:
     arm = load_robot("planar3r", velocity=math.inf)
     problem = Problem(arm, np.array([0.5, 1.7, -1.7]), JointGoal(np.array([1, 1, 1.0])))

@@ -202,7 +202,9 @@ def test_wrong_messages(
     assert str(file) in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "[1, 2", "[" * 100_000, '{"a": NaN}', "7"])
+@pytest.mark.parametrize(
+    "text", ["", "[1, 2", "[" * 100_000, '{"a": NaN}', '{"a": 1, "a": 1}', "7"]
+)
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_what_is_no_message(text: str, ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"m.{ending}"

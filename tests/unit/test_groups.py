@@ -90,6 +90,25 @@ def test_unknown_groups(tmp_path: Path) -> None:
         arm(tmp_path, '<group name="a"/>', group="a")
 
 
+def test_groups_of_one_name_are_told_of(tmp_path: Path) -> None:
+    two = '<group name="a"><joint name="j1"/></group>'
+    two += '<group name="a"><joint name="j2"/></group>'
+    with pytest.warns(TominpmpWarning, match=r"srdf: of several groups 'a' the last"):
+        assert arm(tmp_path, two, group="a").joint_names == ("j2",)
+
+
+def test_limits_of_a_file_repeat_no_warning(tmp_path: Path) -> None:
+    limits = write(tmp_path, "joint_limits: {j1: {max_velocity: 1.0}}", "limits.yaml")
+    text = '<group name="a"><joint name="j1"/><joint name="gone"/></group>'
+    with pytest.warns(TominpmpWarning) as told:
+        arm(tmp_path, text)
+        table = {"path": "sample.urdf", "group": "a", "joint_limits": str(limits)}
+        read_robot(Field(table, tmp_path / "s.toml"))
+    assert [str(item.message).partition(" names")[0] for item in told] == [
+        "the group 'a'"
+    ]
+
+
 def test_what_a_group_has_and_the_robot_lacks_is_told(tmp_path: Path) -> None:
     inside = '<joint name="j1"/><joint name="gone"/><link name="no"/>'
     text = f'<group name="a">{inside}<group name="none"/></group>'

@@ -501,6 +501,15 @@ def test_what_is_not_taken_over_is_told(planar3r: Robot, tmp_path: Path) -> None
         load_moveit(planar3r, *write(tmp_path, scene))
 
 
+def test_factors_that_moveit_does_not_use_are_told_of(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    request = REQUEST | {"max_velocity_scaling_factor": 50}
+    with pytest.warns(TominpmpWarning, match=r"max_vel.*_factor is 50, and not in \(0"):
+        problem = load_moveit(planar3r, *write(tmp_path, request=request))
+    assert problem.robot.limits == planar3r.limits
+
+
 def test_files_that_are_no_messages(planar3r: Robot, tmp_path: Path) -> None:
     scene, request = write(tmp_path)
     with pytest.raises(ScenarioError, match="there is no file"):

@@ -190,9 +190,8 @@ def report_text(data: Mapping[str, Any]) -> str:
         rows.append(("held by", item["text"]))
     if data["violations"]:
         worst = data["violations"].items()
-        texts = (
-            f"{kind} {value:.1e}" if value else f"{kind} 0" for kind, value in worst
-        )
+        shown = {None: "infinite", 0.0: "0"}
+        texts = (f"{kind} {shown.get(x) or format(x, '.1e')}" for kind, x in worst)
         rows.append(("violations", ", ".join(texts)))
     rows += data["files"].items()
     if "file_holds" in data:

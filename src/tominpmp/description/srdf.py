@@ -213,10 +213,14 @@ class _SrdfReader:
             for joint in root.findall("virtual_joint")
         }
         self.known = {*self.carrying.values(), *self.virtual}
-        self.groups = {
-            context.text(group, "name", "group"): group
-            for group in root.findall("group")
-        }
+        self.groups: dict[str, Element] = {}
+        for group in root.findall("group"):
+            name = context.text(group, "name", "group")
+            if name in self.groups:
+                warn_caller(
+                    f"{context.path}: of several groups {name!r} the last holds"
+                )
+            self.groups[name] = group
 
     def read(self) -> SemanticDescription:
         disabled = self._disabled_pairs()

@@ -26,7 +26,7 @@ joint, where they take precedence.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -172,19 +172,18 @@ def load_limited_robot(
         return load_robot(robot, **arguments)
     file_arguments = {"package_dirs", "srdf", "xacro_args"}
     files = {k: arguments[k] for k in file_arguments & arguments.keys()}
-    source = read_source(robot, **files)
-    linkage = source.linkage(arguments.get("group"), arguments.get("locked_joints"))
-    joints = [joint.name for joint in source.description.joints]
-    _warn_of_joints(moveit, joints, linkage.followers)
     stated = {quantity: getattr(moveit, quantity) for quantity in _KEYS}
-    return load_robot(replace(source, stated=stated), **arguments)
+    source = replace(read_source(robot, **files), stated=stated)
+    loaded = load_robot(source, **arguments)
+    _warn_of_joints(moveit, loaded)
+    return loaded
 
 
-def _warn_of_joints(
-    limits: MoveItLimits, joints: Collection[str], followers: Collection[str]
-) -> None:
+def _warn_of_joints(limits: MoveItLimits, robot: Robot) -> None:
+    joints = {joint.name: joint for joint in robot.description.joints}
     unknown = [brief(joint) for joint in limits.joints if joint not in joints][:20]
-    led = [joint for joint in limits.joints if joint in followers]
+    moving = [joint for joint in limits.joints if joint not in robot.locked_joints]
+    led = [joint for joint in moving if joint in joints and joints[joint].mimic]
     scalings = limits.velocity_scaling, limits.acceleration_scaling
     factors = [
         f"{key} ({value:g})"

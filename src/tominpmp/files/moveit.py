@@ -775,6 +775,10 @@ def _scaled(robot: Robot, request: Field) -> Robot:
 def _factor(field: Field) -> float:
     """A scaling factor; MoveIt replaces values outside (0, 1] by 1."""
     value = field.number(default=1.0)
+    if not 0.0 <= value <= 1.0:  # zero is the default of messages of ROS
+        warn_caller(
+            f"{field.path}: {field.key} is {value:g}, and not in (0, 1]: not used"
+        )
     return value if 0.0 < value < 1.0 else 1.0
 
 

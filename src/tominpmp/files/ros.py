@@ -219,16 +219,26 @@ def parse_json(content: bytes, path: Path) -> Any:
     """Parse JSON.
 
     Raises:
-        ScenarioError: If the content is not valid JSON.
+        ScenarioError: If the content is not valid JSON, or repeats a key.
     """
     # Every value comes with a delimiter; millions of small values would fill the
     # memory.
     if sum(map(content.count, (b"[", b"{", b",", b":"))) > MAX_VALUES:
         raise ScenarioError(f"{path} holds more than {MAX_VALUES} values", path)
     try:
-        return json.loads(content)
+        return json.loads(content, object_pairs_hook=_table)
     except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{path} is no JSON: {error}", path) from error
+
+
+def _table(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """A table of JSON, whose keys must differ."""
+    table: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in table:
+            raise ValueError(f"the key {key[:80]!r} is there twice")
+        table[key] = value
+    return table
 
 
 def find_trajectory(message: Field, *, mention: bool = True) -> Field:

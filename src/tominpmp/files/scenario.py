@@ -830,7 +830,8 @@ def save_scenario(
     Loading the file gives an equal problem and equal options, except for the callback,
     which no file can represent. The description of a robot that was given as a text or
     as a model of another library is written next to it: ``cell.toml`` refers to
-    ``cell_robot.urdf``, and to ``cell_robot.srdf`` and meshes if there are any.
+    ``cell_robot.urdf``, and to ``cell_robot.srdf`` and meshes if there are any. Such a
+    robot is not equal after loading: it has another source, and differs by rounding.
 
     Args:
         path: File to write, ending in ``.toml``; an existing one is replaced, with the
